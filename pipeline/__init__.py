@@ -1,0 +1,1 @@
+"""The science and the stages of prolearn: orbits, scenarios, expert, networks, experiments."""
