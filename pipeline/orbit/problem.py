@@ -1,0 +1,54 @@
+"""The transfer problem that all scenarios of a dataset share."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.orbit.cw import mean_motion_at
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Orbit, time grid and safety of a transfer; the defaults are the reference problem.
+
+    The paper gives T = 11 and r_col = 15 m and leaves orbit and step open; with a 500 km
+    circular orbit and 120 s the expert's fuel is of the size that the paper reports.
+
+    Attributes:
+        mean_motion: e of the reference circular orbit, rad/s.
+        time_step: Δt, length of an interval of constant control, s.
+        nodes: T, time nodes; there are T-1 intervals.
+        collision_radius: r_col, m.
+        max_acceleration: limit on each component of the control, m/s², or None.
+    """
+
+    mean_motion: float = mean_motion_at(500e3)
+    time_step: float = 120.0
+    nodes: int = 11
+    collision_radius: float = 15.0
+    max_acceleration: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what no transfer can be planned with."""
+        for name in ("mean_motion", "time_step", "collision_radius", "max_acceleration"):
+            value = getattr(self, name)
+            if name == "max_acceleration" and value is None:
+                continue
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} is {value}; expected a positive finite number.")
+        if self.nodes < 3:
+            raise InputError(
+                f"nodes is {self.nodes}; expected at least 3, since two intervals of constant "
+                "control are the fewest that can reach a goal state."
+            )
+
+    @property
+    def intervals(self) -> int:
+        """T-1, the number of controls of each craft."""
+        return self.nodes - 1
+
+    @property
+    def duration(self) -> float:
+        """Length of the transfer, s."""
+        return self.intervals * self.time_step

@@ -1,0 +1,48 @@
+"""Passive relative orbits (PROs): thrust-free closed motions about the reference orbit."""
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+
+
+def pro_states(
+    semi_major_axis: float | Float[Array, "#n"],
+    tilt: float | Float[Array, "#n"],
+    phase: Float[Array, "n"],
+    cross_phase: float | Float[Array, "#n"],
+    mean_motion: float,
+    offset: float | Float[Array, "#n"] = 0.0,
+) -> Float[Array, "n 6"]:
+    """States of craft on 2:1 relative orbits, bounded since they satisfy Eq. 3.
+
+    x = (a/2) cos θ, y = offset - a sin θ, z = (a/2) tan(i) cos(θ + φ), with θ growing at the
+    mean motion.
+
+    Args:
+        semi_major_axis: a, half the along-track extent of the ring, m.
+        tilt: i, angle of the ring's plane against the orbital plane, rad.
+        phase: θ of each craft, rad.
+        cross_phase: φ, phase between cross-track and radial motion, rad.
+        mean_motion: e, rad/s.
+        offset: along-track distance of the ring's centre from the origin, m.
+
+    Returns:
+        States x y z vx vy vz in the LVLH frame, m and m/s.
+    """
+    a, e, theta = semi_major_axis, mean_motion, phase
+    height = a / 2 * np.tan(tilt)
+    columns = (
+        a / 2 * np.cos(theta),
+        offset - a * np.sin(theta),
+        height * np.cos(theta + cross_phase),
+        -a / 2 * e * np.sin(theta),
+        -a * e * np.cos(theta),
+        -height * e * np.sin(theta + cross_phase),
+    )
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+def energy_mismatch(states: Float[Array, "*batch 6"], mean_motion: float) -> Float[Array, "*batch"]:
+    """ẏ + 2e x in m/s, which Eq. 3 wants to be 0: otherwise the craft drifts along-track."""
+    return states[..., 4] + 2 * mean_motion * states[..., 0]

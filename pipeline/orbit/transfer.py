@@ -1,0 +1,127 @@
+"""Transfers as linear maps: states from controls, the cheapest by energy, the nearest flyable."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class TransferMaps:
+    """What is constant for a problem: s[t] = drift[t] s[1] + reach[t] u, u flattened by time.
+
+    Attributes:
+        drift: powers of A, (T, 6, 6).
+        reach: effect of the flattened controls (T-1, 3) on each node's state, (T, 6, 3(T-1)).
+        to_goal: pseudo-inverse of reach[T]: the least-energy controls for a change of the
+            final state, (3(T-1), 6).
+        project: the controls that fit given node states best while leaving the final state
+            unchanged, (3(T-1), 6T).
+    """
+
+    drift: Float[Array, "T 6 6"]
+    reach: Float[Array, "T 6 m"]
+    to_goal: Float[Array, "m 6"]
+    project: Float[Array, "m _"]
+
+
+@lru_cache(maxsize=32)
+def transfer_maps(problem: Problem) -> TransferMaps:
+    """The maps of a problem, made once."""
+    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    T, m = problem.nodes, 3 * problem.intervals
+    drift = np.stack([np.linalg.matrix_power(A, t) for t in range(T)])
+    reach = np.zeros((T, 6, m))
+    for t in range(1, T):
+        reach[t] = A @ reach[t - 1]
+        reach[t, :, 3 * (t - 1) : 3 * t] = B
+    weight = _state_weight(problem)
+    scaled = weight[:, None] * reach[-1]
+    to_goal = np.linalg.pinv(scaled) * weight
+    free = np.eye(m) - to_goal @ reach[-1]  # leaves the final state alone
+    fit = (np.tile(weight, T)[:, None] * reach.reshape(6 * T, m)) @ free
+    project = free @ np.linalg.pinv(fit, rcond=1e-12) * np.tile(weight, T)
+    return TransferMaps(drift, reach, to_goal, project)
+
+
+def _state_weight(problem: Problem) -> Float[Array, "6"]:
+    """Puts velocities on the scale of positions: one m/s counts like 1/e m."""
+    return np.repeat([1.0, 1.0 / problem.mean_motion], 3)
+
+
+def fly(
+    initial: Float[Array, "*batch 6"],
+    controls: Float[Array, "*batch intervals 3"],
+    problem: Problem,
+) -> Float[Array, "*batch T 6"]:
+    """Node states (m, m/s) from initial states and controls (m/s²), by Eq. 2."""
+    maps = transfer_maps(problem)
+    flat = controls.reshape(*controls.shape[:-2], 3 * problem.intervals)
+    return np.einsum("tij,...j->...ti", maps.drift, initial) + np.einsum(
+        "tim,...m->...ti", maps.reach, flat
+    )
+
+
+def meet_goal(
+    initial: Float[Array, "*batch 6"],
+    controls: Float[Array, "*batch intervals 3"],
+    goal: Float[Array, "*batch 6"],
+    problem: Problem,
+) -> Float[Array, "*batch intervals 3"]:
+    """The controls plus the least-energy correction after which the goal is met exactly."""
+    maps = transfer_maps(problem)
+    miss = goal - fly(initial, controls, problem)[..., -1, :]
+    return controls + (miss @ maps.to_goal.T).reshape(controls.shape)
+
+
+def minimum_energy(
+    initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], problem: Problem
+) -> Float[Array, "*batch intervals 3"]:
+    """Controls of least Σ‖u‖₂² that join two states, each craft on its own, in closed form."""
+    idle = np.zeros((*initial.shape[:-1], problem.intervals, 3))
+    return meet_goal(initial, idle, goal, problem)
+
+
+def project_to_flyable(
+    states: Float[Array, "*batch T 6"],
+    initial: Float[Array, "*batch 6"],
+    goal: Float[Array, "*batch 6"],
+    problem: Problem,
+) -> Float[Array, "*batch intervals 3"]:
+    """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly.
+
+    Nearest in the sum of squares over all nodes, with velocities weighted by 1/e. The set of
+    such trajectories is affine, with 3(T-1)-6 dimensions a craft, so this is one product.
+    """
+    controls = minimum_energy(initial, goal, problem)
+    rest = states - fly(initial, controls, problem)
+    flat = rest.reshape(*rest.shape[:-2], 6 * problem.nodes) @ transfer_maps(problem).project.T
+    return meet_goal(initial, controls + flat.reshape(controls.shape), goal, problem)
+
+
+def straight_line(
+    initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], nodes: int
+) -> Float[Array, "*batch T 6"]:
+    """Node states on the straight line from initial to goal state; it obeys no dynamics."""
+    share = np.linspace(0.0, 1.0, nodes)[:, None]
+    return (1 - share) * initial[..., None, :] + share * goal[..., None, :]
+
+
+def track(
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+    steps: int,
+) -> Float[Array, "n _ 3"]:
+    """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
+    offsets = problem.time_step / steps * np.arange(steps)
+    A, B = cw_matrices(problem.mean_motion, offsets)
+    between = np.einsum("qij,ntj->ntqi", A[:, :3], states[:, :-1])
+    between += np.einsum("qij,ntj->ntqi", B[:, :3], controls)
+    n = len(states)
+    return np.concatenate([between.reshape(n, -1, 3), states[:, -1:, :3]], axis=1)

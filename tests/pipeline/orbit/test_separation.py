@@ -1,0 +1,114 @@
+"""Separation at nodes as in Eq. 5, and at all times, where nothing may slip through."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize_scalar
+
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import (
+    TOLERANCE,
+    close_approaches,
+    least_separation,
+    node_collisions,
+    pair_conflicts,
+)
+from pipeline.orbit.transfer import fly
+
+
+def dense_minimum(states, controls, problem, i, j, samples=400):
+    """Least distance of one pair: fine samples, each dip refined by Brent's method."""
+    e, h = problem.mean_motion, problem.time_step
+    best = np.inf
+    for k in range(problem.intervals):
+        ds, du = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
+
+        def gap(t, ds=ds, du=du):
+            A, B = cw_matrices(e, t)
+            return float(np.linalg.norm((A @ ds + B @ du)[:3]))
+
+        times = np.linspace(0, h, samples + 1)
+        q = int(np.argmin([gap(t) for t in times]))
+        bounds = times[max(q - 1, 0)], times[min(q + 1, samples)]
+        found = minimize_scalar(gap, bounds=bounds, method="bounded", options={"xatol": 1e-9})
+        best = min(best, found.fun, gap(times[q]))
+    return best
+
+
+def test_collisions_are_pairs_and_nodes_within_the_radius_the_radius_included():
+    states = np.zeros((3, 2, 6))
+    states[1, :, 0] = [15.0, 15.001]
+    states[2, :, 0] = [-100.0, 5.0]
+    # node 1: 0-1 at 15 m; node 2: 0-2 at 5 m, 1-2 at 10.001 m
+    assert node_collisions(states, 15.0) == 3
+
+
+def test_a_batch_of_swarms_has_its_collisions_each():
+    states = np.zeros((2, 2, 4, 6))
+    states[1, 1, :, 1] = 1000.0
+    assert node_collisions(states, 15.0).tolist() == [4, 0]
+
+
+@given(
+    speed=st.floats(0.05, 1.0),
+    miss=st.floats(0.01, 14.0),
+    moment=st.floats(0.02, 0.98),
+    direction=st.integers(0, 2),
+)
+def test_a_pass_between_two_nodes_is_found_however_fast(speed, miss, moment, direction):
+    """Two craft in free space: far at both nodes, ``miss`` apart in between."""
+    problem = Problem(mean_motion=1e-12, time_step=120.0, nodes=3)
+    when = moment * problem.duration
+    axes = np.roll(np.eye(3), direction, axis=0)
+    start = np.zeros((2, 6))
+    start[1, :3] = miss * axes[0] - speed * when * axes[1]
+    start[1, 3:] = speed * axes[1]
+    controls = np.zeros((2, 2, 3))
+    found = least_separation(fly(start, controls, problem), controls, problem)
+    assert found.distance == pytest.approx(miss, abs=2 * TOLERANCE)
+    assert found.bound <= miss + 1e-6
+    assert speed * abs(found.time - when) < 0.1
+    assert found.pair == (0, 1)
+
+
+@given(seed=st.integers(0, 10_000), step=st.floats(30, 900), push=st.floats(0, 2e-3))
+@settings(max_examples=25, deadline=None)
+def test_the_least_separation_is_that_of_a_dense_search_and_its_bound_is_below(seed, step, push):
+    problem = Problem(time_step=step, nodes=4)
+    rng = np.random.default_rng(seed)
+    start = rng.normal(size=(3, 6)) * [100, 100, 100, 0.2, 0.2, 0.2]
+    controls = rng.normal(size=(3, 3, 3)) * push
+    states = fly(start, controls, problem)
+    true = min(dense_minimum(states, controls, problem, i, j) for i, j in [(0, 1), (0, 2), (1, 2)])
+    found = least_separation(states, controls, problem)
+    assert found.bound <= true + 1e-9
+    assert found.distance == pytest.approx(true, abs=2 * TOLERANCE)
+
+
+def test_only_intervals_that_may_come_within_the_distance_are_returned():
+    problem = Problem(mean_motion=1e-12, time_step=100.0, nodes=4)
+    start = np.array([[0, 0, 0, 0, 0, 0], [-150.0, 10, 0, 1.0, 0, 0]])
+    controls = np.zeros((2, 3, 3))
+    states = fly(start, controls, problem)
+    found = close_approaches(
+        states[:1] - states[1:], controls[:1] - controls[1:], problem, within=20.0
+    )
+    assert found.interval.tolist() == [1]
+    assert found.offset == pytest.approx([50.0], abs=0.1)
+
+
+def test_pairs_in_conflict_are_counted_once_however_often_they_meet():
+    problem = Problem(time_step=60.0, nodes=5)
+    start = np.zeros((3, 6))
+    start[1, 2], start[2, 1] = 5.0, 500.0
+    controls = np.zeros((3, 4, 3))
+    assert pair_conflicts(fly(start, controls, problem), controls, problem) == 1
+
+
+def test_a_single_craft_has_no_separation():
+    problem = Problem()
+    found = least_separation(np.zeros((1, 11, 6)), np.zeros((1, 10, 3)), problem)
+    assert found.distance == np.inf
+    assert found.pair is None
