@@ -1,0 +1,19 @@
+"""Plans: what each craft is to do, with a certificate that anyone can check."""
+
+from pipeline.plan.certificate import Certificate, certify, gap_of
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan, Planner
+from pipeline.plan.planned import is_safe, planned
+
+__all__ = [
+    "INFEASIBLE",
+    "SOLVED",
+    "UNSAFE",
+    "UNSOLVED",
+    "Certificate",
+    "Plan",
+    "Planner",
+    "certify",
+    "gap_of",
+    "is_safe",
+    "planned",
+]

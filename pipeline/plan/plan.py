@@ -1,0 +1,62 @@
+"""A plan, and the one thing all planners have in common: scenarios in, plans out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.plan.certificate import Certificate
+from pipeline.scenario import Scenario
+
+SOLVED = "solved"
+"""Dynamics, ends and separation all hold."""
+
+UNSAFE = "unsafe"
+"""Flies to the goal, but some pair comes within the collision radius."""
+
+INFEASIBLE = "infeasible"
+"""No transfer exists within the limits; the message says for which craft or pair."""
+
+UNSOLVED = "unsolved"
+"""The planner gave up before it had a safe plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What each craft of a scenario is to do.
+
+    Attributes:
+        planner: name of the planner.
+        status: SOLVED, UNSAFE, INFEASIBLE or UNSOLVED.
+        states: node states (n, T, 6), m and m/s.
+        controls: accelerations held over each interval (n, T-1, 3), m/s².
+        certificate: cost, bound and separation.
+        convex_solves: joint convex programs that it took.
+        timing: seconds by stage; "plan" is from scenario to controls.
+        message: why, where the status is not SOLVED.
+    """
+
+    planner: str
+    status: str
+    states: Float[Array, "n T 6"]
+    controls: Float[Array, "n intervals 3"]
+    certificate: Certificate
+    convex_solves: int = 0
+    timing: Mapping[str, float] = field(default_factory=dict)
+    message: str = ""
+
+
+@runtime_checkable
+class Planner(Protocol):
+    """Whatever turns scenarios into plans: the expert, a baseline, a network."""
+
+    @property
+    def name(self) -> str:
+        """What tables and plans call it."""
+        ...
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario, in order; the scenarios share one problem and one n."""
+        ...

@@ -1,0 +1,75 @@
+"""From controls to a plan: flown, certified and judged, whichever planner they come from."""
+
+from collections.abc import Mapping
+from time import perf_counter
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.plan.certificate import Certificate, certify
+from pipeline.plan.plan import SOLVED, UNSAFE, Plan
+from pipeline.scenario import Scenario
+
+LIMIT_TOLERANCE = 1e-9
+"""Acceleration in m/s² beyond the limit that counts as rounding."""
+
+
+def planned(
+    planner: str,
+    scenario: Scenario,
+    controls: Float[Array, "n intervals 3"],
+    fuel_lower_bound: float,
+    *,
+    at_nodes: bool = False,
+    convex_solves: int = 0,
+    timing: Mapping[str, float] | None = None,
+) -> Plan:
+    """The plan of controls that meet the goal; what its certificate proves decides its status.
+
+    Args:
+        planner: name of the planner.
+        scenario: what was asked.
+        controls: m/s².
+        fuel_lower_bound: sum of the own optima, m/s².
+        at_nodes: ask for separation at the nodes only, the paper's criterion.
+        convex_solves: joint convex programs that it took.
+        timing: seconds by stage, to which that of the certificate is added.
+    """
+    started = perf_counter()
+    states = fly(scenario.initial, controls, scenario.problem)
+    certificate = certify(scenario, states, controls, fuel_lower_bound)
+    fault = _fault(controls, certificate, scenario.problem, at_nodes=at_nodes)
+    stages = {**(timing or {}), "certificate": perf_counter() - started}
+    status = UNSAFE if fault else SOLVED
+    return Plan(planner, status, states, controls, certificate, convex_solves, stages, fault)
+
+
+def is_safe(certificate: Certificate, problem: Problem, *, at_nodes: bool = False) -> bool:
+    """Whether no pair comes within the collision radius: at any time, or at the nodes only."""
+    if certificate.min_separation_bound is None or at_nodes:
+        return certificate.node_collisions == 0
+    return certificate.min_separation_bound > problem.collision_radius
+
+
+def _fault(
+    controls: Float[Array, "n intervals 3"],
+    certificate: Certificate,
+    problem: Problem,
+    *,
+    at_nodes: bool,
+) -> str:
+    """What is wrong with a plan, or nothing."""
+    limit, used = problem.max_acceleration, float(np.abs(controls).max())
+    if limit is not None and used > limit + LIMIT_TOLERANCE:
+        return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
+    if is_safe(certificate, problem, at_nodes=at_nodes) or not certificate.min_separation_pair:
+        return ""
+    i, j = certificate.min_separation_pair
+    return (
+        f"craft {i} and {j} come within {certificate.min_separation:.6g} m of each other at "
+        f"{certificate.min_separation_time:.6g} s; collision_radius is "
+        f"{problem.collision_radius:g} m"
+    )

@@ -1,0 +1,206 @@
+"""Families of scenarios, each a function of (root seed, n, index) alone.
+
+Both formations of every scenario are passively safe: drifting free for a whole orbit, no pair
+comes within the collision radius. Draws that are not are drawn again from the same stream.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import pro_states
+from pipeline.orbit.separation import close_approaches, pairs
+from pipeline.orbit.transfer import fly
+from pipeline.scenario.scenario import Scenario
+
+SEMI_MAJOR_AXIS = (100.0, 300.0)
+"""Range of ring sizes a, m."""
+
+TILT = np.deg2rad(45.0)
+"""Largest ring tilt either way, rad."""
+
+DENSITY_N = 30
+"""Above this many craft the rings grow with n, so that the density stays."""
+
+REDRAWS = 2000
+"""Tries after which a formation is said not to fit."""
+
+ORBIT_INTERVALS = 16
+"""Intervals into which the free drift of an orbit is cut to check it; any number is sound."""
+
+Rng = np.random.Generator
+Formation = Float[Array, "n 6"]
+Ends = tuple[Formation, Formation]
+
+
+def draw(family: str, seed: int, n: int, index: int, problem: Problem) -> Scenario:
+    """Scenario ``index`` of a family; it depends on nothing but the arguments.
+
+    Raises:
+        InputError: for an unknown family, n or seed out of range, or where no passively safe
+            formation of n craft was found.
+    """
+    if family not in FAMILIES:
+        raise InputError(f"family is {family!r}; expected one of {', '.join(FAMILIES)}.")
+    if n < 1:
+        raise InputError(f"n is {n}; expected at least one spacecraft.")
+    if seed < 0 or index < 0:
+        raise InputError(f"seed is {seed} and index {index}; expected neither to be negative.")
+    rng = np.random.default_rng([seed, n, index])
+    initial, goal = FAMILIES[family](rng, n, problem)
+    return Scenario(problem, initial, goal, family, f"{family}-s{seed}-n{n}-{index:06d}")
+
+
+def passively_safe(states: Formation, problem: Problem) -> bool:
+    """Whether free drift over a whole orbit keeps every pair further apart than r_col."""
+    i, j = pairs(len(states))
+    return _drift_apart(states[i] - states[j], problem)
+
+
+def _drift_apart(relative: Float[Array, "p 6"], problem: Problem) -> bool:
+    if (np.linalg.norm(relative[:, :3], axis=1) <= problem.collision_radius).any():
+        return False  # most unsafe draws are, from the start; the rest takes longer to see
+    orbit = Problem(
+        mean_motion=problem.mean_motion,
+        time_step=2 * np.pi / problem.mean_motion / ORBIT_INTERVALS,
+        nodes=ORBIT_INTERVALS + 1,
+    )
+    idle = np.zeros((len(relative), ORBIT_INTERVALS, 3))
+    drift = fly(relative, idle, orbit)
+    found = close_approaches(drift, idle, orbit, within=problem.collision_radius)
+    return len(found.row) == 0
+
+
+def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) -> Formation:
+    for _ in range(REDRAWS):
+        states = make()
+        if safe(states):
+            return states
+    raise InputError(
+        f"no passively safe formation was found in {REDRAWS} draws; expected fewer spacecraft or "
+        "a smaller collision_radius, so that they fit."
+    )
+
+
+def _growth(n: int) -> float:
+    return max(1.0, n / DENSITY_N)
+
+
+def _sizes(n: int, rings: int) -> list[int]:
+    """N craft divided evenly among rings, the first taking what is left over."""
+    return [n // rings + (k < n % rings) for k in range(rings)]
+
+
+def _slots(rng: Rng, count: int) -> Float[Array, "count"]:
+    """Equally spaced phases from a random start, rad."""
+    return rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / max(count, 1)
+
+
+def _angle(rng: Rng) -> float:
+    return float(rng.uniform(0, 2 * np.pi))
+
+
+def _rings_formation(rng: Rng, n: int, problem: Problem) -> Formation:
+    """One or two random rings, even odds."""
+    rings = []
+    for count in _sizes(n, int(rng.integers(1, 3))):
+        a = _growth(n) * rng.uniform(*SEMI_MAJOR_AXIS)
+        tilt = rng.uniform(-TILT, TILT)
+        cross = _angle(rng)
+        rings.append(pro_states(a, tilt, _slots(rng, count), cross, problem.mean_motion))
+    return np.concatenate(rings)
+
+
+def rings(rng: Rng, n: int, problem: Problem) -> Ends:
+    """One or two random rings at each end, goal slots in random order (the default)."""
+    safe = partial(passively_safe, problem=problem)
+    initial = _redraw(lambda: _rings_formation(rng, n, problem), safe)
+    goal = _redraw(lambda: _rings_formation(rng, n, problem), safe)
+    return initial, rng.permutation(goal)
+
+
+def _split(
+    rng: Rng, n: int, problem: Problem, sizes: tuple[float, float], tilts: tuple[float, float]
+) -> Ends:
+    """The paper's Figure 1: a flat 200 m ring to two rings of half the craft each."""
+    e, growth = problem.mean_motion, _growth(n)
+
+    def ring() -> Formation:
+        return pro_states(200.0 * growth, 0.0, _slots(rng, n), 0.0, e)
+
+    def halves() -> Formation:
+        cross = _angle(rng)
+        both = zip(_sizes(n, 2), sizes, tilts, strict=True)
+        return np.concatenate(
+            [pro_states(a * growth, tilt, _slots(rng, m), cross, e) for m, a, tilt in both]
+        )
+
+    safe = partial(passively_safe, problem=problem)
+    initial = _redraw(ring, safe)
+    return initial, rng.permutation(_redraw(halves, safe))
+
+
+def coplanar_split(rng: Rng, n: int, problem: Problem) -> Ends:
+    """A 200 m ring to rings of 100 m and 300 m in the same plane (Figure 1, left)."""
+    return _split(rng, n, problem, (100.0, 300.0), (0.0, 0.0))
+
+
+def tilt_split(rng: Rng, n: int, problem: Problem) -> Ends:
+    """A 200 m ring to two such rings slanted by ±45° (Figure 1, right)."""
+    return _split(rng, n, problem, (200.0, 200.0), (TILT, -TILT))
+
+
+def independent(rng: Rng, n: int, problem: Problem) -> Ends:
+    """Each craft on a random PRO of its own, with an along-track offset of its own."""
+    growth = _growth(n)
+
+    def craft() -> Formation:
+        a = growth * rng.uniform(*SEMI_MAJOR_AXIS)
+        offset = growth * rng.uniform(-SEMI_MAJOR_AXIS[1], SEMI_MAJOR_AXIS[1])
+        tilt, phase = rng.uniform(-TILT, TILT), np.array([_angle(rng)])
+        return pro_states(a, tilt, phase, _angle(rng), problem.mean_motion, offset)
+
+    def formation() -> Formation:
+        placed = craft()
+        while len(placed) < n:
+            clear = partial(_clear_of, placed=placed, problem=problem)
+            placed = np.concatenate([placed, _redraw(craft, clear)])
+        return placed
+
+    return formation(), formation()
+
+
+def _clear_of(one: Float[Array, "1 6"], placed: Formation, problem: Problem) -> bool:
+    return _drift_apart(placed - one, problem)
+
+
+def rotation(rng: Rng, n: int, problem: Problem) -> Ends:
+    """The same ring at both ends, with its slots shifted or in reversed order."""
+
+    def ends() -> Formation:
+        a = _growth(n) * rng.uniform(*SEMI_MAJOR_AXIS)
+        tilt, cross = rng.uniform(-TILT, TILT), _angle(rng)
+        phases = np.concatenate([_slots(rng, n), _slots(rng, n)])
+        return pro_states(a, tilt, phases, cross, problem.mean_motion)
+
+    def safe(both: Formation) -> bool:
+        return passively_safe(both[:n], problem) and passively_safe(both[n:], problem)
+
+    initial, goal = np.split(_redraw(ends, safe), 2)
+    if rng.random() < 0.5:
+        return initial, np.roll(goal, int(rng.integers(1, max(n, 2))), axis=0)
+    return initial, goal[::-1].copy()
+
+
+FAMILIES: dict[str, Callable[[Rng, int, Problem], Ends]] = {
+    "rings": rings,
+    "coplanar-split": coplanar_split,
+    "tilt-split": tilt_split,
+    "independent": independent,
+    "rotation": rotation,
+}

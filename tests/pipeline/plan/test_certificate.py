@@ -1,0 +1,95 @@
+"""What a plan is said to be worth, for plans whose worth is known by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.plan import SOLVED, UNSAFE, certify, gap_of, planned
+from pipeline.plan.document import plan_document
+from pipeline.scenario import Scenario
+
+FREE = Problem(mean_motion=1e-12, time_step=10.0, nodes=4)
+"""As good as free space, where motion is easy to work out by hand."""
+
+
+def scenario_of(*starts, controls, problem=FREE):
+    """Craft that fly the given controls, with the goals where they end."""
+    start = np.array(starts, dtype=float)
+    states = fly(start, controls, problem)
+    return Scenario(problem, start, states[:, -1].copy()), states
+
+
+def passing(miss):
+    """A craft at rest, and one that passes it at 10 m/s at 15 s, between two nodes."""
+    controls = np.zeros((2, 3, 3))
+    return (
+        *scenario_of([0] * 6, [-150.0, miss, 0, 10.0, 0, 0], controls=controls),
+        controls,
+    )
+
+
+def test_a_pass_between_nodes_is_certified_with_its_pair_time_and_distance():
+    scenario, states, controls = passing(miss=3.0)
+    certificate = certify(scenario, states, controls, 0.0)
+    assert certificate.node_collisions == 0
+    assert certificate.min_separation == pytest.approx(3.0, abs=1e-3)
+    assert certificate.min_separation_bound <= 3.0
+    assert certificate.min_separation_pair == (0, 1)
+    assert certificate.min_separation_time == pytest.approx(15.0, abs=0.01)
+
+
+def test_fuel_delta_v_and_gap_are_those_of_the_controls():
+    controls = np.zeros((1, 3, 3))
+    controls[0, 0, 0], controls[0, 2, 1] = 1e-3, -2e-3
+    scenario, states = scenario_of([0] * 6, controls=controls)
+    certificate = certify(scenario, states, controls, 2e-3)
+    assert certificate.fuel == pytest.approx(3e-3)
+    assert certificate.delta_v == pytest.approx(3e-2)
+    assert certificate.optimality_gap == pytest.approx(0.5)
+    assert certificate.min_separation is None
+
+
+def test_states_that_miss_the_goal_or_break_the_dynamics_are_told_by_how_much():
+    scenario, states, controls = passing(miss=100.0)
+    states[1, -1, 0] += 2.0
+    certificate = certify(scenario, states, controls, 0.0)
+    assert certificate.goal_error == pytest.approx(2.0)
+    assert certificate.dynamics_error == pytest.approx(2.0)
+
+
+def test_a_gap_without_fuel_is_none_and_with_fuel_from_nothing_is_infinite():
+    assert gap_of(0.0, 0.0) == 0
+    assert gap_of(1.0, 0.0) == np.inf
+    assert gap_of(1.1, 1.0) == pytest.approx(0.1)
+
+
+def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
+    scenario, _, controls = passing(miss=3.0)
+    plan = planned("one", scenario, controls, 0.0)
+    assert plan.status == UNSAFE
+    assert "craft 0 and 1 come within 3" in plan.message
+    assert planned("one", scenario, controls, 0.0, at_nodes=True).status == SOLVED
+
+
+def test_a_plan_beyond_the_thrust_limit_is_not_solved():
+    limited = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1e-3)
+    controls = np.full((1, 3, 3), 1.1e-3)
+    scenario, _ = scenario_of([0] * 6, controls=controls, problem=limited)
+    plan = planned("one", scenario, controls, 0.0)
+    assert plan.status == UNSAFE
+    assert "max_acceleration" in plan.message
+
+
+def test_the_document_of_a_plan_is_plain_json_with_null_for_what_is_not_there():
+    controls = np.full((1, 3, 3), 1e-3)
+    scenario, _ = scenario_of([0] * 6, controls=controls)
+    plan = planned("one", scenario, controls, 0.0)
+    document = json.loads(json.dumps(plan_document(plan, FREE), allow_nan=False))
+    assert document["schema"] == "prolearn.plan/1"
+    assert document["times"] == [0, 10, 20, 30]
+    assert np.shape(document["states"]) == (1, 4, 6)
+    assert document["certificate"]["min_separation"] is None
+    assert document["certificate"]["optimality_gap"] is None
