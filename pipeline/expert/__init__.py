@@ -1,0 +1,9 @@
+"""The expert: sequential convex programming (SCP) with half-space collision constraints."""
+
+from pipeline.expert.expert import Expert, solve
+from pipeline.expert.own import own_optima
+from pipeline.expert.scp import Settings
+from pipeline.expert.seeded import Seeded
+from pipeline.expert.seeds import SEEDS
+
+__all__ = ["SEEDS", "Expert", "Seeded", "Settings", "own_optima", "solve"]

@@ -1,0 +1,136 @@
+"""Half-space cuts: which pairs are held apart at which times, and in which direction."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pipeline.arrays import Array
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import close_approaches, pairs
+from pipeline.orbit.transfer import transfer_maps
+
+TOUCHING = 1e-3
+"""Distance in m under which two craft give no direction of their own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cuts:
+    """Pairs and times at which a separation is asked for.
+
+    Attributes:
+        first: first craft, (k,).
+        second: second craft, (k,).
+        interval: interval of the time, (k,).
+        offset: time since the interval's start, s, (k,).
+    """
+
+    first: Int[Array, "k"]
+    second: Int[Array, "k"]
+    interval: Int[Array, "k"]
+    offset: Float[Array, "k"]
+
+    def __len__(self) -> int:
+        """Number of cuts."""
+        return len(self.first)
+
+    def __add__(self, other: "Cuts") -> "Cuts":
+        """Both sets of cuts."""
+        return Cuts(
+            np.concatenate([self.first, other.first]),
+            np.concatenate([self.second, other.second]),
+            np.concatenate([self.interval, other.interval]),
+            np.concatenate([self.offset, other.offset]),
+        )
+
+    def where(self, keep: Bool[Array, "k"] | Int[Array, "j"]) -> "Cuts":
+        """Some of the cuts."""
+        return Cuts(self.first[keep], self.second[keep], self.interval[keep], self.offset[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpaces:
+    """Cuts with directions: row · (uᵢ - uⱼ) ≥ required is a separation along the normal.
+
+    Attributes:
+        row: (k, m), m per m/s².
+        required: (k,), m.
+        distance: separation of each cut's pair in the trajectory aimed from, (k,), m.
+    """
+
+    row: Float[Array, "k m"]
+    required: Float[Array, "k"]
+    distance: Float[Array, "k"]
+
+
+def conflicts(
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+    within: float,
+    moved: Bool[Array, "n"],
+    *,
+    at_nodes: bool,
+) -> tuple[Cuts, Float[Array, "k"]]:
+    """Where pairs with at least one moved craft come within a distance, and how close.
+
+    Args:
+        states: node states, m and m/s.
+        controls: m/s².
+        problem: the problem.
+        within: distance of interest, m.
+        moved: craft whose pairs are looked at.
+        at_nodes: look at the nodes only (the paper's criterion), not at all times.
+
+    Returns:
+        A cut at each closest approach, and a lower bound on the separation there, m.
+    """
+    i, j = pairs(len(states))
+    touched = moved[i] | moved[j]
+    i, j = i[touched], j[touched]
+    if at_nodes:
+        distance = np.linalg.norm(states[i, :-1, :3] - states[j, :-1, :3], axis=-1)
+        row, node = np.nonzero(distance <= within)
+        return Cuts(i[row], j[row], node, np.zeros(len(row))), distance[row, node]
+    found = close_approaches(states[i] - states[j], controls[i] - controls[j], problem, within)
+    return Cuts(i[found.row], j[found.row], found.interval, found.offset), found.bound
+
+
+def half_spaces(
+    cuts: Cuts,
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+    separation: float,
+) -> HalfSpaces:
+    """Aim cuts from a trajectory: n̂ is the direction between the pair there and then."""
+    maps = transfer_maps(problem)
+    A, B = cw_matrices(problem.mean_motion, cuts.offset)
+    A, B = A[:, :3], B[:, :3]
+    i, j, k = cuts.first, cuts.second, cuts.interval
+    gap = np.einsum("kij,kj->ki", A, states[i, k] - states[j, k])
+    gap += np.einsum("kij,kj->ki", B, controls[i, k] - controls[j, k])
+    distance = np.linalg.norm(gap, axis=1)
+    normal = _directions(gap, distance, states[i, k, 3:] - states[j, k, 3:])
+    to_state = np.einsum("ki,kij->kj", normal, A)
+    row = np.einsum("kj,kjm->km", to_state, maps.reach[k])
+    columns = 3 * k[:, None] + np.arange(3)
+    row[np.arange(len(k))[:, None], columns] += np.einsum("ki,kij->kj", normal, B)
+    start = states[i, 0] - states[j, 0]
+    free = np.einsum("kj,kjl,kl->k", to_state, maps.drift[k], start)
+    return HalfSpaces(row, separation - free, distance)
+
+
+def _directions(
+    gap: Float[Array, "k 3"], distance: Float[Array, "k"], velocity: Float[Array, "k 3"]
+) -> Float[Array, "k 3"]:
+    """Unit vectors along each gap; across the relative velocity where the two craft touch."""
+    touching = distance < TOUCHING
+    if touching.any():
+        axis = np.eye(3)[np.abs(velocity).argmin(axis=1)]
+        across = np.cross(velocity, axis)
+        across = np.where(np.linalg.norm(across, axis=1, keepdims=True) > 0, across, axis)
+        gap = np.where(touching[:, None], across, gap)
+        distance = np.linalg.norm(gap, axis=1)
+    return gap / distance[:, None]

@@ -1,0 +1,94 @@
+"""The expert planner: a scenario, and perhaps a seed, in; a plan with its certificate out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.expert.own import OwnOptima, own_optima
+from pipeline.expert.scp import Found, Search, Settings
+from pipeline.expert.seeds import Seed
+from pipeline.orbit.transfer import project_to_flyable
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, planned
+from pipeline.scenario import Scenario
+
+
+def solve(scenario: Scenario, seed: Seed | None = None, settings: Settings | None = None) -> Plan:
+    """The expert's plan for a scenario.
+
+    Args:
+        scenario: what the swarm is to do.
+        seed: node states (n, T, 6) to aim the first cuts from, m and m/s; they need neither be
+            safe nor obey the dynamics. Without one the own optima are aimed from.
+        settings: how to work.
+
+    Raises:
+        InputError: for a seed of another shape or with values that are not finite.
+    """
+    settings = settings or Settings()
+    started = perf_counter()
+    seed_controls = None if seed is None else _seed_controls(scenario, seed)
+    own = own_optima(scenario.initial, scenario.goal, scenario.problem)
+    searched = perf_counter()
+    found = _search(scenario, own, seed_controls, settings)
+    done = perf_counter()
+    timing = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
+    plan = planned(
+        "expert",
+        scenario,
+        found.controls,
+        float(own.lower_bound.sum()),
+        at_nodes=settings.separation == "nodes",
+        convex_solves=found.convex_solves,
+        timing=timing,
+    )
+    if found.obstacle:
+        return replace(plan, status=INFEASIBLE, message=found.obstacle)
+    if plan.status != SOLVED:
+        given_up = f"no safe plan after {found.convex_solves} convex solves: {plan.message}"
+        return replace(plan, status=UNSOLVED, message=given_up)
+    return plan
+
+
+@dataclass(frozen=True)
+class Expert:
+    """The expert as a planner.
+
+    Attributes:
+        settings: how to work.
+        name: what tables call it.
+    """
+
+    settings: Settings = field(default_factory=Settings)
+    name: str = "expert"
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario."""
+        return [replace(solve(s, settings=self.settings), planner=self.name) for s in scenarios]
+
+
+def _seed_controls(scenario: Scenario, seed: Seed) -> Float[Array, "n intervals 3"]:
+    expected = (scenario.n, scenario.problem.nodes, 6)
+    if seed.shape != expected:
+        raise InputError(
+            f"the seed has shape {seed.shape}; expected node states of shape {expected}."
+        )
+    if not np.isfinite(seed).all():
+        raise InputError("the seed has values that are not finite; expected states in m and m/s.")
+    return project_to_flyable(seed, scenario.initial, scenario.goal, scenario.problem)
+
+
+def _search(
+    scenario: Scenario,
+    own: OwnOptima,
+    seed_controls: Float[Array, "n intervals 3"] | None,
+    settings: Settings,
+) -> Found:
+    if not own.feasible.all():
+        k = int(np.flatnonzero(~own.feasible)[0])
+        return Found(own.controls, 0, f"craft {k} cannot reach its goal within max_acceleration")
+    return Search(scenario, own, seed_controls, settings).run()

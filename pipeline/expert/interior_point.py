@@ -1,0 +1,126 @@
+"""The convex subproblem handed to Clarabel as sparse data: the default, and the fast one.
+
+Each control is split into its positive and negative part, u = p - q with p, q ≥ 0, so that
+‖u‖₁ is linear. The variables are p and q of each craft in turn, then the slacks; the rows are
+the goals, the signs, the limits and the half-spaces. All are scaled to be of order one.
+"""
+
+import clarabel
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+
+from pipeline.arrays import Array
+from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
+
+LENGTH = 10.0
+"""Scale of half-space rows, m."""
+
+NEGLIGIBLE = 1e-13
+"""Entries of a scaled map below this are structural zeros."""
+
+SOLVED = ("Solved", "AlmostSolved")
+
+Entries = tuple[Int[Array, "e"], Int[Array, "e"], Float[Array, "e"]]
+
+
+def new_solver(sub: Subproblem) -> clarabel.DefaultSolver:
+    """A solver that holds the subproblem; one thread, since instances run in parallel."""
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.presolve_enable = False  # or the right-hand side could not be updated
+    n, m, k = sub.shape
+    cost = np.concatenate([np.ones(2 * n * m), np.full(k, sub.penalty * LENGTH / sub.unit)])
+    A, equalities = _constraints(sub), 6 * n
+    cones = [
+        clarabel.ZeroConeT(equalities),
+        clarabel.NonnegativeConeT(A.shape[0] - equalities),
+    ]
+    no_curvature = sparse.csc_matrix((len(cost), len(cost)))
+    return clarabel.DefaultSolver(no_curvature, cost, A, right_hand_side(sub), cones, settings)
+
+
+def solve(sub: Subproblem) -> Optimum:
+    """The optimum of a subproblem.
+
+    Raises:
+        UnsolvableError: where the solver stops without one. With slack, only a thrust limit can
+            make a subproblem infeasible.
+    """
+    found = new_solver(sub).solve()
+    if str(found.status) not in SOLVED:
+        raise UnsolvableError(f"the convex solver stopped with {found.status}")
+    n, m, _ = sub.shape
+    x = np.asarray(found.x)
+    controls = controls_of(x, sub)
+    return Optimum(controls, LENGTH * x[2 * n * m :], float(np.abs(controls).sum()))
+
+
+def controls_of(x: Float[Array, "v"], sub: Subproblem) -> Float[Array, "n m"]:
+    """Controls in m/s² from the solver's variables."""
+    n, m, _ = sub.shape
+    parts = x[: 2 * n * m].reshape(n, 2, m)
+    controls: Float[Array, "n m"] = sub.unit * (parts[:, 0] - parts[:, 1])
+    return controls
+
+
+def goal_scale(sub: Subproblem) -> Float[Array, "6"]:
+    """Factors on the goal rows that make them of order one."""
+    return 1 / (np.linalg.norm(sub.reach, axis=1) * sub.unit)
+
+
+def right_hand_side(sub: Subproblem) -> Float[Array, "rows"]:
+    """B of A x + s = b."""
+    n, m, k = sub.shape
+    limits = 2 * n * m if np.isfinite(sub.limit) else 0
+    return np.concatenate(
+        [
+            (sub.miss * goal_scale(sub)).ravel(),
+            np.zeros(2 * n * m + k),
+            np.full(limits, sub.limit / sub.unit),
+            -sub.required / LENGTH,
+        ]
+    )
+
+
+def _constraints(sub: Subproblem) -> sparse.csc_matrix:
+    """A of A x + s = b with s in the cones."""
+    n, m, k = sub.shape
+    variables = np.arange(2 * n * m + k)
+    limited = variables[: 2 * n * m if np.isfinite(sub.limit) else 0]
+    blocks = (
+        (6 * n, _goal_entries(sub)),
+        (len(variables), (variables, variables, -np.ones(len(variables)))),
+        (len(limited), (limited, limited, np.ones(len(limited)))),
+        (k, _half_space_entries(sub)),
+    )
+    tops = np.cumsum([0] + [height for height, _ in blocks])
+    row = np.concatenate([e[0] + top for (_, e), top in zip(blocks, tops[:-1], strict=True)])
+    column = np.concatenate([e[1] for _, e in blocks])
+    value = np.concatenate([e[2] for _, e in blocks])
+    return sparse.csc_matrix((value, (row, column)), shape=(int(tops[-1]), len(variables)))
+
+
+def _goal_entries(sub: Subproblem) -> Entries:
+    n, m, _ = sub.shape
+    block = sub.reach * (goal_scale(sub) * sub.unit)[:, None]
+    r, c = np.nonzero(np.abs(block) > NEGLIGIBLE)
+    craft = np.arange(n)[:, None]
+    row, column = (6 * craft + r).ravel(), (2 * m * craft + c).ravel()
+    value = np.tile(block[r, c], n)
+    return np.tile(row, 2), np.concatenate([column, column + m]), np.concatenate([value, -value])
+
+
+def _half_space_entries(sub: Subproblem) -> Entries:
+    n, m, k = sub.shape
+    scaled = sub.row * sub.unit / LENGTH
+    r, c = np.nonzero(np.abs(scaled) > NEGLIGIBLE)
+    value = scaled[r, c]
+    one, other = 2 * m * sub.first[r] + c, 2 * m * sub.second[r] + c
+    slack = np.arange(k)
+    return (
+        np.concatenate([r, r, r, r, slack]),
+        np.concatenate([one, one + m, other, other + m, 2 * n * m + slack]),
+        np.concatenate([-value, value, value, -value, -np.ones(k)]),
+    )

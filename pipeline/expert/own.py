@@ -1,0 +1,106 @@
+"""Each craft's own optimum, the others ignored: the SCP's start and the bound no plan beats."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pipeline.arrays import Array
+from pipeline.expert.interior_point import (
+    SOLVED,
+    controls_of,
+    goal_scale,
+    new_solver,
+    right_hand_side,
+)
+from pipeline.expert.subproblem import Subproblem
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
+
+LIMIT_SHARE = 1 - 1e-7
+"""Share of the thrust limit that the programs use, so that rounding stays within it."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnOptima:
+    """The L1-optimal transfer of each craft on its own.
+
+    Attributes:
+        controls: (n, T-1, 3), m/s²; the minimum-energy transfer where there is no optimum.
+        lower_bound: proven lower bound on the fuel of each craft, (n,), m/s².
+        feasible: whether the craft can make the transfer within the thrust limit, (n,).
+    """
+
+    controls: Float[Array, "n intervals 3"]
+    lower_bound: Float[Array, "n"]
+    feasible: Bool[Array, "n"]
+
+
+def goal_miss(
+    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
+) -> Float[Array, "n 6"]:
+    """Change of final state that the controls of each craft must bring about."""
+    return goal - initial @ transfer_maps(problem).drift[-1].T
+
+
+def control_unit(
+    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
+) -> float:
+    """Size of a typical control, m/s²: of the transfers, or to move by the collision radius."""
+    evasive = problem.collision_radius / problem.duration**2
+    return max(float(np.abs(minimum_energy(initial, goal, problem)).max()), evasive)
+
+
+def control_limit(problem: Problem) -> float:
+    """The thrust limit that programs are given, m/s²; infinite where there is none."""
+    return np.inf if problem.max_acceleration is None else problem.max_acceleration * LIMIT_SHARE
+
+
+def own_optima(
+    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
+) -> OwnOptima:
+    """Solve one linear program a craft: least ‖u‖₁ that joins its two states.
+
+    The bound is not the solver's optimum but what its multipliers prove: for any y,
+    missᵀy - limit · Σ max(|reachᵀy| - 1, 0) is a lower bound, and so is missᵀy where y is
+    shrunk until |reachᵀy| ≤ 1 (linear programming duality).
+    """
+    reach = transfer_maps(problem).reach[-1]
+    miss = goal_miss(initial, goal, problem)
+    one = _single(reach, miss[:1], control_limit(problem), control_unit(initial, goal, problem))
+    solver, b = new_solver(one), right_hand_side(one)
+    controls = minimum_energy(initial, goal, problem)
+    bound, feasible = np.zeros(len(miss)), np.zeros(len(miss), dtype=bool)
+    scale = goal_scale(one)
+    for k, wanted in enumerate(miss):
+        b[:6] = wanted * scale
+        solver.update(b=b)
+        found = solver.solve()
+        feasible[k] = str(found.status) in SOLVED
+        if feasible[k]:
+            controls[k] = controls_of(np.asarray(found.x), one).reshape(-1, 3)
+            multipliers = -np.asarray(found.z)[:6] * scale * one.unit
+            bound[k] = _proven(multipliers, wanted, reach, problem.max_acceleration)
+    exact = meet_goal(initial, controls, goal, problem)
+    return OwnOptima(exact, bound, feasible)
+
+
+def _single(
+    reach: Float[Array, "6 m"], miss: Float[Array, "1 6"], limit: float, unit: float
+) -> Subproblem:
+    none: Int[Array, 0] = np.zeros(0, dtype=int)
+    rows = np.zeros((0, reach.shape[1]))
+    return Subproblem(reach, miss, none, none, rows, np.zeros(0), limit, 0.0, unit)
+
+
+def _proven(
+    y: Float[Array, "6"],
+    miss: Float[Array, "6"],
+    reach: Float[Array, "6 m"],
+    limit: float | None,
+) -> float:
+    price = np.abs(reach.T @ y)
+    bound = float(miss @ y) / max(1.0, float(price.max()))
+    if limit is not None:
+        bound = max(bound, float(miss @ y - limit * np.maximum(price - 1, 0).sum()))
+    return max(bound, 0.0)

@@ -1,0 +1,30 @@
+"""The convex subproblem written in cvxpy: the readable form that the fast one is held against."""
+
+import cvxpy as cp
+import numpy as np
+
+from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
+
+
+def solve(sub: Subproblem) -> Optimum:
+    """The optimum of a subproblem, by cvxpy.
+
+    Raises:
+        UnsolvableError: where the solver stops without one.
+    """
+    n, m, k = sub.shape
+    u = cp.Variable((n, m))  # in units of sub.unit, as the solver wants numbers of order one
+    slack = cp.Variable(k, nonneg=True)
+    scale = 1 / np.linalg.norm(sub.reach, axis=1)
+    constraints = [u @ (sub.reach.T * scale) == sub.miss * scale / sub.unit]
+    if k:
+        along = cp.sum(cp.multiply(sub.row, u[sub.first] - u[sub.second]), axis=1)
+        constraints.append(sub.unit * along + slack >= sub.required)
+    if np.isfinite(sub.limit):
+        constraints.append(cp.abs(u) <= sub.limit / sub.unit)
+    fuel = cp.sum(cp.abs(u))
+    problem = cp.Problem(cp.Minimize(fuel + sub.penalty / sub.unit * cp.sum(slack)), constraints)
+    problem.solve(solver=cp.CLARABEL)
+    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+        raise UnsolvableError(f"the convex solver stopped with {problem.status}")
+    return Optimum(sub.unit * u.value, slack.value, sub.unit * float(fuel.value))

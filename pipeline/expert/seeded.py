@@ -1,0 +1,40 @@
+"""A planner made safe: its plans seed the expert, which stops at the first safe plan."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from pipeline.expert.expert import solve
+from pipeline.expert.scp import Settings
+from pipeline.plan import Plan, Planner
+from pipeline.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """Another planner followed by certified convex solves.
+
+    Attributes:
+        planner: where the seeds come from.
+        settings: of the expert.
+    """
+
+    planner: Planner
+    settings: Settings = field(default_factory=lambda: Settings(stop="first-safe"))
+
+    @property
+    def name(self) -> str:
+        """Both planners."""
+        return f"{self.planner.name} + expert"
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario, safe wherever the expert finds one."""
+        seeds = self.planner.plan(scenarios)
+        return [
+            self._finished(scenario, seed) for scenario, seed in zip(scenarios, seeds, strict=True)
+        ]
+
+    def _finished(self, scenario: Scenario, seed: Plan) -> Plan:
+        plan = solve(scenario, seed.states, self.settings)
+        stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
+        total = seed.timing["plan"] + plan.timing["plan"]
+        return replace(plan, planner=self.name, timing={**stages, **plan.timing, "plan": total})

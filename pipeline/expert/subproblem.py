@@ -1,0 +1,70 @@
+"""The convex subproblem as data: what the SCP solves again and again.
+
+    minimise    Σᵢ ‖uᵢ‖₁ + penalty · Σ slack
+    subject to  reach uᵢ = missᵢ                                  every craft meets its goal
+                rowₖ · (uᵢ - uⱼ) + slackₖ ≥ requiredₖ, slack ≥ 0   half-spaces, Eq. 5 linearised
+                |uᵢ| ≤ limit
+
+States are eliminated: the controls are the only variables. A half-space for the pair (i, j) at
+one time is n̂ᵀ(pᵢ - pⱼ) ≥ r, with n̂ the direction between the two in the trajectory aimed from;
+by Cauchy-Schwarz whatever satisfies it is at least r apart at that time.
+"""
+
+from dataclasses import dataclass
+
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.errors import ProlearnError
+
+
+class UnsolvableError(ProlearnError):
+    """The solver found no optimum; a thrust limit is the usual reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subproblem:
+    """One convex program, for n craft and k half-spaces, in SI units.
+
+    Attributes:
+        reach: effect of a craft's flattened controls on its final state, (6, m).
+        miss: change of final state that each craft's controls must bring about, (n, 6).
+        first: first craft of each half-space, (k,).
+        second: second craft, (k,).
+        row: effect of the first craft's controls along the normal, m per m/s², (k, m); the
+            second craft's is its negative.
+        required: what the controls must contribute along the normal, m, (k,).
+        limit: largest component of a control, m/s², or infinity.
+        penalty: cost of a metre of slack, m/s².
+        unit: size of a typical control, m/s², which makes the solver's numbers of order one.
+    """
+
+    reach: Float[Array, "6 m"]
+    miss: Float[Array, "n 6"]
+    first: Int[Array, "k"]
+    second: Int[Array, "k"]
+    row: Float[Array, "k m"]
+    required: Float[Array, "k"]
+    limit: float
+    penalty: float
+    unit: float
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Craft n, controls of each m, half-spaces k."""
+        return len(self.miss), self.reach.shape[1], len(self.required)
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Solution of a subproblem.
+
+    Attributes:
+        controls: flattened controls of each craft, (n, m), m/s².
+        slack: by how much each half-space is missed, (k,), m.
+        fuel: Σ ‖uᵢ‖₁ without the penalty, m/s².
+    """
+
+    controls: Float[Array, "n m"]
+    slack: Float[Array, "k"]
+    fuel: float

@@ -1,0 +1,159 @@
+"""The expert on real scenarios: always safe, near-optimal, repeatable, whatever its seed."""
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.expert import SEEDS, Expert, Seeded, Settings, solve
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import pro_states
+from pipeline.orbit.transfer import fly
+from pipeline.plan import INFEASIBLE, SOLVED
+from pipeline.scenario import FAMILIES, Scenario, draw
+
+PROBLEM = Problem()
+
+
+def closest_on_a_grid(plan, problem, samples=200):
+    """Least distance of any pair on a fine grid of times, by the closed form."""
+    A, B = cw_matrices(problem.mean_motion, np.linspace(0, problem.time_step, samples))
+    i, j = np.triu_indices(len(plan.states), 1)
+    ds = plan.states[i, :-1] - plan.states[j, :-1]
+    du = plan.controls[i] - plan.controls[j]
+    gap = np.einsum("qij,ptj->ptqi", A[:, :3], ds) + np.einsum("qij,ptj->ptqi", B[:, :3], du)
+    return np.linalg.norm(gap, axis=-1).min()
+
+
+def test_plans_are_safe_at_all_times_and_meet_their_ends():
+    for index in range(25):
+        scenario = draw("rings", 5, 10, index, PROBLEM)
+        plan = solve(scenario)
+        assert plan.status == SOLVED
+        assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
+        assert plan.states[:, 0] == pytest.approx(scenario.initial, abs=1e-9)
+        assert plan.states[:, -1] == pytest.approx(scenario.goal, abs=1e-6)
+        assert plan.certificate.dynamics_error < 1e-9
+        assert 0 <= plan.certificate.optimality_gap < 0.02
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_family_is_solved_safely(family):
+    for n, index in ((10, 0), (10, 1), (20, 0)):
+        plan = solve(draw(family, 2, n, index, PROBLEM))
+        assert plan.status == SOLVED
+        assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
+
+
+def test_at_nodes_only_plans_are_apart_at_the_nodes_and_closer_between():
+    settings = Settings(separation="nodes")
+    plans = [solve(draw("rings", 0, 10, k, PROBLEM), settings=settings) for k in range(10)]
+    assert all(plan.status == SOLVED for plan in plans)
+    assert all(plan.certificate.node_collisions == 0 for plan in plans)
+    assert any(closest_on_a_grid(plan, PROBLEM) < PROBLEM.collision_radius for plan in plans)
+
+
+def test_both_formulations_lead_to_the_same_plan():
+    for index in range(3):
+        scenario = draw("rings", 0, 8, index, PROBLEM)
+        fast, readable = (
+            solve(scenario, settings=Settings(solver=s)) for s in ("clarabel", "cvxpy")
+        )
+        assert fast.certificate.fuel == pytest.approx(readable.certificate.fuel, rel=1e-5)
+
+
+def test_a_single_craft_flies_its_own_optimum():
+    plan = solve(draw("rings", 0, 1, 0, PROBLEM))
+    assert plan.status == SOLVED
+    assert plan.convex_solves == 0
+    assert plan.certificate.optimality_gap == pytest.approx(0, abs=1e-6)
+
+
+def test_the_same_scenario_gives_the_same_bits_whatever_was_solved_before():
+    scenario = draw("rings", 0, 10, 3, PROBLEM)
+    first = solve(scenario)
+    solve(draw("rings", 0, 10, 4, PROBLEM))
+    solve(draw("rings", 0, 10, 3, Problem(time_step=90.0)))
+    assert (solve(scenario).controls == first.controls).all()
+
+
+@pytest.mark.parametrize("name", SEEDS)
+def test_every_seed_leads_to_a_safe_plan(name):
+    make = SEEDS[name]
+    for index in range(5):
+        scenario = draw("rings", 0, 10, index, PROBLEM)
+        plan = solve(scenario, make and make(scenario))
+        assert plan.status == SOLVED
+        assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
+
+
+def test_a_seed_with_all_craft_in_one_point_is_no_obstacle():
+    scenario = draw("rings", 0, 6, 1, PROBLEM)
+    plan = solve(scenario, np.zeros((6, 11, 6)))
+    assert plan.status == SOLVED
+
+
+def test_craft_that_would_meet_head_on_are_led_past_each_other():
+    """Two craft change places along the orbit: their own optima pass through one point."""
+    offsets = np.array([-100.0, 100.0])
+    still = pro_states(1e-9, 0.0, np.zeros(2), 0.0, PROBLEM.mean_motion, offsets)
+    scenario = Scenario(PROBLEM, still, still[::-1].copy())
+    plan = solve(scenario)
+    assert plan.status == SOLVED
+    assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_seed_that_is_not_finite_is_refused(value):
+    with pytest.raises(InputError, match="not finite"):
+        solve(draw("rings", 0, 2, 0, PROBLEM), np.full((2, 11, 6), value))
+
+
+def test_a_seed_of_another_shape_is_refused():
+    with pytest.raises(InputError, match=r"shape \(2, 11, 6\)"):
+        solve(draw("rings", 0, 2, 0, PROBLEM), np.zeros((3, 11, 6)))
+
+
+def test_plans_keep_the_thrust_limit():
+    free = solve(draw("rings", 0, 5, 0, PROBLEM))
+    limit = 0.9 * float(np.abs(free.controls).max())
+    plan = solve(draw("rings", 0, 5, 0, Problem(max_acceleration=limit)))
+    assert plan.status == SOLVED
+    assert np.abs(plan.controls).max() <= limit
+    assert plan.certificate.fuel_lower_bound >= free.certificate.fuel_lower_bound * (1 - 1e-9)
+
+
+def test_a_thrust_limit_too_low_is_infeasible_and_names_the_craft():
+    plan = solve(draw("rings", 0, 3, 0, Problem(max_acceleration=1e-5)))
+    assert plan.status == INFEASIBLE
+    assert "craft 0 cannot reach its goal" in plan.message
+
+
+def test_craft_that_cannot_be_kept_apart_are_infeasible_and_named():
+    """Two craft drift through one point within the first interval, and thrust is too weak."""
+    problem = Problem(time_step=60.0, nodes=11, max_acceleration=2e-3)
+    start = np.zeros((2, 6))
+    start[1, 1], start[1, 4] = 20.0, -2.0
+    goal = fly(start, np.zeros((2, 10, 3)), problem)[:, -1]
+    plan = solve(Scenario(problem, start, goal))
+    assert plan.status == INFEASIBLE
+    assert "craft 0 and 1 cannot be kept 15 m apart" in plan.message
+
+
+def test_stopping_at_the_first_safe_plan_takes_no_more_solves_and_no_less_fuel():
+    for index in range(8):
+        scenario = draw("rings", 0, 15, index, PROBLEM)
+        first = solve(scenario, settings=Settings(stop="first-safe"))
+        best = solve(scenario)
+        assert first.status == best.status == SOLVED
+        assert first.convex_solves <= best.convex_solves
+        assert first.certificate.fuel >= best.certificate.fuel * (1 - 1e-5)
+
+
+def test_a_planner_before_the_expert_gives_the_seed_and_its_name():
+    nodes_only = Expert(Settings(separation="nodes"), "nodes")
+    scenarios = [draw("rings", 0, 10, k, PROBLEM) for k in range(5)]
+    plans = Seeded(nodes_only).plan(scenarios)
+    assert {plan.planner for plan in plans} == {"nodes + expert"}
+    assert all(plan.status == SOLVED for plan in plans)
+    assert all(plan.timing["plan"] > plan.timing["seed_plan"] for plan in plans)

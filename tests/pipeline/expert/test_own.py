@@ -1,0 +1,76 @@
+"""Each craft's own optimum against HiGHS, and the bound that its multipliers prove."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import linprog
+
+from pipeline.expert import own_optima
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.scenario import draw
+
+
+def by_highs(initial, goal, problem):
+    """Least ‖u‖₁ of each craft by HiGHS, with maps from matrix exponentials."""
+    e, m = problem.mean_motion, np.zeros((9, 9))
+    m[:3, 3:6] = m[3:6, 6:] = np.eye(3)
+    m[3, 0], m[3, 4], m[4, 3], m[5, 2] = 3 * e**2, 2 * e, -2 * e, -(e**2)
+    step = expm(m * problem.time_step)
+    A, B = step[:6, :6], step[:6, 6:]
+    power = [np.linalg.matrix_power(A, k) for k in range(problem.nodes)]
+    reach = np.hstack([power[problem.intervals - 1 - k] @ B for k in range(problem.intervals)])
+    scale, unit = 1 / np.linalg.norm(reach, axis=1), 1e-4
+    limit = None if problem.max_acceleration is None else problem.max_acceleration / unit
+    optima = []
+    for s0, s1 in zip(initial, goal, strict=True):
+        block = reach * scale[:, None] * unit
+        found = linprog(
+            np.ones(2 * reach.shape[1]),
+            A_eq=np.hstack([block, -block]),
+            b_eq=(s1 - power[-1] @ s0) * scale,
+            bounds=(0, limit),
+        )
+        optima.append(found.fun * unit if found.status == 0 else np.nan)
+    return np.array(optima)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        Problem(),
+        Problem(time_step=60.0, nodes=31),
+        Problem(time_step=570.0, nodes=21),
+        Problem(max_acceleration=7e-4),
+    ],
+    ids=["reference", "fine grid", "two orbits", "thrust limit"],
+)
+def test_fuel_and_bound_are_the_optimum_of_highs(problem):
+    scenario = draw("rings", 1, 8, 0, problem)
+    own = own_optima(scenario.initial, scenario.goal, problem)
+    exact = by_highs(scenario.initial, scenario.goal, problem)
+    assert (own.feasible == np.isfinite(exact)).all()
+    can = own.feasible
+    assert can.any()
+    fuel = np.abs(own.controls).sum(axis=(1, 2))
+    assert fuel[can] == pytest.approx(exact[can], rel=1e-6)
+    assert own.lower_bound[can] == pytest.approx(exact[can], rel=1e-6)
+    assert (own.lower_bound[can] <= exact[can] * (1 + 1e-9)).all()
+
+
+def test_own_optima_meet_their_goals_within_the_thrust_limit():
+    problem = Problem(max_acceleration=7e-4)
+    scenario = draw("rings", 1, 8, 0, problem)
+    own = own_optima(scenario.initial, scenario.goal, problem)
+    final = fly(scenario.initial, own.controls, problem)[:, -1]
+    assert final == pytest.approx(scenario.goal, abs=1e-9)
+    assert np.abs(own.controls[own.feasible]).max() <= problem.max_acceleration
+
+
+def test_a_craft_that_has_only_to_drift_needs_no_fuel():
+    problem = Problem()
+    start = draw("rings", 0, 2, 0, problem).initial
+    goal = fly(start, np.zeros((2, 10, 3)), problem)[:, -1]
+    own = own_optima(start, goal, problem)
+    assert np.abs(own.controls).sum() < 1e-9
+    assert own.lower_bound == pytest.approx(0, abs=1e-9)

@@ -1,0 +1,98 @@
+"""The convex subproblem three ways: Clarabel directly, cvxpy, and HiGHS on a dense program."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from pipeline.expert import interior_point, reference
+from pipeline.expert.cuts import conflicts, half_spaces
+from pipeline.expert.own import control_limit, control_unit, goal_miss, own_optima
+from pipeline.expert.subproblem import Subproblem, UnsolvableError
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, transfer_maps
+from pipeline.scenario import draw
+
+
+def subproblem(n, index, problem=None, penalty=0.1):
+    """A program with the cuts that the own optima of a real scenario call for."""
+    problem = problem or Problem()
+    scenario = draw("rings", 0, n, index, problem)
+    own = own_optima(scenario.initial, scenario.goal, problem)
+    states = fly(scenario.initial, own.controls, problem)
+    moved = np.ones(n, dtype=bool)
+    cuts, _ = conflicts(states, own.controls, problem, 25.0, moved, at_nodes=False)
+    aimed = half_spaces(cuts, states, own.controls, problem, 15.0)
+    return Subproblem(
+        reach=transfer_maps(problem).reach[-1],
+        miss=goal_miss(scenario.initial, scenario.goal, problem),
+        first=cuts.first,
+        second=cuts.second,
+        row=aimed.row,
+        required=aimed.required,
+        limit=control_limit(problem),
+        penalty=penalty,
+        unit=control_unit(scenario.initial, scenario.goal, problem),
+    )
+
+
+def by_highs(sub):
+    """The optimum with the penalty, as one dense linear program in u⁺, u⁻ and slack."""
+    n, m, k = sub.shape
+    scale, unit = 1 / np.linalg.norm(sub.reach, axis=1), sub.unit
+    goals = np.kron(np.eye(n), sub.reach * scale[:, None] * unit)
+    along = np.zeros((k, n, m))
+    along[np.arange(k), sub.first] = sub.row * unit
+    along[np.arange(k), sub.second] -= sub.row * unit
+    along = along.reshape(k, n * m)
+    found = linprog(
+        np.concatenate([np.ones(2 * n * m), np.full(k, sub.penalty / unit)]),
+        A_ub=-np.hstack([along, -along, np.eye(k)]),
+        b_ub=-sub.required,
+        A_eq=np.hstack([goals, -goals, np.zeros((6 * n, k))]),
+        b_eq=(sub.miss * scale).ravel(),
+        bounds=[(0, sub.limit / unit)] * (2 * n * m) + [(0, None)] * k,
+    )
+    return found.fun * unit
+
+
+def objective(sub, best):
+    return best.fuel + sub.penalty * best.slack.sum()
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_both_formulations_and_highs_agree_on_the_optimum(index):
+    sub = subproblem(12, index)
+    exact = by_highs(sub)
+    assert objective(sub, interior_point.solve(sub)) == pytest.approx(exact, rel=1e-6)
+    assert objective(sub, reference.solve(sub)) == pytest.approx(exact, rel=1e-6)
+
+
+def test_they_agree_under_a_thrust_limit_and_where_slack_is_cheap():
+    sub = subproblem(12, 1, Problem(max_acceleration=3e-3), penalty=1e-5)
+    exact = by_highs(sub)
+    assert interior_point.solve(sub).slack.max() > 0.1
+    assert objective(sub, interior_point.solve(sub)) == pytest.approx(exact, rel=1e-6)
+    assert objective(sub, reference.solve(sub)) == pytest.approx(exact, rel=1e-6)
+
+
+def test_a_solution_is_as_far_apart_as_its_half_spaces_ask():
+    problem = Problem()
+    scenario = draw("rings", 0, 12, 1, problem)
+    sub = subproblem(12, 1)
+    best = interior_point.solve(sub)
+    assert best.slack.max() < 1e-6
+    states = fly(scenario.initial, best.controls.reshape(12, -1, 3), problem)
+    own = own_optima(scenario.initial, scenario.goal, problem)
+    moved = np.ones(12, dtype=bool)
+    aim = fly(scenario.initial, own.controls, problem)
+    cuts, _ = conflicts(aim, own.controls, problem, 25.0, moved, at_nodes=False)
+    reached = half_spaces(cuts, states, best.controls.reshape(12, -1, 3), problem, 15.0).distance
+    assert len(cuts) > 0
+    assert reached.min() >= 15.0 - 1e-5
+
+
+@pytest.mark.parametrize("solve", [interior_point.solve, reference.solve])
+def test_a_limit_that_no_transfer_keeps_is_said_to_be_unsolvable(solve):
+    sub = subproblem(3, 0, Problem(max_acceleration=1e-5))
+    with pytest.raises(UnsolvableError):
+        solve(sub)
