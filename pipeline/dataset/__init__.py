@@ -1,0 +1,1 @@
+"""Datasets: scenarios and the expert's plans for them in Parquet shards."""

@@ -1,0 +1,170 @@
+"""The manifest of a dataset folder: what it is meant to hold, and the digest of every shard.
+
+    FOLDER/n=10/part-00000.parquet                solved instances
+    FOLDER/_scenarios/n=10/part-00000.parquet     the scenarios they come from
+    FOLDER/_timings/n=10/part-00000.parquet       how long each took
+    FOLDER/_manifest.json                         this
+
+Readers of Parquet folders pass over names that begin with an underscore.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pipeline.dataset.schema import SCHEMA, SPLITS
+from pipeline.errors import InputError
+from pipeline.files import write_text
+from pipeline.orbit.problem import Problem
+
+NAME = "_manifest.json"
+
+
+@dataclass(frozen=True)
+class Sample:
+    """How the scenarios of one swarm size are drawn.
+
+    Attributes:
+        family: family of scenarios.
+        seed: root seed.
+        count: how many.
+        shares: shares of train, valid and test, in order of the index.
+        shard_rows: instances in a shard.
+    """
+
+    family: str = "rings"
+    seed: int = 0
+    count: int = 1000
+    shares: tuple[float, float, float] = (0.8, 0.1, 0.1)
+    shard_rows: int = 250
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be sampled."""
+        if self.count < 1:
+            raise InputError(f"count is {self.count}; expected at least one scenario.")
+        if self.seed < 0:
+            raise InputError(f"seed is {self.seed}; expected 0 or more.")
+        if self.shard_rows < 1:
+            raise InputError(f"shard_rows is {self.shard_rows}; expected at least 1.")
+        if min(self.shares) < 0 or abs(sum(self.shares) - 1) > 1e-9:
+            raise InputError(
+                f"the shares of {', '.join(SPLITS)} are {self.shares}; expected three numbers "
+                "of 0 or more that add up to 1."
+            )
+
+    @property
+    def shards(self) -> int:
+        """Number of shards."""
+        return -(-self.count // self.shard_rows)
+
+    def split_of(self, index: int) -> str:
+        """The split of a scenario: by its index, so that it does not depend on the others."""
+        train = round(self.count * self.shares[0])
+        valid = train + round(self.count * self.shares[1])
+        return SPLITS[(index >= train) + (index >= valid)]
+
+    def indices(self, shard: int) -> range:
+        """Indices of the scenarios in a shard."""
+        first = shard * self.shard_rows
+        return range(first, min(first + self.shard_rows, self.count))
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a dataset folder is meant to hold and what of it is there.
+
+    Attributes:
+        problem: the problem that all its instances share.
+        samples: how each swarm size is drawn.
+        solve: settings of the expert, or nothing before the first solve.
+        shards: SHA-256 digest of each finished shard, by path inside the folder.
+    """
+
+    problem: Problem
+    samples: Mapping[int, Sample] = field(default_factory=dict)
+    solve: Mapping[str, Any] = field(default_factory=dict)
+    shards: Mapping[str, str] = field(default_factory=dict)
+
+    def scenario_shards(self) -> list[tuple[int, int, str]]:
+        """Swarm size, shard number and path of every scenario shard."""
+        return [
+            (n, k, f"_scenarios/{shard_name(n, k)}")
+            for n, sample in sorted(self.samples.items())
+            for k in range(sample.shards)
+        ]
+
+    def solved_shards(self) -> dict[str, str]:
+        """Path of every solved shard, and of the scenario shard that it comes from."""
+        return {shard_name(n, k): path for n, k, path in self.scenario_shards()}
+
+    def digest(self) -> str:
+        """Digest of the solved data: the same bytes in the same shards, the same digest."""
+        solved = {p: d for p, d in self.shards.items() if not p.startswith("_")}
+        return hashlib.sha256(json.dumps(solved, sort_keys=True).encode()).hexdigest()
+
+
+def shard_name(n: int, shard: int) -> str:
+    """Path of a solved shard inside the folder."""
+    return f"n={n}/part-{shard:05d}.parquet"
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of a dataset.
+
+    Raises:
+        InputError: where the folder is missing, empty or holds no dataset.
+    """
+    path = folder / NAME
+    if not folder.is_dir() or not path.exists():
+        what = "is empty" if folder.is_dir() and not any(folder.iterdir()) else "holds no dataset"
+        what = what if folder.is_dir() else "does not exist"
+        raise InputError(
+            f"{folder} {what}; expected a dataset folder: make one with "
+            f"`prolearn dataset --preset demo --out {folder}`."
+        )
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if document["schema"] != SCHEMA:
+            raise InputError(f"{path} has schema {document['schema']}; expected {SCHEMA}.")
+        samples = {
+            int(n): Sample(**{**s, "shares": tuple(s["shares"])})
+            for n, s in document["samples"].items()
+        }
+        problem = Problem(**document["problem"])
+        return Manifest(problem, samples, document["solve"], document["shards"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} is damaged ({error!r}); sample the dataset again.") from error
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write the manifest, whole."""
+    document = {
+        "schema": SCHEMA,
+        "problem": asdict(manifest.problem),
+        "samples": {str(n): asdict(s) for n, s in sorted(manifest.samples.items())},
+        "solve": dict(manifest.solve),
+        "shards": dict(sorted(manifest.shards.items())),
+    }
+    write_text(folder / NAME, json.dumps(document, indent=1) + "\n")
+
+
+def with_shards(manifest: Manifest, shards: Mapping[str, str]) -> Manifest:
+    """The manifest with more finished shards."""
+    return replace(manifest, shards={**manifest.shards, **shards})
+
+
+def refuse_change(what: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Refuse to go on with other settings than a folder was begun with.
+
+    Raises:
+        InputError: naming the first setting that differs, what it was and what it is now.
+    """
+    for name in sorted({*was, *now}):
+        if was.get(name) != now.get(name):
+            raise InputError(
+                f"{what} was begun with {name} = {was.get(name)}, now it is {now.get(name)}; "
+                "expected the same settings: give the old one or another folder."
+            )
