@@ -1,0 +1,1 @@
+"""Networks: the paper's six architectures, the protocol they share, and trained models."""

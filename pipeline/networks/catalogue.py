@@ -1,0 +1,44 @@
+"""The names of the known architectures, read without importing any of them.
+
+An architecture is one object that meets ``pipeline.networks.architecture.Architecture``, named
+by an entry point of the group ``prolearn.architectures``. Any installed distribution may add one.
+"""
+
+from importlib.metadata import entry_points
+from typing import Any, Protocol, runtime_checkable
+
+from pipeline.errors import InputError
+
+GROUP = "prolearn.architectures"
+
+
+@runtime_checkable
+class AnyEntryPoint(Protocol):
+    """An entry point; some packages bring a class of their own for it."""
+
+    @property
+    def value(self) -> str:
+        """Module and object."""
+        ...
+
+    def load(self) -> Any:
+        """The object."""
+        ...
+
+
+def architecture_names() -> tuple[str, ...]:
+    """Names of all installed architectures, in alphabetical order."""
+    return tuple(sorted(entry_points(group=GROUP).names))
+
+
+def entry_point(name: str) -> AnyEntryPoint:
+    """Where the architecture of a name is.
+
+    Raises:
+        InputError: for an unknown name, with the known ones.
+    """
+    for found in entry_points(group=GROUP):
+        if found.name == name:
+            return found
+    known = ", ".join(architecture_names()) or "none: install prolearn again"
+    raise InputError(f"architecture is {name!r}; expected one of those installed ({known}).")

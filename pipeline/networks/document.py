@@ -1,0 +1,86 @@
+"""model.json (schema prolearn.model/1): all of a trained model but its weights."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from pipeline.errors import InputError
+from pipeline.networks.encoding import Encoding
+from pipeline.orbit.problem import Problem
+
+SCHEMA = "prolearn.model/1"
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+Scale = Annotated[list[Positive], Field(min_length=6, max_length=6)]
+
+
+class ProblemFields(BaseModel):
+    """The problem of the training data."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    mean_motion: Positive
+    time_step: Positive
+    nodes: int = Field(ge=3)
+    collision_radius: Positive
+    max_acceleration: Positive | None = None
+
+
+class ModelDocument(BaseModel):
+    """The fields of a model file; unknown ones are refused."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, populate_by_name=True, serialize_by_alias=True
+    )
+
+    schema_name: Literal["prolearn.model/1"] = Field(alias="schema", default="prolearn.model/1")
+    architecture: str
+    config: dict[str, Any]
+    recipe: str
+    problem: ProblemFields
+    n_train: int = Field(ge=1)
+    interior: str
+    target: str
+    input_scale: Scale
+    target_scale: Scale
+    weights_sha256: str
+
+    @property
+    def encoding(self) -> Encoding:
+        """The encoding that the fields describe."""
+        return Encoding(
+            problem=Problem(**self.problem.model_dump()),
+            n=self.n_train,
+            interior=self.interior,
+            target=self.target,
+            input_scale=tuple(self.input_scale),
+            target_scale=tuple(self.target_scale),
+        )
+
+
+def read_document(path: Path) -> ModelDocument:
+    """The fields of a model file.
+
+    Raises:
+        InputError: where the file cannot be read, is of another schema, or a field is wrong.
+    """
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error}); expected a model's folder.") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not JSON: {error}; expected schema {SCHEMA}.") from error
+    given = fields.get("schema") if isinstance(fields, dict) else None
+    if given != SCHEMA:
+        raise InputError(
+            f"{path} has schema {given!r}; this version reads {SCHEMA}: update prolearn or train "
+            "the model again."
+        )
+    try:
+        return ModelDocument.model_validate(fields)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        where = ".".join(str(k) for k in fault["loc"])
+        raise InputError(f"{path}: {where}: {fault['msg']} (schema {SCHEMA}).") from error

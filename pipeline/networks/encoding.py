@@ -1,0 +1,103 @@
+"""How states become what a network reads and answers, and back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pipeline.arrays import Array
+from pipeline.dataset.examples import Examples
+from pipeline.errors import InputError
+from pipeline.networks.interior import INTERIORS
+from pipeline.orbit.problem import Problem
+
+STATES = "states"
+"""The answer is the trajectory itself, as in the paper."""
+
+OFFSET = "offset"
+"""The answer is the trajectory's offset from the input's."""
+
+TARGETS = (STATES, OFFSET)
+
+LEAST_SHARE = 1e-6
+"""Least scale of a component, as a share of the largest of its kind: rounding is no signal."""
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """The paper's 6 x nT matrix, craft after craft, with each component near 1.
+
+    Attributes:
+        problem: orbit, time grid and collision radius of the training data.
+        n: spacecraft in each training instance.
+        interior: what stands in the input between initial and goal state, of INTERIORS.
+        target: STATES or OFFSET.
+        input_scale: root mean square of each component of the training inputs, m and m/s.
+        target_scale: the same of the training targets.
+    """
+
+    problem: Problem
+    n: int
+    interior: str
+    target: str
+    input_scale: tuple[float, ...]
+    target_scale: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse names that mean nothing here."""
+        _check_name("interior", self.interior, tuple(INTERIORS))
+        _check_name("target", self.target, TARGETS)
+
+    def inputs(
+        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
+    ) -> Float[Tensor, "N n T 6"]:
+        """What a network reads, in float64, from states in m and m/s."""
+        states = INTERIORS[self.interior](initial, goal, self.problem)
+        return torch.from_numpy(states / np.array(self.input_scale))
+
+    def targets(
+        self, states: Float[Array, "N n T 6"], inputs: Float[Tensor, "N n T 6"]
+    ) -> Float[Tensor, "N n T 6"]:
+        """What a network should answer, in float64, for states in m and m/s."""
+        wanted = torch.from_numpy(states) - self._base(inputs)
+        return wanted / wanted.new_tensor(self.target_scale)
+
+    def decode(
+        self, output: Float[Tensor, "*batch n T 6"], inputs: Float[Tensor, "*batch n T 6"]
+    ) -> Float[Tensor, "*batch n T 6"]:
+        """The states in m and m/s that an answer stands for."""
+        return self._base(inputs) + output * output.new_tensor(self.target_scale)
+
+    def _base(self, inputs: Float[Tensor, "*batch n T 6"]) -> Float[Tensor, "*batch n T 6"]:
+        """What an answer is added to."""
+        if self.target == STATES:
+            return torch.zeros_like(inputs)
+        return inputs * inputs.new_tensor(self.input_scale)
+
+
+def fit(examples: Examples, interior: str, target: str) -> Encoding:
+    """The encoding whose scales come from training examples.
+
+    Raises:
+        InputError: for an unknown interior or target.
+    """
+    _check_name("interior", interior, tuple(INTERIORS))
+    given = INTERIORS[interior](examples.initial, examples.goal, examples.problem)
+    wanted = examples.states - given if target == OFFSET else examples.states
+    scales = _component_scale(given), _component_scale(wanted)
+    return Encoding(examples.problem, examples.n, interior, target, *scales)
+
+
+def _component_scale(states: Float[Array, "N n T 6"]) -> tuple[float, ...]:
+    """Root mean square of each component; one that never varies gets a harmless scale."""
+    size = np.sqrt(np.square(states).mean(axis=(0, 1, 2)))
+    kind = np.repeat(size.reshape(2, 3).max(axis=1), 3)  # positions, velocities
+    size = np.maximum(size, LEAST_SHARE * kind)
+    return tuple(float(s) for s in np.where(size > 0, size, 1.0))
+
+
+def _check_name(what: str, given: str, known: tuple[str, ...]) -> None:
+    if given not in known:
+        raise InputError(f"{what} is {given!r}; expected one of {', '.join(known)}.")

@@ -1,0 +1,97 @@
+"""The paper's feed-forward networks FF1, FF2 and FFcol: all numbers in, all numbers out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from pipeline.networks.combinations import combinations_of
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.layers import hidden_layers
+from pipeline.networks.losses import supervised_loss
+
+
+@dataclass(frozen=True)
+class FeedForward:
+    """Dense layers on the flattened 6·n·T matrix, each hidden one with ReLU and dropout.
+
+    Its input has a fixed size. A smaller swarm is padded with virtual craft at rest in the
+    origin; a larger one is answered with the average over combinations of its craft.
+
+    Attributes:
+        hidden: neurons of each hidden layer.
+        collision: whether the loss has the collision penalty.
+    """
+
+    hidden: tuple[int, ...]
+    collision: bool = False
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """Neurons of each hidden layer."""
+        return {"hidden": list(self.hidden)}
+
+    @property
+    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
+        """None: the recipes' numbers are those of feed-forward networks."""
+        return {}
+
+    def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
+        """Dense layers from 6·n·T numbers to 6·n·T numbers."""
+        size = 6 * encoding.n * encoding.problem.nodes
+        widths = [size, *hidden_layers(config)]
+        layers: list[nn.Module] = []
+        for before, after in pairwise(widths):
+            layers += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(dropout)]
+        return nn.Sequential(*layers, nn.Linear(widths[-1], size))
+
+    def loss(
+        self,
+        network: nn.Module,
+        inputs: Float[Tensor, "b n T 6"],
+        target: Float[Tensor, "b n T 6"],
+        encoding: Encoding,
+        collision_weight: float,
+    ) -> Float[Tensor, ""]:
+        """Mean square error, for FFcol with the collision penalty."""
+        weight = collision_weight if self.collision else 0.0
+        return supervised_loss(_answer(network, inputs), inputs, target, encoding, weight)
+
+    def forward(
+        self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
+    ) -> Float[Tensor, "b n T 6"]:
+        """The answer for n craft, padded or averaged where n is not that of the training."""
+        n = inputs.shape[1]
+        if n > encoding.n:
+            return _average(network, inputs, encoding.n)
+        virtual = encoding.n - n
+        padded = nn.functional.pad(inputs, (0, 0, 0, 0, 0, virtual))
+        return _answer(network, padded)[:, :n]
+
+
+def _answer(network: nn.Module, inputs: Float[Tensor, "b n T 6"]) -> Float[Tensor, "b n T 6"]:
+    output: Tensor = network(inputs.flatten(1))  # (b, 6nT)
+    return output.reshape(inputs.shape)
+
+
+def _average(
+    network: nn.Module, inputs: Float[Tensor, "b n T 6"], size: int
+) -> Float[Tensor, "b n T 6"]:
+    """Each craft's mean answer over the combinations that it is in."""
+    b, n, T, _ = inputs.shape
+    chosen = torch.tensor(combinations_of(n, size), device=inputs.device)  # (k, size)
+    craft = chosen.flatten()
+    asked = inputs[:, chosen].reshape(-1, size, T, 6)  # (b·k, size, T, 6)
+    answers = _answer(network, asked).reshape(b, -1, T, 6)  # (b, k·size, T, 6)
+    total = torch.zeros_like(inputs).index_add(1, craft, answers)
+    times = torch.bincount(craft, minlength=n)
+    return total / times[:, None, None]
+
+
+FF1 = FeedForward((180,))
+FF2 = FeedForward((180, 150))
+FFCOL = FeedForward((180,), collision=True)

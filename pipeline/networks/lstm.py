@@ -1,0 +1,90 @@
+"""The paper's recurrent networks LSTM1, LSTM2 and LSTMcol: a sequence of nT columns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.layers import hidden_layers
+from pipeline.networks.losses import supervised_loss
+
+STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
+"""Weights that all columns share see nT times as many examples: larger steps, fewer epochs do."""
+
+
+class Columns(nn.Module):
+    """LSTM layers over the columns of the 6 x nT matrix, each followed by dropout."""
+
+    def __init__(self, hidden: list[int], dropout: float) -> None:
+        super().__init__()
+        widths = [6, *hidden]
+        self.layers = nn.ModuleList(
+            nn.LSTM(before, after, batch_first=True) for before, after in pairwise(widths)
+        )
+        self.dropout = nn.Dropout(dropout)
+        self.head = nn.Linear(widths[-1], 6)
+
+    def forward(self, columns: Float[Tensor, "b nT 6"]) -> Float[Tensor, "b nT 6"]:
+        """Six numbers for each column, from it and those before it."""
+        hidden = columns
+        for layer in self.layers:
+            hidden, _ = layer(hidden)  # (b, nT, width)
+            hidden = self.dropout(hidden)
+        output: Tensor = self.head(hidden)
+        return output
+
+
+@dataclass(frozen=True)
+class Lstm:
+    """LSTM layers over the craft's trajectories, one after the other, so for any number of them.
+
+    Attributes:
+        hidden: units of each LSTM layer.
+        collision: whether the loss has the collision penalty.
+    """
+
+    hidden: tuple[int, ...]
+    collision: bool = False
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """Units of each LSTM layer."""
+        return {"hidden": list(self.hidden)}
+
+    @property
+    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
+        """Where LSTMs depart from the recipes."""
+        return {"paper": STEPS, "tuned": STEPS}
+
+    def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
+        """LSTM layers and a linear layer back to six numbers a column."""
+        return Columns(hidden_layers(config), dropout)
+
+    def loss(
+        self,
+        network: nn.Module,
+        inputs: Float[Tensor, "b n T 6"],
+        target: Float[Tensor, "b n T 6"],
+        encoding: Encoding,
+        collision_weight: float,
+    ) -> Float[Tensor, ""]:
+        """Mean square error, for LSTMcol with the collision penalty."""
+        output = self.forward(network, inputs, encoding)
+        weight = collision_weight if self.collision else 0.0
+        return supervised_loss(output, inputs, target, encoding, weight)
+
+    def forward(
+        self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
+    ) -> Float[Tensor, "b n T 6"]:
+        """The answer for n craft: a sequence of nT columns, whatever n is."""
+        output: Tensor = network(inputs.flatten(1, 2))  # (b, nT, 6)
+        return output.reshape(inputs.shape)
+
+
+LSTM1 = Lstm((180,))
+LSTM2 = Lstm((180, 150))
+LSTMCOL = Lstm((180,), collision=True)

@@ -1,0 +1,179 @@
+"""A trained model: a value that predicts trajectories, in a folder when it is not in memory."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from safetensors import SafetensorError
+from safetensors.torch import load as tensors_from
+from safetensors.torch import save as tensors_to
+from torch import Tensor, nn
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.files import published, write_text
+from pipeline.networks.architecture import find
+from pipeline.networks.document import ModelDocument, ProblemFields, read_document
+from pipeline.networks.encoding import Encoding
+from pipeline.orbit.problem import Problem
+
+WEIGHTS_FILE = "weights.safetensors"
+DOCUMENT_FILE = "model.json"
+
+COLUMNS_AT_ONCE = 50_000
+"""Columns n·T of all instances predicted together; a few hundred MB in the widest network."""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A trained network with all that is needed to use it.
+
+    Attributes:
+        architecture: its name.
+        config: its sizes.
+        recipe: name of the recipe that it was trained by.
+        encoding: how states become its input and its answer becomes states.
+        network: the module, for prediction only.
+    """
+
+    architecture: str
+    config: Mapping[str, Any]
+    recipe: str
+    encoding: Encoding
+    network: nn.Module
+
+    def __post_init__(self) -> None:
+        """Switch off what only training needs: dropout and gradients."""
+        self.network.eval().requires_grad_(False)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of its training data."""
+        return self.encoding.problem
+
+    @property
+    def n_train(self) -> int:
+        """Spacecraft in each instance of its training data."""
+        return self.encoding.n
+
+    def predict(
+        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
+    ) -> Float[Array, "N n T 6"]:
+        """Node states in m and m/s, as the network answers: they obey no dynamics.
+
+        Args:
+            initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
+            goal: their goal states.
+
+        Raises:
+            InputError: where the two differ in shape or are not states of swarms.
+        """
+        n, components = initial.shape[-2:]
+        if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
+            raise InputError(
+                f"initial has shape {initial.shape} and goal {goal.shape}; expected (N, n, 6) for "
+                "both, with at least one spacecraft."
+            )
+        N = len(initial)
+        states = np.empty((N, n, self.problem.nodes, 6))
+        step = max(1, COLUMNS_AT_ONCE // (n * self.problem.nodes))
+        for start in range(0, N, step):
+            part = slice(start, start + step)
+            states[part] = self._predict(initial[part], goal[part])
+        return states
+
+    @torch.inference_mode()
+    def _predict(
+        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
+    ) -> Float[Array, "N n T 6"]:
+        inputs = self.encoding.inputs(initial, goal)
+        output = find(self.architecture).forward(self.network, inputs.float(), self.encoding)
+        return np.asarray(self.encoding.decode(output.double(), inputs).numpy())
+
+
+def save(model: Model, folder: Path) -> None:
+    """Write ``weights.safetensors`` and then ``model.json``, which holds the weights' digest."""
+    weights = tensors_to({k: v.contiguous() for k, v in model.network.state_dict().items()})
+    encoding = model.encoding
+    document = ModelDocument(
+        architecture=model.architecture,
+        config=dict(model.config),
+        recipe=model.recipe,
+        problem=ProblemFields(**asdict(encoding.problem)),
+        n_train=encoding.n,
+        interior=encoding.interior,
+        target=encoding.target,
+        input_scale=list(encoding.input_scale),
+        target_scale=list(encoding.target_scale),
+        weights_sha256=hashlib.sha256(weights).hexdigest(),
+    )
+    with published(folder / WEIGHTS_FILE) as temporary:
+        temporary.write_bytes(weights)
+    write_text(folder / DOCUMENT_FILE, document.model_dump_json(indent=1) + "\n")
+
+
+def load(folder: Path) -> Model:
+    """The model that ``save`` wrote; nothing in the files is executed.
+
+    Raises:
+        InputError: where a file is missing, damaged, of another schema, or does not fit the
+            other, or where the architecture is not installed.
+    """
+    document = read_document(folder / DOCUMENT_FILE)
+    encoding = document.encoding
+    network = _skeleton(folder, document, encoding)
+    weights = _read_weights(folder / WEIGHTS_FILE, document.weights_sha256)
+    _check_weights(folder / WEIGHTS_FILE, weights, network.state_dict())
+    network.load_state_dict(weights, assign=True)
+    return Model(document.architecture, document.config, document.recipe, encoding, network)
+
+
+def _skeleton(folder: Path, document: ModelDocument, encoding: Encoding) -> nn.Module:
+    """The network without memory for its weights, so that no file can ask for too much of it."""
+    architecture = find(document.architecture)
+    try:
+        with torch.device("meta"):
+            return architecture.network(document.config, encoding, 0.0)
+    except (ValueError, TypeError, KeyError, RuntimeError) as error:
+        raise InputError(
+            f"{folder / DOCUMENT_FILE}: config is {document.config}, of which architecture "
+            f"{document.architecture!r} makes no network; train the model again."
+        ) from error
+
+
+def _read_weights(path: Path, digest: str) -> dict[str, Tensor]:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error}); expected weights.") from error
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise InputError(
+            f"{path} is not the file that {DOCUMENT_FILE} was written for (weights_sha256 "
+            "differs); copy the model again or train it again."
+        )
+    try:
+        return tensors_from(content)
+    except (SafetensorError, KeyError, ValueError) as error:
+        raise InputError(
+            f"{path} holds no safetensors ({error}); train the model again."
+        ) from error
+
+
+def _check_weights(path: Path, given: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> None:
+    if given.keys() != wanted.keys():
+        odd = ", ".join(sorted(given.keys() ^ wanted.keys()))
+        raise InputError(f"{path} does not have the network's weights; missing or unknown: {odd}.")
+    for name, tensor in given.items():
+        like = wanted[name]
+        if tensor.shape != like.shape or tensor.dtype != like.dtype:
+            raise InputError(
+                f"{path}: {name} is {tensor.dtype} of shape {tuple(tensor.shape)}; expected "
+                f"{like.dtype} of shape {tuple(like.shape)}."
+            )
+        if not torch.isfinite(tensor).all():
+            raise InputError(f"{path}: {name} has values that are not finite numbers; train again.")

@@ -1,0 +1,112 @@
+"""Networks as planners."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.networks.architecture import find
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.flown import Flown
+from pipeline.networks.model import Model
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.plan import SOLVED, UNSAFE
+from pipeline.scenario import Scenario, draw
+
+PROBLEM = Problem()
+SCALE = (100.0, 200.0, 50.0, 0.1, 0.2, 0.05)
+
+
+def least_energy_model():
+    """A network whose answer is 0, measured from the minimum-energy transfer."""
+    encoding = Encoding(PROBLEM, 3, "minimum-energy", "offset", SCALE, SCALE)
+    found = find("ff1")
+    network = found.network(found.config, encoding, 0.0)
+    model = Model("ff1", found.config, "tuned", encoding, network)
+    for parameter in network.parameters():
+        parameter.zero_()
+    return model
+
+
+def planner(model=None):
+    return Flown(model or least_energy_model(), "ff1 flown", lambda s: [0.001 * x.n for x in s])
+
+
+def drawn(n, count=3):
+    return [draw("rings", 2, n, k, PROBLEM) for k in range(count)]
+
+
+def crossing(radius):
+    """Two craft that trade places, so that their cheapest transfers mirror each other."""
+    a = np.array([50.0, 0, 0, 0, -2 * PROBLEM.mean_motion * 50, 0])
+    problem = replace(PROBLEM, collision_radius=radius)
+    return Scenario(problem, np.stack([a, -a]), np.stack([-a, a]), name="crossing")
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_every_flown_plan_obeys_the_dynamics_and_meets_the_goal(n):
+    encoding = Encoding(PROBLEM, 3, "line", "states", SCALE, SCALE)
+    found = find("ff1")
+    untrained = Model(
+        "ff1", found.config, "paper", encoding, found.network(found.config, encoding, 0.0)
+    )
+    A, B = cw_matrices(PROBLEM.mean_motion, PROBLEM.time_step)
+    scenarios = drawn(n)
+    plans = planner(untrained).plan(scenarios)
+    assert [plan.planner for plan in plans] == ["ff1 flown"] * 3
+    for scenario, plan in zip(scenarios, plans, strict=True):
+        after = plan.states[:, :-1] @ A.T + plan.controls @ B.T
+        np.testing.assert_allclose(plan.states[:, 1:], after, atol=1e-6)
+        np.testing.assert_allclose(plan.states[:, 0], scenario.initial, atol=1e-9)
+        np.testing.assert_allclose(plan.states[:, -1], scenario.goal, atol=1e-6)
+
+
+def test_a_trajectory_that_can_be_flown_is_flown_as_predicted():
+    scenario = drawn(3, 1)[0]
+    plan = planner().plan([scenario])[0]
+    expected = minimum_energy(scenario.initial, scenario.goal, PROBLEM)
+    np.testing.assert_allclose(plan.controls, expected, atol=1e-9)
+    np.testing.assert_allclose(plan.states, fly(scenario.initial, expected, PROBLEM), atol=1e-4)
+
+
+def test_a_plan_is_solved_only_where_its_separation_is_proven():
+    apart = planner().plan([crossing(1e-3)])[0].certificate.min_separation
+    assert planner().plan([crossing(0.9 * apart)])[0].status == SOLVED
+    unsafe = planner().plan([crossing(1.1 * apart)])[0]
+    assert unsafe.status == UNSAFE
+    assert "craft 0 and 1" in unsafe.message
+
+
+def test_a_craft_on_its_own_is_always_safe():
+    plan = planner().plan(drawn(1, 1))[0]
+    assert plan.status == SOLVED
+    assert plan.certificate.min_separation is None
+
+
+def test_the_certificate_takes_its_lower_bound_from_the_planner_s_function():
+    for plan in planner().plan(drawn(3)):
+        assert plan.certificate.fuel_lower_bound == pytest.approx(0.003)
+        assert plan.certificate.fuel == pytest.approx(np.abs(plan.controls).sum())
+
+
+def test_no_scenarios_make_no_plans():
+    assert planner().plan([]) == []
+
+
+@pytest.mark.parametrize(
+    "change", [{"nodes": 12}, {"time_step": 100.0}, {"mean_motion": 1.2e-3}], ids=str
+)
+def test_a_scenario_of_another_orbit_or_time_grid_is_refused_by_name(change):
+    scenario = drawn(2, 1)[0]
+    other = replace(scenario, problem=replace(PROBLEM, **change))
+    with pytest.raises(InputError, match=next(iter(change))):
+        planner().plan([other])
+
+
+def test_an_orbit_written_with_fewer_digits_is_still_the_same():
+    scenario = drawn(2, 1)[0]
+    rounded = replace(PROBLEM, mean_motion=float(f"{PROBLEM.mean_motion:.8g}"))
+    assert planner().plan([replace(scenario, problem=rounded)])

@@ -1,0 +1,218 @@
+"""Trained models in memory and in folders."""
+
+import hashlib
+import json
+import pickle
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load as tensors_from
+from safetensors.torch import save as tensors_to
+
+from pipeline.errors import InputError
+from pipeline.networks.architecture import find
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.model import COLUMNS_AT_ONCE, Model, load, save
+from pipeline.orbit.problem import Problem
+
+PROBLEM = Problem(nodes=4)
+SCALE = (100.0, 200.0, 50.0, 0.1, 0.2, 0.05)
+
+
+def untrained(name, n=3, target="states"):
+    torch.manual_seed(0)
+    encoding = Encoding(PROBLEM, n, "line", target, SCALE, SCALE)
+    found = find(name)
+    return Model(name, found.config, "paper", encoding, found.network(found.config, encoding, 0.5))
+
+
+def ends(count, n):
+    rng = np.random.default_rng(1)
+    return rng.normal(size=(2, count, n, 6)) * np.array(SCALE)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    save(untrained("ff1"), tmp_path)
+    return tmp_path
+
+
+def forge(folder, weights):
+    """Puts weights in place of the saved ones, with the digest that goes with them."""
+    (folder / "weights.safetensors").write_bytes(weights)
+    change(folder, weights_sha256=hashlib.sha256(weights).hexdigest())
+
+
+def change(folder, **fields):
+    path = folder / "model.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
+
+
+@pytest.mark.parametrize("name", ["ff2", "lstm2"])
+def test_a_model_that_was_saved_predicts_as_before(name, tmp_path):
+    model = untrained(name, target="offset")
+    save(model, tmp_path / "deep" / "folder")
+    again = load(tmp_path / "deep" / "folder")
+    assert (again.architecture, again.recipe, again.encoding) == (name, "paper", model.encoding)
+    for n in (1, 3, 5):
+        assert np.array_equal(model.predict(*ends(2, n)), again.predict(*ends(2, n)))
+
+
+def test_a_folder_holds_nothing_but_plain_weights_and_json(folder):
+    assert {p.name for p in folder.iterdir()} == {"weights.safetensors", "model.json"}
+    document = json.loads((folder / "model.json").read_text())
+    assert document["schema"] == "prolearn.model/1"
+    assert document["config"] == {"hidden": [180]}
+
+
+def test_predictions_are_states_in_float64_without_dropout():
+    model = untrained("ff1")
+    first, second = model.predict(*ends(4, 3)), model.predict(*ends(4, 3))
+    assert first.shape == (4, 3, 4, 6)
+    assert first.dtype == np.float64
+    assert np.array_equal(first, second)
+    assert model.predict(*ends(0, 3)).shape == (0, 3, 4, 6)
+
+
+def test_a_network_that_answers_zero_predicts_what_its_target_is_measured_from():
+    for target in ("states", "offset"):
+        model = untrained("ff1", target=target)
+        for parameter in model.network.parameters():
+            parameter.zero_()
+        initial, goal = ends(2, 3)
+        share = np.linspace(0, 1, 4)[:, None]
+        line = initial[:, :, None] * (1 - share) + goal[:, :, None] * share
+        expected = line if target == "offset" else 0 * line
+        np.testing.assert_allclose(model.predict(initial, goal), expected, atol=1e-9)
+
+
+def test_many_instances_are_predicted_as_one_by_one():
+    model = untrained("lstm1", n=2)
+    count = COLUMNS_AT_ONCE // (2 * PROBLEM.nodes) + 3  # more than fit in one part
+    initial, goal = ends(count, 2)
+    states = model.predict(initial, goal)
+    for k in (0, count - 4, count - 3, count - 1):
+        alone = model.predict(initial[k : k + 1], goal[k : k + 1])[0]
+        np.testing.assert_allclose(states[k], alone, rtol=1e-4, atol=1e-4)
+
+
+def test_swarms_without_craft_are_refused():
+    model = untrained("ff1")
+    with pytest.raises(InputError, match="at least one"):
+        model.predict(np.zeros((2, 0, 6)), np.zeros((2, 0, 6)))
+
+
+@pytest.mark.parametrize("file", ["model.json", "weights.safetensors"])
+def test_a_missing_file_is_reported(folder, file):
+    (folder / file).unlink()
+    with pytest.raises(InputError, match=file):
+        load(folder)
+
+
+@pytest.mark.parametrize("file", ["model.json", "weights.safetensors"])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
+def test_a_truncated_file_is_reported(folder, file, share):
+    content = (folder / file).read_bytes()
+    (folder / file).write_bytes(content[: int(share * len(content))])
+    with pytest.raises(InputError, match=file):
+        load(folder)
+
+
+def test_a_flipped_bit_in_the_weights_is_reported(folder):
+    content = bytearray((folder / "weights.safetensors").read_bytes())
+    content[-5] ^= 1
+    (folder / "weights.safetensors").write_bytes(content)
+    with pytest.raises(InputError, match="weights_sha256"):
+        load(folder)
+
+
+def test_truncated_weights_with_a_matching_digest_are_reported(folder):
+    forge(folder, (folder / "weights.safetensors").read_bytes()[:-8])
+    with pytest.raises(InputError, match="safetensors"):
+        load(folder)
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"schema": "prolearn.model/2"}, "prolearn.model/2"),
+        ({"schema": None}, "None"),
+        ({"architecture": "ff9"}, "ff9"),
+        ({"config": {"hidden": [90]}}, "expected"),
+        ({"config": {"hidden": [-1]}}, "config"),
+        ({"config": {"hidden": [10**9]}}, "config"),
+        ({"config": {}}, "config"),
+        ({"n_train": 4}, "expected"),
+        ({"n_train": 0}, "n_train"),
+        ({"n_train": "3"}, "n_train"),
+        ({"interior": "arc"}, "arc"),
+        ({"target": "controls"}, "controls"),
+        ({"input_scale": [1.0] * 5}, "input_scale"),
+        ({"input_scale": [1.0] * 5 + [0.0]}, "input_scale"),
+        ({"target_scale": [1.0] * 5 + [float("nan")]}, "target_scale"),
+        ({"problem": {"nodes": 4}}, "mean_motion"),
+        ({"code": "print()"}, "code"),
+    ],
+    ids=str,
+)
+def test_a_wrong_field_is_refused_by_name(folder, fields, told):
+    change(folder, **fields)
+    with pytest.raises(InputError, match=told):
+        load(folder)
+
+
+@pytest.mark.parametrize("text", ["[]", "null", "{", "\x00", '{"schema": {}}'])
+def test_a_document_that_is_none_is_refused(folder, text):
+    (folder / "model.json").write_text(text)
+    with pytest.raises(InputError, match=r"model\.json"):
+        load(folder)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_weights_that_are_not_finite_are_refused(folder, value):
+    weights = tensors_from((folder / "weights.safetensors").read_bytes())
+    weights["0.bias"][7] = value
+    forge(folder, tensors_to(weights))
+    with pytest.raises(InputError, match=r"0\.bias.*finite"):
+        load(folder)
+
+
+def test_weights_of_other_shapes_names_or_types_are_refused(folder):
+    weights = tensors_from((folder / "weights.safetensors").read_bytes())
+    for other in (
+        {**weights, "0.bias": weights["0.bias"][:-1].clone()},
+        {**weights, "0.bias": weights["0.bias"].double()},
+        {k: v for k, v in weights.items() if k != "0.bias"},
+        {**weights, "extra": torch.zeros(1)},
+    ):
+        forge(folder, tensors_to(other))
+        with pytest.raises(InputError, match=r"0\.bias|extra"):
+            load(folder)
+
+
+class Payload:
+    def __init__(self, trace):
+        self.trace = trace
+
+    def __reduce__(self):
+        return (open, (str(self.trace), "w"))
+
+
+def test_a_pickle_in_place_of_the_weights_does_not_run(folder, tmp_path):
+    trace = tmp_path / "ran"
+    pickled = pickle.dumps(Payload(trace))
+    forge(folder, pickled)
+    with pytest.raises(InputError, match="safetensors"):
+        load(folder)
+    assert not trace.exists()
+    pickle.loads(pickled).close()  # it would have
+    assert trace.exists()
+
+
+def test_loading_leaves_the_random_state_alone(folder):
+    torch.manual_seed(5)
+    expected = torch.rand(3)
+    torch.manual_seed(5)
+    load(folder)
+    assert torch.equal(torch.rand(3), expected)
