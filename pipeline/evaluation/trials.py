@@ -1,0 +1,194 @@
+"""Experiments 1 and 2: every planner on the same test scenarios of each swarm size."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.fuel import fuel, implied_controls
+from pipeline.orbit.separation import node_collisions, pair_conflicts
+from pipeline.plan import SOLVED, Plan, Planner
+from pipeline.scenario import Scenario
+
+WARM_UP = 1
+"""Plans made and thrown away before a planner is timed."""
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """Whatever answers with trajectories that need not be flyable."""
+
+    def predict(
+        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
+    ) -> Float[Array, "N n T 6"]:
+        """Node states, m and m/s."""
+        ...
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A planner in the experiments.
+
+    Attributes:
+        planner: what plans.
+        recipe: how it was trained, where it was.
+        predictor: what it predicts with, where it is a network; its raw output is then judged
+            too, as in the paper.
+    """
+
+    planner: Planner
+    recipe: str = ""
+    predictor: Predictor | None = None
+
+    @property
+    def reading(self) -> str:
+        """What the planner's plans are called: "flown" for networks, "plan" for the others."""
+        return "plan" if self.predictor is None else "flown"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One planner's answer to one scenario.
+
+    Attributes:
+        planner: its name.
+        recipe: of its training, or nothing.
+        reading: "plan", "flown" or "predicted".
+        n: swarm size.
+        trial: number of the scenario.
+        node_collisions: Eq. 5.
+        pair_conflicts: pairs within r_col at any time; not a number where nothing is flown.
+        safe: whether separation is proven at all times.
+        min_separation: least distance of any pair at any time, m.
+        fuel: Eq. 4, m/s²; of raw states, that of the controls nearest to them.
+        fuel_lower_bound: m/s².
+        boundary_error: largest miss of an initial or goal position, m.
+        dynamics_error: largest violation of Eq. 2 in position, m.
+        seconds: time to plan this scenario alone, where it was timed.
+        convex_solves: joint convex programs.
+    """
+
+    planner: str
+    recipe: str
+    reading: str
+    n: int
+    trial: int
+    node_collisions: int
+    pair_conflicts: float
+    safe: bool
+    min_separation: float
+    fuel: float
+    fuel_lower_bound: float
+    boundary_error: float
+    dynamics_error: float
+    seconds: float
+    convex_solves: int
+
+
+def run_trials(
+    entrants: Sequence[Entrant],
+    scenarios: Sequence[Scenario],
+    *,
+    timed: int = 0,
+    report: Callable[[], None] = lambda: None,
+) -> pd.DataFrame:
+    """All entrants on scenarios of one problem and one size: a row a trial, columns of Trial.
+
+    Args:
+        entrants: the planners.
+        scenarios: of one problem and one n.
+        timed: how many of the scenarios are planned once more one at a time, the planners in
+            turn so that the machine's noise falls on all alike, to take the time.
+        report: called after each entrant.
+    """
+    seconds = _times(entrants, scenarios[:timed])
+    rows: list[Trial] = []
+    for k, entrant in enumerate(entrants):
+        plans = entrant.planner.plan(scenarios)
+        bounds = [plan.certificate.fuel_lower_bound for plan in plans]
+        if entrant.predictor is not None:
+            rows += _predicted(entrant, entrant.predictor, scenarios, bounds)
+        for trial, (scenario, plan) in enumerate(zip(scenarios, plans, strict=True)):
+            time = seconds[k][trial] if trial < timed else float("nan")
+            rows.append(_trial(entrant, scenario, plan, trial, time))
+        report()
+    return pd.DataFrame([asdict(row) for row in rows])
+
+
+def _times(entrants: Sequence[Entrant], scenarios: Sequence[Scenario]) -> list[list[float]]:
+    """Seconds to plan each scenario alone, by entrant."""
+    for entrant in entrants:
+        entrant.planner.plan(scenarios[:WARM_UP])
+    seconds: list[list[float]] = [[] for _ in entrants]
+    for scenario in scenarios:
+        for taken, entrant in zip(seconds, entrants, strict=True):
+            taken.append(entrant.planner.plan([scenario])[0].timing["plan"])
+    return seconds
+
+
+def _trial(entrant: Entrant, scenario: Scenario, plan: Plan, trial: int, seconds: float) -> Trial:
+    certificate = plan.certificate
+    apart = certificate.min_separation
+    return Trial(
+        planner=entrant.planner.name,
+        recipe=entrant.recipe,
+        reading=entrant.reading,
+        n=scenario.n,
+        trial=trial,
+        node_collisions=certificate.node_collisions,
+        pair_conflicts=float(pair_conflicts(plan.states, plan.controls, scenario.problem)),
+        safe=plan.status == SOLVED and _apart_at_all_times(plan, scenario),
+        min_separation=float("nan") if apart is None else apart,
+        fuel=certificate.fuel,
+        fuel_lower_bound=certificate.fuel_lower_bound,
+        boundary_error=certificate.goal_error,
+        dynamics_error=certificate.dynamics_error,
+        seconds=seconds,
+        convex_solves=plan.convex_solves,
+    )
+
+
+def _apart_at_all_times(plan: Plan, scenario: Scenario) -> bool:
+    bound = plan.certificate.min_separation_bound
+    return bound is None or bound > scenario.problem.collision_radius
+
+
+def _predicted(
+    entrant: Entrant,
+    predictor: Predictor,
+    scenarios: Sequence[Scenario],
+    bounds: Sequence[float],
+) -> Iterator[Trial]:
+    """Raw predictions read as the paper reads them, with their errors beside."""
+    problem, n = scenarios[0].problem, scenarios[0].n
+    initial = np.stack([scenario.initial for scenario in scenarios])
+    goal = np.stack([scenario.goal for scenario in scenarios])
+    states = predictor.predict(initial, goal)
+    controls = implied_controls(states, problem)
+    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    defect = states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
+    ends = np.stack([states[..., 0, :] - initial, states[..., -1, :] - goal])
+    used, collisions = fuel(controls), node_collisions(states, problem.collision_radius)
+    for trial in range(len(scenarios)):
+        yield Trial(
+            planner=entrant.planner.name,
+            recipe=entrant.recipe,
+            reading="predicted",
+            n=n,
+            trial=trial,
+            node_collisions=int(collisions[trial]),
+            pair_conflicts=float("nan"),
+            safe=False,
+            min_separation=float("nan"),
+            fuel=float(used[trial]),
+            fuel_lower_bound=bounds[trial],
+            boundary_error=float(np.abs(ends[:, trial, :, :3]).max()),
+            dynamics_error=float(np.abs(defect[trial, ..., :3]).max()),
+            seconds=float("nan"),
+            convex_solves=0,
+        )
