@@ -1,0 +1,77 @@
+"""What a report consists of: sections of sentences, tables and pictures."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a printed table.
+
+    Attributes:
+        title: heading, with the unit.
+        source: column of the frame.
+        text: how a value is written; also decides that the column is aligned right.
+    """
+
+    title: str
+    source: str
+    text: Callable[[float], str] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table, whole in its CSV file and rounded on the page.
+
+    Attributes:
+        name: name of the CSV file, without suffix.
+        caption: what it shows.
+        frame: the numbers.
+        columns: what the page shows of them.
+    """
+
+    name: str
+    caption: str
+    frame: pd.DataFrame
+    columns: Sequence[Column]
+
+    def markdown(self) -> str:
+        """The printed columns as a Markdown table, numbers aligned right."""
+        shown = pd.DataFrame({c.title: _texts(self.frame[c.source], c) for c in self.columns})
+        align = ["left" if c.text is None else "right" for c in self.columns]
+        return str(shown.to_markdown(index=False, disable_numparse=True, colalign=align))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure with its caption.
+
+    Attributes:
+        name: name of the figure files, without suffix.
+        caption: what it shows.
+        figure: the drawing.
+    """
+
+    name: str
+    caption: str
+    figure: Figure
+
+
+Block = str | Table | Picture
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A heading and what stands below it; a string is a paragraph of Markdown."""
+
+    title: str
+    blocks: Sequence[Block]
+
+
+def _texts(values: "pd.Series[float]", column: Column) -> list[str]:
+    if column.text is None:
+        return [" ".join(str(v).split()).replace("|", "\\|") for v in values]
+    return [column.text(float("nan") if pd.isna(v) else float(v)) for v in values]

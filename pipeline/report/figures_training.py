@@ -1,0 +1,70 @@
+"""Loss curves of training."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from pipeline.report.axes import fit_scale
+from pipeline.report.style import (
+    FEED_FORWARD,
+    PAGE_WIDTH,
+    RECURRENT,
+    Style,
+    in_order,
+    in_style,
+    name_of,
+)
+
+
+@in_style
+def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
+    """Training and validation loss against epoch: a row for each recipe, a column a family."""
+    families = [f for f in ("Feed-forward", "LSTM", "Other") if (_families(curves) == f).any()]
+    recipes = sorted(curves["recipe"].fillna("").unique())
+    figure = Figure(figsize=(PAGE_WIDTH, 0.9 + 2.1 * len(recipes)), layout="constrained")
+    panels = figure.subplots(len(recipes), len(families), squeeze=False)
+    for i, recipe in enumerate(recipes):
+        for j, family in enumerate(families):
+            chosen = (curves["recipe"].fillna("") == recipe) & (_families(curves) == family)
+            if not chosen.any():
+                panels[i, j].set_axis_off()
+                continue
+            _panel(panels[i, j], curves[chosen], look)
+            panels[i, j].set_title(f"{family}, {recipe} recipe" if recipe else family)
+        panels[i, 0].set_ylabel("loss")
+    for ax in panels.flat:
+        ax.set_xlabel("epoch")
+    figure.legend(handles=_legend(curves, look), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _panel(ax: Axes, curves: pd.DataFrame, look: Mapping[str, Style]) -> None:
+    for arch in in_order(curves["arch"]):
+        rows = curves[curves["arch"] == arch].sort_values("epoch")
+        colour = look[arch].colour
+        ax.plot(rows["epoch"], rows["train_loss"], color=colour, linewidth=0.8, linestyle=":")
+        ax.plot(rows["epoch"], rows["valid_loss"], color=colour)
+    ax.margins(x=0.02)
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    losses = curves[["train_loss", "valid_loss"]].to_numpy(dtype=float)
+    if (losses >= 0).all():
+        fit_scale(ax, "y", losses.ravel(), log=True)
+
+
+def _families(curves: pd.DataFrame) -> "pd.Series[str]":
+    names = dict.fromkeys(FEED_FORWARD, "Feed-forward") | dict.fromkeys(RECURRENT, "LSTM")
+    return curves["arch"].map(lambda a: names.get(a, "Other"))
+
+
+def _legend(curves: pd.DataFrame, look: Mapping[str, Style]) -> list[Line2D]:
+    handles = [
+        Line2D([], [], color=look[a].colour, label=name_of(a)) for a in in_order(curves["arch"])
+    ]
+    grey = "#4d4d4d"
+    handles.append(Line2D([], [], color=grey, label="validation"))
+    handles.append(Line2D([], [], color=grey, linewidth=0.8, linestyle=":", label="training"))
+    return handles

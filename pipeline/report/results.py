@@ -1,0 +1,100 @@
+"""What a report is made from: result tables, example transfers and facts about the run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import pandas as pd
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+
+PREDICTED = "predicted"
+"""Reading of a network's raw output, as in the paper: neither dynamics nor ends need hold."""
+
+FLOWN = "flown"
+"""Reading after projection onto the trajectories that obey the dynamics and both ends."""
+
+PLAN = "plan"
+"""Reading of a planner whose output is a flyable plan as it stands."""
+
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "trials": (
+        *("planner", "recipe", "reading", "n", "trial", "node_collisions", "pair_conflicts"),
+        *("safe", "min_separation", "fuel", "fuel_lower_bound", "boundary_error"),
+        *("dynamics_error", "seconds", "convex_solves"),
+    ),
+    "warmstarts": (
+        *("n", "trial", "seed", "rule", "convex_solves", "seconds", "optimality_gap", "fuel"),
+        *("safe", "status"),
+    ),
+    "training": (
+        *("arch", "recipe", "version", "parameters", "epochs", "best_epoch", "valid_loss"),
+        *("seconds", "device", "train_instances", "weights_kib"),
+    ),
+    "curves": ("arch", "recipe", "epoch", "train_loss", "valid_loss"),
+}
+"""The columns that each table must have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """One transfer as several planners fly it.
+
+    Attributes:
+        title: what the transfer is.
+        initial: initial states (n, 6), m and m/s.
+        goal: goal states (n, 6).
+        tracks: positions (n, K, 3) in m, dense in time, by the name of the planner.
+        collision_radius: r_col, m.
+    """
+
+    title: str
+    initial: Float[Array, "n 6"]
+    goal: Float[Array, "n 6"]
+    tracks: Mapping[str, Float[Array, "n _ 3"]]
+    collision_radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Tables as the experiments leave them; all but ``trials`` may be absent or empty.
+
+    Attributes:
+        trials: a row for each planner, recipe, reading, n and trial (experiments 1 and 2).
+        warmstarts: a row for each n, trial, seed and stopping rule (experiment 3).
+        training: a row for each trained model.
+        curves: a row for each arch, recipe and epoch.
+        examples: transfers to draw.
+        facts: what the provenance table states, by name.
+
+    Raises:
+        InputError: ``trials`` is empty, or a table lacks a column of ``COLUMNS``.
+    """
+
+    trials: pd.DataFrame
+    warmstarts: pd.DataFrame | None = None
+    training: pd.DataFrame | None = None
+    curves: pd.DataFrame | None = None
+    examples: Sequence[Example] = ()
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.trials.empty:
+            raise InputError(
+                "the results hold no trials, and a report needs at least one planner's: "
+                "run `prolearn evaluate` first"
+            )
+        for name, columns in COLUMNS.items():
+            table = getattr(self, name)
+            missing = [] if is_empty(table) else [c for c in columns if c not in table.columns]
+            if missing:
+                raise InputError(
+                    f"the results table {name!r} lacks the columns {', '.join(missing)}: "
+                    "write it with the prolearn of this report"
+                )
+
+
+def is_empty(table: pd.DataFrame | None) -> bool:
+    """Whether a table is absent or has no rows."""
+    return table is None or table.empty

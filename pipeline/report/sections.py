@@ -1,0 +1,181 @@
+"""The sections of the report, in the paper's order; what is missing says how to get it."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from pipeline.report import figures_scaling, paper_values
+from pipeline.report.blocks import Block, Picture, Section
+from pipeline.report.figures_objectives import objectives_figure
+from pipeline.report.figures_scaling import scaling_figure
+from pipeline.report.figures_training import curves_figure
+from pipeline.report.figures_transfer import figure_transfer
+from pipeline.report.figures_warmstart import WHISKERS, warmstart_figure
+from pipeline.report.results import Results, is_empty
+from pipeline.report.style import Style, planner_of, styles
+from pipeline.report.tables import facts_table, objectives_table, training_table
+from pipeline.report.tables_scaling import scaling_tables
+from pipeline.report.tables_warmstart import warmstart_tables
+
+READINGS = (
+    "A network is read twice. *As predicted* is the paper's reading: its raw states, which need "
+    "neither obey the dynamics nor meet the ends, so their fuel is not comparable and no safety "
+    "is claimed. *Flown* is the nearest trajectory that obeys the dynamics and both ends exactly. "
+    "Experts and baselines are plans as they stand."
+)
+
+
+def all_sections(results: Results, summary: pd.DataFrame, n: int) -> list[Section]:
+    """Every section, for the summary of the trials and the swarm size of experiment 1."""
+    look = _look(results)
+    return [
+        _experiment1(summary, n, look),
+        _training(results, look),
+        _experiment2(summary, look),
+        _experiment3(results, look),
+        _examples(results),
+        _provenance(results),
+    ]
+
+
+def _look(results: Results) -> dict[str, Style]:
+    """One style for each planner of any table, so that it looks the same in every figure."""
+    names = {str(p) for p in results.trials["planner"]}
+    for table in (results.training, results.curves):
+        if table is not None and not table.empty:
+            names |= {str(a) for a in table["arch"]}
+    if results.warmstarts is not None and not results.warmstarts.empty:
+        names |= {planner_of(str(s)) for s in results.warmstarts["seed"]} - {"none"}
+    return styles(names)
+
+
+def _experiment1(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section:
+    blocks: list[Block] = [READINGS]
+    if n != paper_values.NETWORK_SIZE:
+        blocks.append(
+            f"No trial has n = {paper_values.NETWORK_SIZE}; this section uses n = {n}, the nearest "
+            "size evaluated, so the paper's own numbers do not stand beside ours."
+        )
+    caption = (
+        f"Average collisions and fuel of each planner at n = {n} (the paper's Figures 2 and 3). "
+        "Experts and baselines in black, grey and dark tones, feed-forward networks in cool and "
+        "LSTMs in warm colours."
+    )
+    picture = Picture("experiment1", caption, objectives_figure(summary, n, look))
+    return Section(
+        f"Experiment 1: {n} spacecraft", [*blocks, objectives_table(summary, n), picture]
+    )
+
+
+def _training(results: Results, look: Mapping[str, Style]) -> Section:
+    blocks: list[Block] = []
+    if results.training is None or is_empty(results.training):
+        blocks.append("No training runs were recorded: `prolearn train` fills this table.")
+    else:
+        blocks.append(training_table(results.training))
+    if results.curves is None or is_empty(results.curves):
+        blocks.append("No loss curves were recorded: `prolearn train` writes them.")
+    else:
+        caption = "Loss against epoch: validation solid, training dotted."
+        blocks.append(Picture("training", caption, curves_figure(results.curves, look)))
+    return Section("Training", blocks)
+
+
+def _experiment2(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+    title = "Experiment 2: other swarm sizes"
+    if summary["n"].nunique() < 2:
+        return Section(
+            title,
+            [
+                f"Only n = {summary['n'].iloc[0]} was evaluated: `prolearn evaluate --n 2..30` "
+                "fills this section."
+            ],
+        )
+    hollow = (
+        "Hollow markers are the paper's values at n = 10 (its Table 2) and n = 30 (its text), "
+        "set apart sideways where they would hide each other."
+    )
+    drawn = [
+        ("collisions", figures_scaling.COLLISIONS, "Node collisions (Eq. 5)", "4", hollow),
+        ("safe", figures_scaling.SAFE, "Share of trials safe at all times", "", ""),
+        ("fuel", figures_scaling.FUEL, "Fuel (Eq. 4)", "5", hollow),
+        (
+            "seconds",
+            figures_scaling.SECONDS,
+            "Time to plan one instance",
+            "6 and 7",
+            "The hollow marker is the paper's optimizer at n = 30, nearly "
+            f"{paper_values.EXPERT_SECONDS_AT_30:.0f} s; its networks take at most "
+            f"{paper_values.NETWORK_SECONDS}. Its machine and programs are not ours.",
+        ),
+    ]
+    pictures = [
+        Picture(
+            f"experiment2-{name}",
+            f"{what} against n"
+            + (f" (the paper's Figure{'s' * (len(paper) > 1)} {paper})" if paper else "")
+            + f". {note}".rstrip(),
+            scaling_figure(summary, quantity, look),
+        )
+        for name, quantity, what, paper, note in drawn
+        if summary[quantity.value].notna().any()
+    ]
+    blocks: list[Block] = [*pictures, *scaling_tables(summary)]
+    if summary["seconds_mean"].isna().all():
+        blocks.append("No planner was timed: `prolearn evaluate` records run times.")
+    return Section(title, blocks)
+
+
+def _experiment3(results: Results, look: Mapping[str, Style]) -> Section:
+    title = "Experiment 3: warm starts"
+    warmstarts = results.warmstarts
+    if warmstarts is None or warmstarts.empty:
+        return Section(title, ["No warm starts were run: `prolearn warmstart` fills this section."])
+    blocks: list[Block] = [
+        "The expert starts from a seed and stops at its first safe plan, or goes on until its best "
+        "safe plan no longer improves. The minimum-energy seed costs nothing, so it is what a "
+        f"network's seed has to beat. The paper reports, at n = {paper_values.NETWORK_SIZE}, "
+        f"roughly {paper_values.NO_SEED_SECONDS:.0f} s without a seed and less than "
+        f"{paper_values.NETWORK_SEED_SECONDS:.0f} s from a network's (a ratio below "
+        f"{paper_values.NETWORK_SEED_SECONDS / paper_values.NO_SEED_SECONDS:.2f})."
+    ]
+    for table, n in zip(warmstart_tables(warmstarts), _sizes(warmstarts), strict=True):
+        caption = (
+            f"Time of the expert from each seed at n = {n} (the paper's Figure 8). Boxes are "
+            f"quartiles with the median, whiskers the {WHISKERS[0]}th and {WHISKERS[1]}th "
+            "percentile; the dashed line is the median without a seed."
+        )
+        blocks += [
+            Picture(f"experiment3-n{n}", caption, warmstart_figure(warmstarts, n, look)),
+            table,
+        ]
+    return Section(title, blocks)
+
+
+def _examples(results: Results) -> Section:
+    title = "Example transfers"
+    if not results.examples:
+        return Section(title, ["No example was kept: `prolearn evaluate` keeps some to draw."])
+    return Section(
+        title,
+        [
+            Picture(
+                f"transfer-{k}",
+                f"{example.title} (compare the paper's Figures 1 and 9). All panels have the same "
+                "equal scale; thin ellipses are the initial and goal orbits.",
+                figure_transfer(example),
+            )
+            for k, example in enumerate(results.examples, start=1)
+        ],
+    )
+
+
+def _provenance(results: Results) -> Section:
+    if not results.facts:
+        return Section("Provenance", ["Nothing is known about how these results were made."])
+    facts = pd.DataFrame(list(results.facts.items()), columns=["fact", "value"])
+    return Section("Provenance", [facts_table(facts)])
+
+
+def _sizes(table: pd.DataFrame) -> list[int]:
+    return sorted(int(n) for n in table["n"].unique())

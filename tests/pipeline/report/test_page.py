@@ -1,0 +1,119 @@
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import pandas as pd
+import pytest
+
+from pipeline.report import Results, build_report
+
+
+@pytest.fixture(scope="module")
+def cache():
+    return {}
+
+
+@pytest.fixture
+def report(results, cache, tmp_path_factory):
+    """The full report, built once for all tests of this module."""
+    if not cache:
+        cache["files"] = build_report(results, tmp_path_factory.mktemp("report"))
+    return cache["files"]
+
+
+class References(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.found, self.ids, self.tags = [], set(), []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in {"src", "href", "srcset", "data", "action", "poster"}:
+                self.found.append(value)
+            if name == "id":
+                self.ids.add(value)
+
+
+def test_the_page_refers_to_nothing_outside_itself(report):
+    page = References()
+    text = report.html.read_text()
+    page.feed(text)
+    assert all(v.startswith(("data:image/svg+xml;base64,", "#")) for v in page.found)
+    assert {"script", "link", "iframe"}.isdisjoint(page.tags)
+    assert "@import" not in text
+    assert "url(" not in text
+
+
+def test_the_contents_lead_to_the_sections(report):
+    page = References()
+    page.feed(report.html.read_text())
+    anchors = [v[1:] for v in page.found if v.startswith("#")]
+    assert len(anchors) == 6
+    assert set(anchors) <= page.ids
+
+
+def test_every_figure_is_there_as_svg_and_png_and_named_in_the_markdown(report):
+    folder = report.markdown.parent
+    named = re.findall(r"\]\((figures/[^)]+\.svg)\)", report.markdown.read_text())
+    assert len(named) == len(set(named)) >= 8
+    for name in named:
+        assert (folder / name).read_text().lstrip().startswith("<?xml")
+        assert (folder / name).with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    assert {folder / n for n in named} == {f for f in report.figures if f.suffix == ".svg"}
+    assert report.html.read_text().count("<figure>") == len(named)
+
+
+def test_every_table_is_there_as_csv(report, trials):
+    names = {p.stem for p in report.tables}
+    assert {"experiment1", "training", "experiment2-safe", "experiment3-n10", "summary"} <= names
+    by_name = {p.stem: pd.read_csv(p, keep_default_na=False) for p in report.tables}
+    assert len(by_name["summary"]) == len(trials) / 2
+    ff1 = by_name["experiment1"].query("planner == 'ff1' and reading == 'flown'").iloc[0]
+    assert float(ff1["paper_fuel_mean"]) == 1.906
+
+
+def test_nothing_temporary_is_left_behind(report):
+    files = {p for p in report.markdown.parent.rglob("*") if p.is_file()}
+    assert files == {report.markdown, report.html, *report.tables, *report.figures}
+
+
+def test_text_from_outside_is_shown_and_never_followed(report):
+    page = report.html.read_text()
+    assert "<td" in page
+    assert "pairs | nodes" in page
+    assert "&lt;http://example.org&gt; and [a](http://b.c)" in page
+
+
+def test_the_same_results_give_the_same_bytes(trials, warmstarts, example, tmp_path):
+    def built(name):
+        results = Results(trials, warmstarts, examples=[example])
+        build_report(results, tmp_path / name)
+        root = tmp_path / name
+        return {p.relative_to(root): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+
+    assert built("a") == built("b")
+
+
+def test_what_is_missing_says_which_command_fills_it(trials_at, tmp_path):
+    files = build_report(Results(trials_at(6)), tmp_path)
+    text = files.markdown.read_text()
+    for command in ("prolearn train", "prolearn evaluate --n 2..30", "prolearn warmstart"):
+        assert f"`{command}`" in text
+    assert "No trial has n = 10; this section uses n = 6" in text
+    assert [p.name for p in files.figures] == ["experiment1.svg", "experiment1.png"]
+
+
+def test_untimed_trials_leave_out_the_run_times(trials, tmp_path):
+    untimed = trials.assign(seconds=float("nan"))
+    files = build_report(Results(untimed), tmp_path)
+    assert "experiment2-seconds" not in {p.stem for p in files.figures}
+    assert "No planner was timed" in files.markdown.read_text()
+
+
+def test_the_report_loads_no_solver_no_torch_and_no_pyplot():
+    heavy = {"torch", "cvxpy", "clarabel", "mlflow", "matplotlib.pyplot"}
+    code = f"import sys, pipeline.report; print(*({heavy!r} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

@@ -1,0 +1,119 @@
+import pytest
+
+from pipeline.report import paper_values
+from pipeline.report.numbers import count, error, number, ratio, share
+from pipeline.report.summary import summarize
+from pipeline.report.tables import objectives_table, training_table
+from pipeline.report.tables_scaling import scaling_tables
+from pipeline.report.tables_warmstart import warmstart_tables
+
+
+def cells(table):
+    """The printed table as {row's left cells: other cells}."""
+    lines = [
+        [c.strip() for c in line.strip("|").split("|")] for line in table.markdown().splitlines()
+    ]
+    return lines[0], lines[2:]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (0.04996, "0.0500"),
+        (1.906, "1.91"),
+        (99.96, "100"),
+        (12345.6, "12,346"),
+        (2.27e-13, "2.27e-13"),
+        (0.00123, "0.00123"),
+        (0.00099999, "0.00100"),
+        (-0.5, "-0.500"),
+        (float("nan"), "–"),
+        (float("inf"), "∞"),
+    ],
+)
+def test_numbers_have_three_significant_digits(value, text):
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1.0, "100 %"),
+        (0.0, "0 %"),
+        (0.9999, "> 99.9 %"),
+        (0.0001, "< 0.1 %"),
+        (0.25, "25 %"),
+        (0.996, "99.6 %"),
+        (float("nan"), "–"),
+    ],
+)
+def test_shares_read_all_or_nothing_only_where_they_are(value, text):
+    assert share(value) == text
+
+
+def test_ratios_counts_and_errors_suit_their_kind():
+    assert (ratio(1.0111), ratio(26.54), count(1234.0)) == ("1.011", "26.5", "1,234")
+    assert (error(3e-13), error(0.02), error(float("nan"))) == ("< 1e-6", "0.0200", "–")
+
+
+def test_the_objectives_stand_beside_the_papers(trials):
+    header, body = cells(objectives_table(summarize(trials), 10))
+    assert header[3:8] == ["Collisions, av.", "paper", "Collisions, max.", "paper", header[7]]
+    ff1 = next(r for r in body if r[:3] == ["FF1", "paper", "flown"])
+    assert ff1[3:7] == ["1.50", "1.33", "3", "13"]
+    assert ff1[8:12] == ["50 %", "3.00", "1.91", "3.000"]
+    expert = next(r for r in body if r[0] == "Expert")
+    assert expert[3:7] == ["0", "0.113", "0", "2"]
+    unknown = next(r for r in body if r[0] == "my net")
+    assert (unknown[4], unknown[6], unknown[10]) == ("–", "–", "–")
+
+
+def test_predicted_rows_show_their_errors_and_no_safety(trials):
+    _, body = cells(objectives_table(summarize(trials), 10))
+    predicted = next(r for r in body if r[:3] == ["FF1", "paper", "predicted"])
+    assert predicted[7:9] == ["–", "–"]
+    assert predicted[-2:] == ["40.0", "8.00"]
+
+
+def test_the_papers_numbers_stand_only_beside_its_own_swarm_size(trials):
+    _, body = cells(objectives_table(summarize(trials), 30))
+    assert all(r[4] == r[6] == r[10] == "–" for r in body)
+
+
+def test_training_times_stand_beside_the_papers(results):
+    header, body = cells(training_table(results.training))
+    assert [r[0] for r in body] == ["FF1", "LSTM1", "my net"]
+    at = header.index("Time (s)")
+    assert [r[at : at + 2] for r in body] == [["12.5", "25.1"], ["12.5", "207"], ["12.5", "–"]]
+
+
+def test_scaling_tables_have_a_column_for_each_size_and_no_predicted_safety(trials):
+    collisions, safe, fuel = scaling_tables(summarize(trials))
+    header, body = cells(collisions)
+    assert header[3:] == ["n = 10", "n = 30"]
+    assert [r[:3] for r in body][:3] == [
+        ["Expert", "", "plan"],
+        ["Minimum energy", "", "plan"],
+        ["FF1", "paper", "predicted"],
+    ]
+    assert "predicted" not in {r[2] for r in cells(safe)[1]}
+    assert ["my net", "tuned", "flown", "1.060", "1.060"] in cells(fuel)[1]
+
+
+def test_many_sizes_are_all_in_the_file_and_few_on_the_page(trials_at):
+    table = scaling_tables(summarize(trials_at(*range(2, 31))))[0]
+    assert cells(table)[0][3:] == ["n = 2", "n = 5", "n = 10", "n = 20", "n = 30"]
+    assert {str(n) for n in range(2, 31)} <= set(table.frame.columns)
+
+
+def test_warm_start_tables_print_the_ratio_to_no_seed(warmstarts):
+    (table,) = warmstart_tables(warmstarts)
+    _, body = cells(table)
+    assert ["first safe", "FF1 tuned", "2.00", "66.7 %", "0.100", "0.250", "15.0", "100 %"] in body
+
+
+def test_the_paper_quotes_every_architecture_in_each_of_its_tables():
+    names = {"ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol"}
+    assert set(paper_values.NEURONS) == set(paper_values.TRAIN_SECONDS) == names
+    assert set(paper_values.OBJECTIVES) == names | {"expert"}
