@@ -1,0 +1,1 @@
+"""What MLflow knows: runs, models, versions; the only package that imports mlflow."""

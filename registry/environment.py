@@ -1,0 +1,47 @@
+"""What a run was made with: versions, platform and commit of the code."""
+
+import platform
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
+
+LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")
+"""Packages that a registered model needs to be loaded."""
+
+
+def environment_tags() -> dict[str, str]:
+    """Versions, platform and, where the code is in a git checkout, its commit."""
+    tags = {f"{name}_version": version(name) for name in PACKAGES}
+    tags |= {"python_version": platform.python_version(), "platform": platform.platform()}
+    commit = git_commit()
+    return tags | ({"git_commit": commit} if commit else {})
+
+
+def requirements() -> list[str]:
+    """Exact requirements of a registered model, without a build's local label (+cpu)."""
+    return [f"{name}=={version(name).partition('+')[0]}" for name in LOADING]
+
+
+def git_commit() -> str | None:
+    """Commit of the running code, with ``-dirty`` after it where files differ from it."""
+    here = Path(__file__).resolve()
+    # A package installed inside somebody's checkout is not part of that checkout's history.
+    if _git(here, "ls-files", "--error-unmatch", here.name) is None:
+        return None
+    return _git(here, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+
+
+def _git(file: Path, *arguments: str) -> str | None:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(file.parent), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None

@@ -1,0 +1,53 @@
+"""Who takes part in the experiments: expert, baselines and registered networks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pipeline.evaluation.baselines import BASELINES, fuel_lower_bounds
+from pipeline.evaluation.trials import Entrant
+from pipeline.expert import Expert, Settings
+from pipeline.networks.flown import Flown
+from pipeline.networks.model import Model
+from registry.models import latest_of_each_recipe, load
+from registry.version import ModelVersion
+
+
+@dataclass(frozen=True)
+class Network:
+    """A registered network that takes part.
+
+    Attributes:
+        model: the network.
+        version: what the registry knows about it.
+    """
+
+    model: Model
+    version: ModelVersion
+
+    @property
+    def label(self) -> str:
+        """Architecture and recipe, as tables call it."""
+        return f"{self.version.arch} {self.version.recipe}"
+
+    @property
+    def entrant(self) -> Entrant:
+        """The network flown, and as predicted."""
+        flown = Flown(self.model, self.version.arch, fuel_lower_bounds)
+        return Entrant(flown, self.version.recipe, self.model)
+
+
+def networks(references: Sequence[str]) -> list[Network]:
+    """The networks of some references; without any, the newest of each recipe.
+
+    Raises:
+        InputError: for a reference to nothing.
+        ProlearnError: where the store fails.
+    """
+    chosen: Sequence[str | ModelVersion] = references or latest_of_each_recipe()
+    return [Network(*load(reference)) for reference in chosen]
+
+
+def unlearned() -> list[Entrant]:
+    """The expert in both separation settings, and the baselines."""
+    at_nodes = Expert(Settings(separation="nodes"), "expert (nodes only)")
+    return [Entrant(planner) for planner in (Expert(), at_nodes, *BASELINES)]

@@ -1,0 +1,75 @@
+"""The report, made from the newest results in the tracking store."""
+
+import platform
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+
+from pipeline.errors import InputError
+from pipeline.report import Example, ReportFiles, build_report
+from pipeline.report import Results as ReportResults
+from registry.environment import environment_tags
+from registry.results import Results, fetch_files, latest_evaluation, latest_warmstart
+from registry.tables import training_table
+
+
+def report(out: Path) -> ReportFiles:
+    """Write the report into a folder.
+
+    Raises:
+        InputError: where nothing was evaluated yet.
+        ProlearnError: where the store fails.
+    """
+    evaluation = latest_evaluation()
+    training = training_table()
+    results = ReportResults(
+        trials=evaluation.table,
+        warmstarts=_warmstarts(),
+        training=training.training,
+        curves=training.curves,
+        examples=_examples(evaluation),
+        facts=_facts(evaluation),
+    )
+    return build_report(results, out)
+
+
+def _warmstarts() -> pd.DataFrame | None:
+    """The newest warm starts; a report without them says which command makes them."""
+    try:
+        return latest_warmstart().table
+    except InputError:
+        return None
+
+
+def _examples(evaluation: Results) -> list[Example]:
+    with TemporaryDirectory(prefix="prolearn-") as scratch:
+        folder = fetch_files(evaluation, Path(scratch))
+        return [_read_example(path) for path in sorted(folder.glob("*.npz"))]
+
+
+def _read_example(path: Path) -> Example:
+    with np.load(path, allow_pickle=False) as stored:
+        tracks = {k.removeprefix("track:"): stored[k] for k in stored.files if ":" in k}
+        return Example(
+            title=str(stored["name"]),
+            initial=stored["initial"],
+            goal=stored["goal"],
+            tracks=tracks,
+            collision_radius=float(stored["collision_radius"]),
+        )
+
+
+def _facts(evaluation: Results) -> dict[str, str]:
+    tags = environment_tags()
+    return {
+        "Evaluation run": evaluation.run_id,
+        "Evaluated": evaluation.created.strftime("%Y-%m-%d %H:%M UTC"),
+        "Dataset": evaluation.params.get("data", ""),
+        "Dataset digest": evaluation.params.get("dataset_digest", ""),
+        "Swarm sizes": evaluation.params.get("sizes", ""),
+        "Code": tags.get("git_commit", tags["prolearn_version"]),
+        "Machine": f"{platform.machine()}, {platform.system()}, Python {tags['python_version']}",
+        "torch": tags["torch_version"],
+    }

@@ -1,0 +1,55 @@
+"""Train one network on a dataset and register it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.read import examples
+from pipeline.training.loop import Epoch, train
+from pipeline.training.recipes import recipe_for
+from pipeline.training.validation import position_rmse
+from registry.store import connect
+from registry.training import DatasetInfo, record_training
+from registry.version import ModelVersion
+
+
+def train_model(
+    arch: str,
+    recipe: str,
+    data: Path,
+    *,
+    n: int,
+    seed: int,
+    device: str,
+    changes: Mapping[str, Any],
+    on_epoch: Callable[[Epoch], None],
+) -> ModelVersion:
+    """Train an architecture by a recipe and register the model.
+
+    Args:
+        arch: name of the architecture.
+        recipe: name of the recipe.
+        data: a solved dataset.
+        n: swarm size to train on.
+        seed: of weights, order and dropout.
+        device: "auto" or a device's name.
+        changes: fields of the recipe to set otherwise.
+        on_epoch: called after each epoch.
+
+    Raises:
+        InputError: for an unknown name, a missing dataset, or settings that make no sense.
+        ProlearnError: where the loss diverges or the tracking store fails.
+    """
+    followed = replace(recipe_for(arch, recipe), **changes)
+    learn, valid = examples(data, n, "train"), examples(data, n, "valid")
+    connect()  # a store that is away is better known before training than after
+    trained = train(arch, followed, learn, valid, seed=seed, device=device, on_epoch=on_epoch)
+    return record_training(
+        trained,
+        recipe=followed,
+        seed=seed,
+        dataset=DatasetInfo(str(data), read_manifest(data).digest(), len(learn), len(valid)),
+        metrics={"valid_position_rmse": position_rmse(trained.model, valid)},
+    )

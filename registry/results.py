@@ -1,0 +1,188 @@
+"""Results of experiments: recorded as MLflow runs with their tables, and fetched again."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, SupportsFloat
+
+import mlflow
+import pandas as pd
+
+from pipeline.errors import InputError
+from registry.environment import environment_tags
+from registry.store import (
+    EVALUATION,
+    WARMSTART,
+    Store,
+    log_metrics,
+    log_params,
+    metrics_now,
+    opened,
+    recorded_run,
+)
+from registry.version import ModelVersion, moment
+
+TABLE = "table"
+"""Name of the main table among a run's tables."""
+
+_COMMANDS = {EVALUATION: "prolearn evaluate", WARMSTART: "prolearn warmstart"}
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """A finished run of an experiment.
+
+    Attributes:
+        run_id: its MLflow run.
+        created: when it started.
+        table: a row for each trial.
+        extra: further tables by name.
+        params: parameters of the run.
+        metrics: metrics of the run.
+    """
+
+    run_id: str
+    created: datetime
+    table: pd.DataFrame
+    extra: Mapping[str, pd.DataFrame]
+    params: Mapping[str, str]
+    metrics: Mapping[str, float]
+
+
+def record_evaluation(
+    table: pd.DataFrame,
+    *,
+    params: Mapping[str, Any],
+    metrics: Mapping[str, SupportsFloat] | None = None,
+    extra: Mapping[str, pd.DataFrame] | None = None,
+    files: Path | None = None,
+) -> str:
+    """Record experiments 1 and 2 and return the id of their run.
+
+    Args:
+        table: a row for each trial.
+        params: settings.
+        metrics: summaries.
+        extra: further tables by name.
+        files: a folder whose content becomes the run's artifacts ``files/``.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    return _record(EVALUATION, table, params, metrics or {}, extra or {}, files)
+
+
+def record_warmstart(
+    table: pd.DataFrame,
+    *,
+    params: Mapping[str, Any],
+    metrics: Mapping[str, SupportsFloat] | None = None,
+    extra: Mapping[str, pd.DataFrame] | None = None,
+    files: Path | None = None,
+) -> str:
+    """Record experiment 3; arguments and errors as in :func:`record_evaluation`."""
+    return _record(WARMSTART, table, params, metrics or {}, extra or {}, files)
+
+
+def latest_evaluation() -> Results:
+    """The newest finished run of experiments 1 and 2.
+
+    Raises:
+        InputError: where there is none; it names the command that makes one.
+        ProlearnError: where the store fails.
+    """
+    return _latest(EVALUATION)
+
+
+def latest_warmstart() -> Results:
+    """The newest finished run of experiment 3; errors as in :func:`latest_evaluation`."""
+    return _latest(WARMSTART)
+
+
+def fetch_files(results: Results, folder: Path) -> Path:
+    """Download the files recorded with a run into a folder, and return where they are.
+
+    Raises:
+        ProlearnError: where the store fails, or the run has none.
+    """
+    with opened(create=False) as store:
+        return Path(_download(store, results.run_id, "files", folder))
+
+
+def add_model_metrics(
+    version: ModelVersion, metrics: Mapping[str, SupportsFloat], step: int = 0
+) -> None:
+    """Log metrics to a model's own training run, where the six models compare side by side.
+
+    Args:
+        version: the model.
+        metrics: by name.
+        step: MLflow draws a metric against it; experiment 2 logs at step n.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        entities = metrics_now(metrics, version.model_id or None, step)
+        log_metrics(store, version.run_id, entities)
+
+
+def _record(
+    experiment: str,
+    table: pd.DataFrame,
+    params: Mapping[str, Any],
+    metrics: Mapping[str, SupportsFloat],
+    extra: Mapping[str, pd.DataFrame],
+    files: Path | None,
+) -> str:
+    name = experiment.removeprefix("prolearn-")
+    with (
+        opened() as store,
+        recorded_run(store, experiment, name, environment_tags()) as run_id,
+        TemporaryDirectory(prefix="prolearn-") as scratch,
+    ):
+        log_params(store, run_id, params)
+        log_metrics(store, run_id, metrics_now(metrics))
+        for key, frame in {TABLE: table, **extra}.items():
+            frame.to_parquet(Path(scratch) / f"{key}.parquet", index=False)
+        store.client.log_artifacts(run_id, scratch, "tables")
+        if files is not None:
+            store.client.log_artifacts(run_id, str(files), "files")
+        return run_id
+
+
+def _latest(experiment: str) -> Results:
+    with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
+        runs = store.client.search_runs(
+            [store.experiments[experiment]],
+            filter_string="attributes.status = 'FINISHED'",
+            order_by=["attributes.start_time DESC"],
+            max_results=1,
+        )
+        if not runs:
+            raise InputError(
+                f"There is no finished run of {experiment} in the tracking store; expected one: "
+                f"run `{_COMMANDS[experiment]}` first."
+            )
+        run = runs[0]
+        folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
+        tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
+        return Results(
+            run_id=run.info.run_id,
+            created=moment(run.info.start_time),
+            table=tables.pop(TABLE),
+            extra=tables,
+            params=dict(run.data.params),
+            metrics=dict(run.data.metrics),
+        )
+
+
+def _download(store: Store, run_id: str, path: str, folder: Path) -> str:
+    folder.mkdir(parents=True, exist_ok=True)
+    return str(
+        mlflow.artifacts.download_artifacts(
+            run_id=run_id, artifact_path=path, dst_path=str(folder), tracking_uri=store.uri
+        )
+    )

@@ -1,0 +1,86 @@
+"""An SQLite store before MLflow opens it: found, checked, and opened by one process at a time."""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from pipeline.errors import InputError, ProlearnError
+
+LOCK_SECONDS = 120.0
+"""How long another process may take to set up a fresh store; a few seconds is usual."""
+
+
+def database_path(uri: str) -> Path:
+    """Absolute path of the file behind an ``sqlite:///`` address.
+
+    Raises:
+        InputError: for an address without a file.
+    """
+    name = uri.partition(":///")[2].partition("?")[0]
+    if not name or name == ":memory:":
+        raise InputError(
+            f"MLFLOW_TRACKING_URI is {uri!r}; expected a file, such as sqlite:///mlflow.db, since "
+            "a store in memory is lost when the command ends."
+        )
+    return Path(name).absolute()
+
+
+@contextmanager
+def guarded(path: Path, *, create: bool) -> Iterator[None]:
+    """Hold the lock beside a database that MLflow may open, create and set up in the block.
+
+    MLflow's migrations of a fresh file collide when several processes start them at once.
+
+    Raises:
+        InputError: where the file is missing and not to be made, or is no store of MLflow.
+        ProlearnError: where another process holds the lock for too long.
+    """
+    if not path.exists():
+        if not create:
+            raise InputError(
+                f"There is no tracking store at {path}; expected one with results in it: run "
+                "`prolearn train` here first, change the folder, or set MLFLOW_TRACKING_URI."
+            )
+        path.parent.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(f"{path}.lock", timeout=LOCK_SECONDS)
+    try:
+        with lock:
+            check_database(path)
+            yield
+    except Timeout as error:
+        raise ProlearnError(
+            f"{path}.lock has been held for {LOCK_SECONDS:g} s; expected the process that sets up "
+            "the tracking store to be done by now: end it and try again."
+        ) from error
+
+
+def check_database(path: Path) -> None:
+    """Refuse a file that is no sound store of MLflow; a missing or empty one is about to be.
+
+    Raises:
+        InputError: says what the file is instead.
+    """
+    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+        return
+    advice = "move it away, or set MLFLOW_TRACKING_URI to another file"
+    try:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
+            tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
+            (verdict,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    except sqlite3.DatabaseError as error:
+        raise InputError(
+            f"{path} cannot be read ({error}); expected an SQLite tracking store: {advice}."
+        ) from error
+    if verdict != "ok":
+        raise InputError(
+            f"{path} is damaged ({verdict.splitlines()[-1]}); expected a sound SQLite tracking "
+            f"store: restore a copy, {advice}."
+        )
+    if tables and not tables & {"experiments", "alembic_version"}:
+        raise InputError(
+            f"{path} is an SQLite database of something else; expected a tracking store of "
+            f"MLflow: {advice}."
+        )

@@ -1,0 +1,224 @@
+"""The tracking store: where it is, how its first start is made safe, what its failures mean."""
+
+import logging
+import os
+import re
+import ssl
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, SupportsFloat
+
+import mlflow
+from mlflow.entities import Metric, Param
+from mlflow.exceptions import MlflowException
+from mlflow.telemetry import set_telemetry_client
+from sqlalchemy.exc import SQLAlchemyError
+
+from pipeline.errors import InputError, ProlearnError
+from registry.sqlite import database_path, guarded
+
+DEFAULT_URI = "sqlite:///mlflow.db"
+
+TRAINING = "prolearn-training"
+EVALUATION = "prolearn-evaluation"
+WARMSTART = "prolearn-warmstart"
+EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART)
+
+REACH_SECONDS = 4.0
+"""How long a tracking server may take to say anything at all."""
+
+MOST_PARAMS = 100
+MOST_METRICS = 1000
+"""What MLflow takes in one request."""
+
+PROCESS_DEFAULTS = {
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
+    "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "1",
+    "MLFLOW_HTTP_REQUEST_TIMEOUT": "30",
+    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
+    "MLFLOW_UV_AUTO_DETECT": "false",
+}
+"""Settings of MLflow for this process, where the user has chosen none."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """An open tracking store.
+
+    Attributes:
+        uri: where it is; an SQLite file by its absolute path.
+        client: MLflow's client for it.
+        experiments: ids of the three experiments by name.
+    """
+
+    uri: str
+    client: Any
+    experiments: Mapping[str, str]
+
+
+def tracking_uri() -> str:
+    """MLFLOW_TRACKING_URI, or an SQLite file in the current folder."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or DEFAULT_URI
+
+
+def connect(*, create: bool = True) -> Store:
+    """The tracking store, with the three experiments in it.
+
+    Args:
+        create: make an SQLite store that is not there yet; otherwise its absence is an error.
+
+    Raises:
+        InputError: where MLFLOW_TRACKING_URI is of no use, or its SQLite file is missing,
+            corrupt or something else's.
+        ProlearnError: where the store cannot be reached.
+    """
+    _prepare_process()
+    uri = tracking_uri()
+    with explained(uri):
+        if uri.startswith("sqlite:"):
+            return _connect_sqlite(uri, create)
+        if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
+            raise InputError(
+                f"MLFLOW_TRACKING_URI is {uri!r}; expected sqlite:///FILE or the address of a "
+                "tracking server, since MLflow no longer keeps runs in folders."
+            )
+        if uri.startswith(("http://", "https://")):
+            _check_reachable(uri)
+        return _open(uri, dict.fromkeys(EXPERIMENTS))
+
+
+@contextmanager
+def opened(*, create: bool = True) -> Iterator[Store]:
+    """The tracking store for as long as the block lasts; its failures become a ProlearnError."""
+    store = connect(create=create)
+    with explained(store.uri):
+        yield store
+
+
+@contextmanager
+def explained(uri: str) -> Iterator[None]:
+    """Turn what MLflow raises into one sentence about the store at ``uri``."""
+    try:
+        yield
+    except (MlflowException, SQLAlchemyError, OSError) as error:
+        reason = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
+        raise ProlearnError(
+            f"The tracking store {_shown(uri)} failed ({reason[:300]}); expected one that can be "
+            "read and written: check MLFLOW_TRACKING_URI, the server and the space on the disk."
+        ) from error
+
+
+@contextmanager
+def recorded_run(
+    store: Store, experiment: str, name: str, tags: Mapping[str, str]
+) -> Iterator[str]:
+    """An MLflow run, by its id: FINISHED after the block, FAILED where the block raises."""
+    with mlflow.start_run(
+        experiment_id=store.experiments[experiment],
+        run_name=name,
+        tags=dict(tags),
+        nested=True,
+        log_system_metrics=False,
+    ) as run:
+        yield run.info.run_id
+
+
+def log_params(store: Store, run_id: str, params: Mapping[str, Any]) -> None:
+    """Log parameters, in as few requests as MLflow allows."""
+    entities = [Param(key, str(value)) for key, value in params.items()]
+    for batch in _batches(entities, MOST_PARAMS):
+        store.client.log_batch(run_id, params=batch)
+
+
+def log_metrics(store: Store, run_id: str, metrics: Sequence[Any]) -> None:
+    """Log MLflow's metrics, in as few requests as MLflow allows."""
+    for batch in _batches(metrics, MOST_METRICS):
+        store.client.log_batch(run_id, metrics=batch)
+
+
+def metrics_now(
+    metrics: Mapping[str, SupportsFloat], model_id: str | None = None, step: int = 0
+) -> list[Any]:
+    """MLflow's metrics for values reached by now, of a run and of a model that it logged."""
+    stamp = int(time.time() * 1000)
+    return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in metrics.items()]
+
+
+def _batches(entities: Sequence[Any], most: int) -> Iterator[Sequence[Any]]:
+    return (entities[k : k + most] for k in range(0, len(entities), most))
+
+
+def _prepare_process() -> None:
+    """MLflow's settings for this process; what the user has set stays."""
+    for name, value in PROCESS_DEFAULTS.items():
+        os.environ.setdefault(name, value)
+    set_telemetry_client()  # reads its switch anew
+    if "MLFLOW_LOGGING_LEVEL" not in os.environ:
+        logging.getLogger("mlflow").setLevel(logging.WARNING)
+        logging.getLogger("alembic").setLevel(logging.WARNING)
+
+
+def _connect_sqlite(uri: str, create: bool) -> Store:
+    path = database_path(uri)
+    _, mark, query = uri.partition("?")
+    locations = {name: (path.parent / "mlruns" / name).as_uri() for name in EXPERIMENTS}
+    with guarded(path, create=create):
+        return _open(f"sqlite:///{path}{mark}{query}", locations)
+
+
+def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
+    given = os.environ.get("MLFLOW_TRACKING_URI")
+    mlflow.set_tracking_uri(uri)
+    # MLflow writes the address into the environment, where it would outlive a change of folder.
+    if given is None:
+        os.environ.pop("MLFLOW_TRACKING_URI", None)
+    else:
+        os.environ["MLFLOW_TRACKING_URI"] = given
+    client = mlflow.MlflowClient(tracking_uri=uri)
+    ids = {name: _experiment(client, name, where) for name, where in locations.items()}
+    return Store(uri, client, ids)
+
+
+def _experiment(client: Any, name: str, location: str | None) -> str:
+    """Id of an experiment, made where it is missing, whoever else is making it."""
+    found = client.get_experiment_by_name(name)
+    if found is None:
+        try:
+            return str(client.create_experiment(name, artifact_location=location))
+        except MlflowException as error:
+            if error.error_code != "RESOURCE_ALREADY_EXISTS":
+                raise
+            found = client.get_experiment_by_name(name)
+    if found.lifecycle_stage != "active":
+        raise InputError(
+            f"The experiment {name} was deleted; expected it in the tracking store: bring it "
+            f"back with `mlflow experiments restore -x {found.experiment_id}`."
+        )
+    return str(found.experiment_id)
+
+
+def _check_reachable(uri: str) -> None:
+    """Refuse a server that does not answer; any answer at all counts as one."""
+    try:
+        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=REACH_SECONDS).close()
+    except urllib.error.HTTPError:
+        return
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "reason", error)
+        if isinstance(reason, ssl.SSLError):  # it answers; MLflow has its own rules for these
+            return
+        raise ProlearnError(
+            f"The tracking server {_shown(uri)} does not answer ({reason}); expected a reachable "
+            "MLflow server: start it, or correct or unset MLFLOW_TRACKING_URI."
+        ) from error
+
+
+def _shown(uri: str) -> str:
+    """The address without user and password."""
+    return re.sub(r"//[^/@]*@", "//", uri)

@@ -1,0 +1,138 @@
+"""A registered model version with all that its training run says about it."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from mlflow.exceptions import MlflowException
+
+from registry.store import TRAINING, Store
+
+PREFIX = "prolearn-"
+CHAMPION = "champion"
+
+
+@dataclass(frozen=True)
+class ModelVersion:
+    """One version of a registered model.
+
+    Attributes:
+        name: of the registered model, ``prolearn-<arch>``.
+        version: number of the version, from 1.
+        arch: architecture.
+        recipe: training recipe.
+        run_id: its training run.
+        model_id: MLflow's id of the logged model.
+        aliases: such as ``champion``.
+        dataset_digest: of the dataset that it was trained on.
+        created: when it was registered.
+        params: parameters of the training run.
+        metrics: latest value of each metric of the training run, evaluations included.
+        tags: tags of the training run, such as the versions of what it was made with.
+    """
+
+    name: str
+    version: int
+    arch: str
+    recipe: str
+    run_id: str
+    model_id: str
+    aliases: tuple[str, ...]
+    dataset_digest: str
+    created: datetime
+    params: Mapping[str, str]
+    metrics: Mapping[str, float]
+    tags: Mapping[str, str]
+
+    @property
+    def uri(self) -> str:
+        """What MLflow loads it by."""
+        return f"models:/{self.name}/{self.version}"
+
+    @property
+    def label(self) -> str:
+        """Architecture and recipe, as tables call it."""
+        return f"{self.arch}:{self.recipe}"
+
+
+def read_version(store: Store, found: Any) -> ModelVersion:
+    """The value of one of MLflow's model versions."""
+    return describe(found, _aliases(store, found.name), _run(store, found.run_id))
+
+
+def read_versions(store: Store) -> list[ModelVersion]:
+    """Every registered version, by name and number."""
+    aliases = {m.name: dict(m.aliases) for m in registered(store)}
+    runs = {r.info.run_id: r for r in _training_runs(store)}
+    found = pages(store.client.search_model_versions, filter_string=f"name LIKE '{PREFIX}%'")
+    versions = [describe(v, aliases.get(v.name, {}), runs.get(v.run_id)) for v in found]
+    return sorted(versions, key=lambda v: (v.name, v.version))
+
+
+def registered(store: Store) -> list[Any]:
+    """MLflow's registered models that belong to prolearn."""
+    return list(
+        pages(store.client.search_registered_models, filter_string=f"name LIKE '{PREFIX}%'")
+    )
+
+
+def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
+    """The value of one of MLflow's versions.
+
+    Args:
+        found: MLflow's version.
+        aliases: version number by alias, of the registered model.
+        run: MLflow's training run, or None where it was deleted.
+    """
+    tags = dict(found.tags)
+    return ModelVersion(
+        name=found.name,
+        version=int(found.version),
+        arch=tags.get("arch", found.name.removeprefix(PREFIX)),
+        recipe=tags.get("recipe", ""),
+        run_id=found.run_id or "",
+        model_id=found.model_id or tags.get("model_id", ""),
+        aliases=tuple(sorted(a for a, v in aliases.items() if int(v) == int(found.version))),
+        dataset_digest=tags.get("dataset_digest", ""),
+        created=moment(found.creation_timestamp),
+        params=dict(run.data.params) if run else {},
+        metrics=dict(run.data.metrics) if run else {},
+        tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k} if run else {},
+    )
+
+
+def pages(search: Callable[..., Any], **query: Any) -> Iterator[Any]:
+    """All results of one of MLflow's searches, page after page."""
+    token = None
+    while True:
+        page = search(page_token=token, **query)
+        yield from page
+        token = page.token
+        if not token:
+            return
+
+
+def moment(milliseconds: int) -> datetime:
+    """A time of MLflow's as a date in UTC."""
+    return datetime.fromtimestamp(milliseconds / 1000, UTC)
+
+
+def _aliases(store: Store, name: str) -> dict[str, Any]:
+    return dict(store.client.get_registered_model(name).aliases)
+
+
+def _run(store: Store, run_id: str | None) -> Any:
+    """The run, or None where there is none any more."""
+    try:
+        return store.client.get_run(run_id) if run_id else None
+    except MlflowException as error:
+        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
+            return None
+        raise
+
+
+def _training_runs(store: Store) -> Iterator[Any]:
+    return pages(
+        store.client.search_runs, experiment_ids=[store.experiments[TRAINING]], max_results=1000
+    )

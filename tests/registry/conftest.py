@@ -1,0 +1,85 @@
+"""A tracking store made once and copied, and a small network trained once."""
+
+import shutil
+import socket
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.dataset.examples import Examples
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.scenario import draw
+from pipeline.training.loop import Trained, train
+from pipeline.training.recipes import Recipe, recipe_for
+from registry.training import DatasetInfo
+
+CRAFT = 3
+
+
+def examples(count: int, first: int) -> Examples:
+    """Minimum-energy transfers between random rings."""
+    problem = Problem()
+    drawn = [draw("rings", 0, CRAFT, first + k, problem) for k in range(count)]
+    initial = np.stack([s.initial for s in drawn])
+    goal = np.stack([s.goal for s in drawn])
+    return Examples(
+        problem, initial, goal, fly(initial, minimum_energy(initial, goal, problem), problem)
+    )
+
+
+@pytest.fixture(scope="session")
+def recipe() -> Recipe:
+    return recipe_for("ff1", "tuned")
+
+
+@pytest.fixture(scope="session")
+def trained(recipe: Recipe) -> Trained:
+    return train("ff1", recipe, examples(20, 0), examples(5, 20), seed=3, device="cpu", epochs=2)
+
+
+@pytest.fixture(scope="session")
+def dataset() -> DatasetInfo:
+    return DatasetInfo("data/paper", "0123456789abcdef" * 4, train_instances=20, valid_instances=5)
+
+
+@pytest.fixture(scope="session")
+def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which an SQLite file has all of MLflow's tables and nothing in them."""
+    import mlflow
+
+    path = tmp_path_factory.mktemp("migrated") / "mlflow.db"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{path}")
+        patch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
+        mlflow.MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path: Path, migrated: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A current folder of its own, with a space in its name, that has a store."""
+    here = tmp_path / "my project"
+    here.mkdir()
+    shutil.copyfile(migrated, here / "mlflow.db")
+    monkeypatch.chdir(here)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    return here
+
+
+@pytest.fixture
+def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A current folder without a store."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A port on loopback that nothing listens on."""
+    with closing(socket.create_server(("127.0.0.1", 0))) as probe:
+        port: int = probe.getsockname()[1]
+    return port

@@ -1,0 +1,274 @@
+import json
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import mlflow
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError, ProlearnError
+from pipeline.training.loop import Trained
+from pipeline.training.recipes import Recipe
+from registry.models import latest_of_each_recipe, list_versions, load, promote, resolve
+from registry.store import TRAINING, connect
+from registry.tables import training_table
+from registry.training import DatasetInfo, record_training
+from registry.version import ModelVersion
+
+
+class Project:
+    """A folder with a store, and a network to register in it as often as a test likes."""
+
+    def __init__(self, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> None:
+        self.trained, self.recipe, self.dataset = trained, recipe, dataset
+
+    def train(self, rmse: float, recipe: str = "tuned") -> ModelVersion:
+        return record_training(
+            self.trained,
+            recipe=replace(self.recipe, name=recipe),
+            seed=3,
+            dataset=self.dataset,
+            metrics={"valid_position_rmse": rmse},
+        )
+
+
+@pytest.fixture
+def project(folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> Project:
+    return Project(trained, recipe, dataset)
+
+
+def swarm(n: int) -> tuple[np.ndarray, np.ndarray]:
+    states = np.random.default_rng(n).normal(0, 100, (2, 2, n, 6))
+    return states[0], states[1]
+
+
+def test_a_run_tells_its_whole_story(project: Project) -> None:
+    version = project.train(7.5)
+
+    run = mlflow.MlflowClient().get_run(version.run_id)
+    params, metrics, tags = run.data.params, run.data.metrics, run.data.tags
+    assert run.info.status == "FINISHED"
+    assert params["arch"] == "ff1" and params["recipe"] == "tuned" and params["seed"] == "3"
+    assert params["learning_rate"] == str(project.recipe.learning_rate)
+    assert params["dataset_digest"] == project.dataset.digest
+    assert params["train_instances"] == "20" and params["device"] == "cpu"
+    # dense layers 198 -> 180 -> 198 for 3 craft, 11 nodes, 6 components
+    assert params["parameters"] == str(198 * 180 + 180 + 180 * 198 + 198)
+    history = project.trained.history
+    assert metrics["best_epoch"] == project.trained.best_epoch
+    assert metrics["best_valid_loss"] == min(epoch.valid_loss for epoch in history)
+    assert metrics["training_seconds"] == project.trained.seconds
+    assert metrics["weights_kib"] == pytest.approx(4 * int(params["parameters"]) / 1024, rel=0.01)
+    assert metrics["valid_position_rmse"] == 7.5
+    for tag in ("python_version", "torch_version", "numpy_version", "platform", "prolearn_version"):
+        assert tags[tag]
+    (given,) = run.inputs.dataset_inputs
+    assert project.dataset.digest.startswith(given.dataset.digest)
+    assert json.loads(given.dataset.source) == {"uri": "data/paper"}
+
+
+def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
+    project.train(7.5)
+
+    tables = training_table()
+
+    history = project.trained.history
+    assert tables.curves.to_dict("list") == {
+        "arch": ["ff1", "ff1"],
+        "recipe": ["tuned", "tuned"],
+        "epoch": [1, 2],
+        "train_loss": [epoch.train_loss for epoch in history],
+        "valid_loss": [epoch.valid_loss for epoch in history],
+    }
+    (row,) = tables.training.to_dict("records")
+    assert (row["version"], row["epochs"], row["train_instances"]) == (1, 2, 20)
+    assert row["valid_loss"] == min(epoch.valid_loss for epoch in history)
+    assert row["seconds"] == project.trained.seconds
+
+
+def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) -> None:
+    for rmse, recipe in ((3.0, "paper"), (2.0, "tuned"), (4.0, "paper")):
+        project.train(rmse, recipe)
+
+    newest = [(v.recipe, v.version) for v in latest_of_each_recipe()]
+    assert newest == [("paper", 3), ("tuned", 2)]
+    assert list(training_table().training["version"]) == [3, 2]
+
+
+def test_an_empty_registry_gives_empty_tables(folder: Path) -> None:
+    assert list_versions() == []
+    tables = training_table()
+    assert len(tables.training) == len(tables.curves) == 0
+    assert {"arch", "recipe", "version", "valid_loss"} <= set(tables.training.columns)
+
+
+def test_a_model_is_found_by_every_name_it_has(project: Project) -> None:
+    first, second, third = (
+        project.train(r, n) for r, n in ((3, "paper"), (2, "tuned"), (9, "paper"))
+    )
+    assert [v.version for v in (first, second, third)] == [1, 2, 3]
+
+    names = {
+        "ff1": 1,
+        "prolearn-ff1": 1,
+        "ff1@champion": 1,
+        "prolearn-ff1@champion": 1,
+        "models:/prolearn-ff1@champion": 1,
+        "ff1/2": 2,
+        "prolearn-ff1/2": 2,
+        "models:/prolearn-ff1/2": 2,
+        f"models:/{second.model_id}": 2,
+        "ff1:tuned": 2,
+        "ff1:paper": 3,
+        "models:/prolearn-ff1/latest": 3,
+    }
+    assert {name: resolve(name).version for name in names} == names
+    assert resolve("ff1").aliases == ("champion",)
+    assert resolve("ff1/2").aliases == ()
+    assert resolve("ff1/2") == second == list_versions()[1]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["lstm9", "ff1:best", "ff1/8", "ff1/two", "ff1@crown", "models:/m-0123456789abcdef", "m-1"],
+)
+def test_an_unknown_model_gives_a_sentence_with_those_there_are(
+    project: Project, name: str
+) -> None:
+    project.train(1.0)
+    with pytest.raises(InputError, match=r"prolearn-ff1/1 \(tuned, champion\).*prolearn train"):
+        resolve(name)
+
+
+@pytest.mark.parametrize(
+    "name", ["", "two words", "models:/", "ff1@", "a'; DROP TABLE runs", "../x/1"]
+)
+def test_what_is_no_name_at_all_is_refused_with_the_forms(folder: Path, name: str) -> None:
+    with pytest.raises(InputError, match="ARCH:RECIPE, NAME@ALIAS, NAME/VERSION"):
+        resolve(name)
+
+
+def test_a_worse_version_becomes_champion_only_by_force(project: Project) -> None:
+    project.train(2.0)
+    project.train(3.0)
+
+    with pytest.raises(InputError, match=r"ff1/2 has valid_position_rmse 3 m.*2 m.*--force"):
+        promote("ff1", 2)
+    assert resolve("ff1").version == 1
+
+    assert promote("prolearn-ff1", 2, force=True).aliases == ("champion",)
+    assert resolve("ff1").version == 2
+
+    assert promote("ff1", 1).aliases == ("champion",)  # the better one needs no force
+    assert [v.aliases for v in list_versions()] == [("champion",), ()]
+
+
+def test_a_version_without_a_finite_metric_is_no_better_than_any_champion(project: Project) -> None:
+    project.train(2.0)
+    project.train(float("nan"))
+    with pytest.raises(InputError, match="nan"):
+        promote("ff1", 2)
+    promote("ff1", 2, force=True)
+    assert promote("ff1", 1).aliases == ("champion",)
+
+
+@pytest.mark.parametrize("n", [1, 10, 31])
+def test_mlflow_alone_loads_a_model_and_predicts_for_any_n(
+    project: Project, n: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    version = project.train(1.0)
+    monkeypatch.setenv("MLFLOW_ALLOW_PICKLE_DESERIALIZATION", "false")
+
+    loaded = mlflow.pyfunc.load_model(version.uri)
+    initial, goal = swarm(n)
+    states = loaded.predict({"initial": initial, "goal": goal})
+
+    assert states.shape == (2, n, 11, 6)
+    np.testing.assert_array_equal(states, project.trained.model.predict(initial, goal))
+
+
+def test_the_signature_and_the_input_example_go_with_the_model(project: Project) -> None:
+    loaded = mlflow.pyfunc.load_model(project.train(1.0).uri)
+    example = loaded.input_example
+    assert loaded.predict(example).shape == (1, 2, 11, 6)
+    initial, goal = swarm(3)
+    with pytest.raises(mlflow.exceptions.MlflowException, match="does not match expected shape"):
+        loaded.predict({"initial": initial[..., :5], "goal": goal})
+    with pytest.raises(mlflow.exceptions.MlflowException, match="goal"):
+        loaded.predict({"initial": initial})
+
+
+def test_loading_gives_the_registered_network_with_its_version(project: Project) -> None:
+    registered = project.train(1.0)
+    model, version = load("ff1")
+    again, same = load(registered)
+    initial, goal = swarm(4)
+    wanted = project.trained.model.predict(initial, goal)
+    np.testing.assert_array_equal(model.predict(initial, goal), wanted)
+    np.testing.assert_array_equal(again.predict(initial, goal), wanted)
+    assert version.uri == same.uri == "models:/prolearn-ff1/1"
+
+
+def test_nothing_in_the_registry_is_a_pickle(project: Project, folder: Path) -> None:
+    project.train(1.0)
+    files = [path for path in (folder / "mlruns").rglob("*") if path.is_file()]
+    assert {path.name for path in files} >= {"MLmodel", "weights.safetensors", "model.json"}
+    for path in files:
+        assert path.suffix not in {".pkl", ".pickle", ".pt", ".pt2", ".pth", ".joblib", ".bin"}
+        assert not path.read_bytes().startswith((b"\x80", b"PK")), path
+    (described,) = (path.read_text() for path in files if path.name == "MLmodel")
+    assert "loader_module: registry.flavor" in described
+    assert not re.search("python_model|cloudpickle", described)
+
+
+class Payload:
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> tuple[object, tuple[Path]]:
+        return Path.touch, (self.mark,)
+
+
+@pytest.mark.parametrize("name", ["weights.safetensors", "model.json"])
+def test_a_pickle_in_place_of_a_models_file_does_not_run(
+    project: Project, folder: Path, name: str
+) -> None:
+    version = project.train(1.0)
+    (path,) = (folder / "mlruns").rglob(name)
+    content = pickle.dumps(Payload(folder / "ran"))
+    path.write_bytes(content)
+
+    with pytest.raises(InputError, match=name):
+        load(version)
+    with pytest.raises(InputError, match=name):
+        mlflow.pyfunc.load_model(version.uri)
+    assert not (folder / "ran").exists()
+    pickle.loads(content)
+    assert (folder / "ran").exists(), "the payload would have worked"
+
+
+def test_a_model_whose_artifacts_are_gone_gives_a_sentence(project: Project, folder: Path) -> None:
+    project.train(1.0)
+    (folder / "mlruns").rename(folder / "elsewhere")
+    with pytest.raises(ProlearnError, match=r"docs/mlflow\.md"):
+        load("ff1")
+
+
+def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
+    project: Project, folder: Path
+) -> None:
+    connect()
+    (folder / "mlruns").write_text("a file where a folder is needed")
+
+    with pytest.raises(ProlearnError, match=r"kept in .*unregistered"):
+        project.train(1.0)
+
+    assert list_versions() == []
+    store = connect()
+    (run,) = store.client.search_runs([store.experiments[TRAINING]])
+    assert run.info.status == "FAILED"
+    (kept,) = (folder / "unregistered").iterdir()
+    assert kept.name.startswith("ff1-")
+    assert (kept / "weights.safetensors").stat().st_size > 200_000

@@ -1,0 +1,123 @@
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.training.loop import Trained
+from pipeline.training.recipes import Recipe
+from registry.models import resolve
+from registry.results import (
+    add_model_metrics,
+    fetch_files,
+    latest_evaluation,
+    latest_warmstart,
+    record_evaluation,
+    record_warmstart,
+)
+from registry.store import EVALUATION, connect, recorded_run
+from registry.training import DatasetInfo, record_training
+
+TRIALS = pd.DataFrame(
+    {
+        "planner": ["expert", "ff1:paper"],
+        "n": [10, 10],
+        "fuel": [0.0494, 1.91],
+        "min_separation": [15.2, np.nan],
+        "safe": [True, False],
+    }
+)
+
+
+def test_an_evaluation_comes_back_as_it_went_in(folder: Path) -> None:
+    by_n = pd.DataFrame({"n": [2, 3], "fuel": [0.01, 0.02]})
+    run_id = record_evaluation(
+        TRIALS,
+        params={"sizes": "2..30", "trials": 100},
+        metrics={"n10_expert_fuel_mean": 0.0494},
+        extra={"by_n": by_n},
+    )
+
+    found = latest_evaluation()
+
+    assert found.run_id == run_id
+    pd.testing.assert_frame_equal(found.table, TRIALS)
+    pd.testing.assert_frame_equal(found.extra["by_n"], by_n)
+    assert found.params == {"sizes": "2..30", "trials": "100"}
+    assert found.metrics == {"n10_expert_fuel_mean": 0.0494}
+
+
+def test_the_newest_finished_run_counts(folder: Path) -> None:
+    record_warmstart(TRIALS.head(1), params={})
+    newest = record_warmstart(TRIALS, params={})
+    store = connect()
+    with pytest.raises(KeyboardInterrupt), recorded_run(store, "prolearn-warmstart", "x", {}):
+        raise KeyboardInterrupt
+
+    found = latest_warmstart()
+
+    assert found.run_id == newest
+    assert len(found.table) == 2
+
+
+@pytest.mark.parametrize(
+    ("latest", "command"),
+    [(latest_evaluation, "prolearn evaluate"), (latest_warmstart, "prolearn warmstart")],
+)
+def test_without_results_the_command_that_makes_them_is_named(
+    folder: Path, latest: object, command: str
+) -> None:
+    assert callable(latest)
+    with pytest.raises(InputError, match=f"run `{command}` first"):
+        latest()
+
+
+def test_a_run_that_breaks_off_is_marked_as_failed(folder: Path) -> None:
+    store = connect()
+    with pytest.raises(ZeroDivisionError), recorded_run(store, EVALUATION, "x", {}) as run_id:
+        1 / 0  # noqa: B018
+    assert store.client.get_run(run_id).info.status == "FAILED"
+
+
+def test_files_of_a_run_are_fetched_with_their_folders(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "made" / "figures").mkdir(parents=True)
+    (tmp_path / "made" / "figures" / "fuel.svg").write_text("<svg/>")
+    record_evaluation(TRIALS, params={}, files=tmp_path / "made")
+
+    fetched = fetch_files(latest_evaluation(), tmp_path / "fetched")
+
+    assert (fetched / "figures" / "fuel.svg").read_text() == "<svg/>"
+
+
+def test_more_parameters_and_metrics_than_one_request_takes_all_arrive(folder: Path) -> None:
+    params = {f"p{k}": k for k in range(230)}
+    metrics = {f"m{k}": float(k) for k in range(1200)}
+    record_evaluation(TRIALS, params=params, metrics=metrics)
+    found = latest_evaluation()
+    assert found.params == {k: str(v) for k, v in params.items()}
+    assert found.metrics == metrics
+
+
+def test_an_evaluation_adds_its_metrics_to_the_models_own_run(
+    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+) -> None:
+    version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    add_model_metrics(version, {"n10_flown_node_collisions_mean": 1.5, "n10_flown_fuel_mean": 2.0})
+    add_model_metrics(version, {"n10_flown_node_collisions_mean": 0.5})
+
+    metrics = resolve("ff1").metrics
+    assert metrics["n10_flown_node_collisions_mean"] == 0.5
+    assert metrics["n10_flown_fuel_mean"] == 2.0
+    logged = connect().client.get_logged_model(version.model_id).metrics
+    assert {m.key for m in logged} >= {"n10_flown_fuel_mean", "best_valid_loss"}
+
+
+def test_metrics_by_swarm_size_become_a_curve_over_n(
+    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+) -> None:
+    version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    for n, fuel in ((2, 0.01), (10, 0.05), (30, 0.15)):
+        add_model_metrics(version, {"exp2_flown_fuel_mean": fuel}, step=n)
+    curve = connect().client.get_metric_history(version.run_id, "exp2_flown_fuel_mean")
+    assert {m.step: m.value for m in curve} == {2: 0.01, 10: 0.05, 30: 0.15}

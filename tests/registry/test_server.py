@@ -1,0 +1,127 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import mlflow
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import ProlearnError
+from pipeline.networks.model import load as load_network
+from pipeline.training.loop import Trained
+from pipeline.training.recipes import Recipe
+from registry.models import load, resolve
+from registry.results import latest_evaluation, record_evaluation
+from registry.training import DatasetInfo, record_training
+
+
+@pytest.fixture
+def server(
+    folder: Path, free_port: int, monkeypatch: pytest.MonkeyPatch
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """``mlflow server`` on loopback with artifacts behind it, as the tracking store."""
+    uri = f"http://127.0.0.1:{free_port}"
+    command = (
+        f"-m mlflow server --backend-store-uri sqlite:///mlflow.db --workers 1 --port {free_port}"
+    )
+    process = subprocess.Popen(
+        [sys.executable, *command.split(), "--artifacts-destination", "./behind"],
+        env={**os.environ, "MLFLOW_DISABLE_TELEMETRY": "true"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        wait_for(f"{uri}/health", process)
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+        yield process
+    finally:
+        end(process)
+
+
+def end(process: "subprocess.Popen[bytes]") -> None:
+    """Kill the server and its workers, which are a process group of their own."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait(timeout=20)
+
+
+def wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and process.poll() is None:
+        try:
+            urllib.request.urlopen(url, timeout=1).close()
+            return
+        except OSError:
+            time.sleep(0.1)
+    raise AssertionError("mlflow server did not start")
+
+
+class EndsTheServer:
+    """A setting during whose recording the server goes away."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        self.process = process
+
+    def __str__(self) -> str:
+        end(self.process)
+        return "gone"
+
+
+def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
+    server: "subprocess.Popen[bytes]",
+    folder: Path,
+    trained: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    initial, goal = np.random.default_rng(0).normal(0, 100, (2, 2, 5, 6))
+    wanted = trained.model.predict(initial, goal)
+
+    version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    assert resolve("ff1@champion").uri == version.uri == "models:/prolearn-ff1/1"
+    np.testing.assert_array_equal(load("ff1")[0].predict(initial, goal), wanted)
+    states = mlflow.pyfunc.load_model(version.uri).predict({"initial": initial, "goal": goal})
+    np.testing.assert_array_equal(states, wanted)
+    table = pd.DataFrame({"n": [2, 3]})
+    record_evaluation(table, params={})
+    pd.testing.assert_frame_equal(latest_evaluation().table, table)
+    assert (folder / "behind").is_dir() and not (folder / "mlruns").exists()
+
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")  # a few seconds less
+    started = time.monotonic()
+    with pytest.raises(ProlearnError, match=r"127\.0\.0\.1.*kept in .*unregistered"):
+        record_training(
+            trained, recipe=recipe, seed=0, dataset=dataset, params={"x": EndsTheServer(server)}
+        )
+    assert time.monotonic() - started < 40
+    (kept,) = (folder / "unregistered").iterdir()
+    np.testing.assert_array_equal(load_network(kept).predict(initial, goal), wanted)
+
+
+def test_weights_are_kept_where_the_server_is_away_from_the_start(
+    fresh: Path,
+    free_port: int,
+    monkeypatch: pytest.MonkeyPatch,
+    trained: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{free_port}")
+    started = time.monotonic()
+    with pytest.raises(ProlearnError, match=r"does not answer.*kept in") as caught:
+        record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    assert time.monotonic() - started < 10
+    (kept,) = (fresh / "unregistered").iterdir()
+    assert str(kept) in str(caught.value)
+    initial, goal = np.random.default_rng(0).normal(0, 100, (2, 2, 5, 6))
+    np.testing.assert_array_equal(
+        load_network(kept).predict(initial, goal), trained.model.predict(initial, goal)
+    )

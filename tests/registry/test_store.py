@@ -1,0 +1,181 @@
+import logging
+import shutil
+import socket
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import mlflow
+import pytest
+
+from pipeline.errors import InputError, ProlearnError
+from registry.models import list_versions
+from registry.store import EXPERIMENTS, connect, explained, tracking_uri
+
+
+def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:
+    store = connect()
+
+    assert store.uri == f"sqlite:///{folder / 'mlflow.db'}"
+    assert set(store.experiments) == set(EXPERIMENTS)
+    with closing(sqlite3.connect(folder / "mlflow.db")) as database:
+        names = {name for (name,) in database.execute("SELECT name FROM experiments")}
+    assert names >= {"prolearn-training", "prolearn-evaluation", "prolearn-warmstart"}
+
+
+def test_the_environment_variable_decides_and_stays_as_it_is(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "elsewhere").mkdir()
+    shutil.copyfile(folder / "mlflow.db", folder / "elsewhere" / "runs.db")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///elsewhere/runs.db")
+
+    assert connect().uri == f"sqlite:///{folder / 'elsewhere' / 'runs.db'}"
+    assert tracking_uri() == "sqlite:///elsewhere/runs.db"
+
+
+def test_a_change_of_folder_is_a_change_of_store(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = connect().uri
+    other = tmp_path / "other"
+    other.mkdir()
+    shutil.copyfile(folder / "mlflow.db", other / "mlflow.db")
+    monkeypatch.chdir(other)
+
+    second = connect()
+
+    assert second.uri != first
+    assert mlflow.get_tracking_uri() == second.uri == f"sqlite:///{other / 'mlflow.db'}"
+
+
+def test_connecting_twice_finds_the_same_experiments(folder: Path) -> None:
+    assert connect().experiments == connect().experiments
+
+
+def test_several_processes_may_start_a_fresh_store_at_once(fresh: Path) -> None:
+    code = "from registry.store import connect; print(sorted(connect().experiments.values()))"
+    started = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=-1, text=True)
+        for _ in range(2)
+    ]
+    ended = [(*process.communicate(timeout=120), process.returncode) for process in started]
+
+    assert [code for _, _, code in ended] == [0, 0], ended
+    assert len({out for out, _, _ in ended}) == 1
+    assert [error for _, error, _ in ended] == ["", ""], "MLflow must not chatter"
+    with closing(sqlite3.connect(fresh / "mlflow.db")) as database:
+        (count,) = database.execute(
+            "SELECT count(*) FROM experiments WHERE name LIKE 'prolearn-%'"
+        ).fetchone()
+    assert count == 3
+
+
+def test_reading_a_store_that_is_not_there_names_the_command_that_makes_one(fresh: Path) -> None:
+    with pytest.raises(InputError, match=r"no tracking store at .*mlflow\.db.*prolearn train"):
+        list_versions()
+    assert not (fresh / "mlflow.db").exists()
+
+
+def test_a_file_that_is_no_database_gives_a_sentence(fresh: Path) -> None:
+    (fresh / "mlflow.db").write_bytes(b"these are notes, not a database\n" * 100)
+    with pytest.raises(InputError, match=r"mlflow\.db cannot be read .*MLFLOW_TRACKING_URI"):
+        connect()
+
+
+def test_a_damaged_database_gives_a_sentence(folder: Path) -> None:
+    content = bytearray((folder / "mlflow.db").read_bytes())
+    for page in range(4096 * 3, len(content), 4096):
+        content[page : page + 64] = b"\xff" * 64
+    (folder / "mlflow.db").write_bytes(content)
+    with pytest.raises(InputError, match=r"(damaged|cannot be read)"):
+        connect()
+
+
+def test_the_database_of_something_else_is_left_alone(fresh: Path) -> None:
+    with closing(sqlite3.connect(fresh / "mlflow.db")) as database:
+        database.execute("CREATE TABLE holidays (day TEXT)")
+        database.commit()
+    before = (fresh / "mlflow.db").read_bytes()
+    with pytest.raises(InputError, match="something else"):
+        connect()
+    assert (fresh / "mlflow.db").read_bytes() == before
+
+
+def test_a_folder_in_place_of_the_database_gives_a_sentence(fresh: Path) -> None:
+    (fresh / "mlflow.db").mkdir()
+    with pytest.raises(InputError, match="cannot be read"):
+        connect()
+
+
+def test_a_store_of_another_schema_is_not_touched_and_named(folder: Path) -> None:
+    with closing(sqlite3.connect(folder / "mlflow.db")) as database:
+        database.execute("UPDATE alembic_version SET version_num = '451aebb31d03'")
+        database.commit()
+    with pytest.raises(ProlearnError, match="out-of-date database schema"):
+        connect()
+
+
+@pytest.mark.parametrize(
+    "uri", ["./mlruns", "file:///tmp/mlruns", "sqlite://", "sqlite:///:memory:"]
+)
+def test_an_address_that_keeps_nothing_is_refused(
+    uri: str, fresh: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    with pytest.raises(InputError, match=r"MLFLOW_TRACKING_URI is .*sqlite:///"):
+        connect()
+
+
+def test_a_server_that_is_away_is_named_within_seconds_without_its_password(
+    fresh: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me:secret@127.0.0.1:{free_port}")
+    started = time.monotonic()
+    with pytest.raises(ProlearnError, match=f"127.0.0.1:{free_port} does not answer") as caught:
+        connect()
+    assert time.monotonic() - started < 6
+    assert "secret" not in str(caught.value)
+
+
+def test_a_server_that_accepts_and_says_nothing_is_named_within_seconds(
+    fresh: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("registry.store.REACH_SECONDS", 1.0)
+    with closing(socket.create_server(("127.0.0.1", 0))) as silent:
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{silent.getsockname()[1]}")
+        started = time.monotonic()
+        with pytest.raises(ProlearnError, match="does not answer"):
+            connect()
+    assert time.monotonic() - started < 4
+
+
+def test_a_deleted_experiment_is_named_with_the_command_that_restores_it(folder: Path) -> None:
+    store = connect()
+    store.client.delete_experiment(store.experiments["prolearn-warmstart"])
+    with pytest.raises(
+        InputError, match=r"prolearn-warmstart was deleted.*mlflow experiments restore"
+    ):
+        connect()
+
+
+def test_a_full_disk_is_told_as_a_failure_of_the_store() -> None:
+    with (
+        pytest.raises(ProlearnError, match=r"No space left on device.*space on the disk"),
+        explained("sqlite:///mlflow.db"),
+    ):
+        raise OSError(28, "No space left on device")
+
+
+def test_settings_of_the_user_are_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "6")
+    monkeypatch.setenv("MLFLOW_LOGGING_LEVEL", "DEBUG")
+    logging.getLogger("mlflow").setLevel(logging.DEBUG)
+
+    connect()
+
+    assert mlflow.environment_variables.MLFLOW_HTTP_REQUEST_MAX_RETRIES.get() == 6
+    assert logging.getLogger("mlflow").level == logging.DEBUG
