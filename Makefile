@@ -1,0 +1,78 @@
+# prolearn: `make help` lists the targets.
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+JOBS ?= -1
+PORT ?= 5000
+FF := ff1,ff2,ffcol
+LSTM := lstm1,lstm2,lstmcol
+
+export MLFLOW_DISABLE_TELEMETRY := true
+
+.PHONY: help demo dataset train train-all evaluate warmstart report ui test lint clean
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+$(BIN)/prolearn: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	@touch $@
+
+$(BIN)/pytest: $(BIN)/prolearn
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+demo: $(BIN)/prolearn ## the whole line at small scale: dataset, six networks, experiments, report
+	$(BIN)/prolearn dataset --preset demo --out data/demo --jobs $(JOBS)
+	$(BIN)/prolearn train --arch $(FF) --recipe tuned --data data/demo
+	$(BIN)/prolearn train --arch $(FF) --recipe paper --data data/demo
+	$(BIN)/prolearn train --arch $(LSTM) --recipe tuned --data data/demo --epochs 8
+	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 8
+	$(BIN)/prolearn evaluate --data data/demo --timed 5
+	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
+	$(BIN)/prolearn report --out reports
+	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
+
+dataset: $(BIN)/prolearn ## the paper's dataset: 10,000 scenarios of n=10, 100 of each n=2..30
+	$(BIN)/prolearn dataset --preset paper --out data/paper --jobs $(JOBS)
+
+DATA ?= data/paper
+EPOCHS ?=
+ARCH ?= ff1
+RECIPE ?= tuned
+train: $(BIN)/prolearn ## one network: make train ARCH=lstm2 RECIPE=paper
+	$(BIN)/prolearn train --arch $(ARCH) --recipe $(RECIPE) --data $(DATA) $(EPOCHS:%=--epochs %)
+
+train-all: $(BIN)/prolearn ## all six networks in both recipes
+	$(BIN)/prolearn train --arch $(FF),$(LSTM) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %)
+	$(BIN)/prolearn train --arch $(FF),$(LSTM) --recipe paper --data $(DATA) $(EPOCHS:%=--epochs %)
+
+evaluate: $(BIN)/prolearn ## experiments 1 and 2
+	$(BIN)/prolearn evaluate --data $(DATA)
+
+warmstart: $(BIN)/prolearn ## experiment 3
+	$(BIN)/prolearn warmstart --data $(DATA)
+
+report: $(BIN)/prolearn ## tables and figures from the newest results
+	$(BIN)/prolearn report --out reports
+
+ui: $(BIN)/prolearn ## the MLflow UI on the project's store
+	$(BIN)/python -c 'from registry.store import connect; connect()'
+	$(BIN)/mlflow ui --backend-store-uri $${MLFLOW_TRACKING_URI:-sqlite:///mlflow.db} --port $(PORT)
+
+test: $(BIN)/pytest ## the tests
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+
+lint: $(BIN)/pytest ## ruff, mypy, import-linter
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean: ## remove what make made, datasets and results included
+	rm -rf $(VENV) data reports mlruns mlflow.db* unregistered *.egg-info build
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

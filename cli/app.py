@@ -1,0 +1,65 @@
+"""The Typer application, and how errors reach a person."""
+
+from collections.abc import Sequence
+from errno import EPIPE
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from pipeline.errors import InputError, ProlearnError
+
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+
+class Group(TyperGroup):
+    """Commands in the order of the work; errors as one sentence and an exit status."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names in the order in which they were added."""
+        return list(self.commands)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command: bad input exits with 2, a failed run with 1, neither with a traceback."""
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            _stop(str(error), BAD_INPUT)
+        except ProlearnError as error:
+            _stop(str(error), FAILED)
+        except OSError as error:
+            if error.errno == EPIPE:  # the reader of our output has left; click is silent then
+                raise
+            _stop(str(error), FAILED)
+        except KeyboardInterrupt:
+            _stop("interrupted; what was finished is kept.", INTERRUPTED)
+
+
+def _stop(message: str, status: int) -> None:
+    typer.echo(f"prolearn: {message}", err=True)
+    raise typer.Exit(status)
+
+
+def int_list(text: str | None) -> Sequence[int] | None:
+    """Sizes written as 10, 2,10,30 or 2..30.
+
+    Raises:
+        InputError: for anything else, or a size under 1.
+    """
+    if text is None:
+        return None
+    sizes: set[int] = set()
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("..")
+            sizes |= set(range(int(first), int(last or first) + 1))
+    except ValueError:
+        sizes = set()
+    if not sizes or min(sizes) < 1:
+        raise InputError(f"--n is {text!r}; expected sizes such as 10, 2,10,30 or 2..30.")
+    return sorted(sizes)
+
+
+def name_list(text: str | None) -> Sequence[str]:
+    """Names written as one,two,three."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]

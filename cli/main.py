@@ -1,0 +1,34 @@
+"""prolearn: from sampled scenarios to the report, a command a stage.
+
+Commands import what they need when they run, so that help is instant.
+"""
+
+import typer
+
+from cli import dataset, experiments, models, plan, train
+from cli.app import Group
+
+app = typer.Typer(
+    name="prolearn",
+    cls=Group,
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    help="""Learned transfer planning for spacecraft swarms.
+
+    Sample scenarios, solve them with the convex expert, train networks on its plans, compare
+    them, and report. Each stage is a command; `prolearn COMMAND --help` has examples.
+    """,
+)
+
+app.command()(dataset.sample)
+app.command()(dataset.solve)
+app.command(name="dataset")(dataset.make)
+app.command()(dataset.verify)
+app.command()(train.train)
+app.command()(experiments.evaluate)
+app.command()(experiments.warmstart)
+app.command()(experiments.report)
+app.command()(plan.plan)
+app.add_typer(models.app, name="models")

@@ -1,0 +1,69 @@
+"""Progress of long work: a bar on a terminal, plain lines elsewhere."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+LINE_SECONDS = 5.0
+"""How often work that is not on a terminal says where it is."""
+
+Advance = Callable[[int, str], None]
+"""Called with the units just done and a note to show."""
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Advance]:
+    """Show how far some work is.
+
+    Args:
+        what: the work, such as "solving".
+        total: units of it.
+    """
+    console = Console(stderr=True)
+    with_bar = _bar if console.is_terminal else _lines
+    with with_bar(console, what, total) as advance:
+        yield advance
+
+
+@contextmanager
+def _bar(console: Console, what: str, total: int) -> Iterator[Advance]:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(what, total=total, note="")
+        yield lambda done, note: bar.update(task, advance=done, note=note)
+
+
+@contextmanager
+def _lines(console: Console, what: str, total: int) -> Iterator[Advance]:
+    started = last = monotonic()
+    count = 0
+
+    def advance(done: int, note: str) -> None:
+        nonlocal count, last
+        count += done
+        now = monotonic()
+        if now - last >= LINE_SECONDS or count >= total:
+            last = now
+            rest = f", {note}" if note else ""
+            line = f"{what}: {count}/{total} after {now - started:.0f} s{rest}"
+            console.print(line, highlight=False, soft_wrap=True)
+
+    yield advance

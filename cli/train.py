@@ -1,0 +1,94 @@
+"""The command that trains networks."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.app import name_list
+from cli.progress import Advance, progress
+
+if TYPE_CHECKING:
+    from pipeline.training.loop import Epoch
+    from registry.version import ModelVersion
+
+
+class RecipeName(StrEnum):
+    """Recipes by name."""
+
+    PAPER = "paper"
+    TUNED = "tuned"
+
+
+def train(
+    arch: Annotated[
+        str,
+        typer.Option(
+            help="ff1, ff2, ffcol, lstm1, lstm2, lstmcol, one of your own, or several: ff1,lstm2.",
+            show_default=False,
+        ),
+    ],
+    recipe: Annotated[
+        RecipeName, typer.Option(help="The paper's training, or the one tuned on validation.")
+    ] = RecipeName.TUNED,
+    data: Annotated[Path, typer.Option(help="Solved dataset.")] = Path("data/paper"),
+    n: Annotated[int, typer.Option("--n", help="Swarm size to train on.")] = 10,
+    epochs: Annotated[int | None, typer.Option(help="Most epochs.")] = None,
+    interior: Annotated[
+        str | None,
+        typer.Option(help="Input between the end states: line, zeros or minimum-energy."),
+    ] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="Of Adam.")] = None,
+    batch_size: Annotated[int | None, typer.Option(help="Instances a step.")] = None,
+    collision_weight: Annotated[
+        float | None, typer.Option(help="Weight of the collision penalty (ffcol, lstmcol).")
+    ] = None,
+    device: Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")] = "auto",
+    seed: Annotated[int, typer.Option(help="Of weights, order and dropout.")] = 0,
+) -> None:
+    """Train networks on the expert's plans and register them.
+
+    Each run is tracked in MLflow and each model registered as prolearn-ARCH.
+
+    Examples:
+
+        prolearn train --arch lstm2
+        prolearn train --arch ff1,ff2,ffcol --recipe paper --data data/demo --epochs 20
+    """
+    most = {one: _most_epochs(one, recipe, epochs) for one in name_list(arch)}
+    from registry.jobs.train import train_model
+
+    changes = {
+        "epochs": epochs,
+        "interior": interior,
+        "learning_rate": learning_rate,
+        "batch_size": batch_size,
+        "collision_weight": collision_weight,
+    }
+    changes = {name: value for name, value in changes.items() if value is not None}
+    for one in most:
+        with progress(f"training {one} ({recipe})", most[one]) as advance:
+
+            def report(epoch: "Epoch", advance: Advance = advance) -> None:
+                advance(1, f"validation loss {epoch.valid_loss:.4g}")
+
+            version = train_model(
+                one, recipe, data, n=n, seed=seed, device=device, changes=changes, on_epoch=report
+            )
+        typer.echo(_summary(version))
+
+
+def _summary(version: "ModelVersion") -> str:
+    numbers = version.metrics
+    return (
+        f"{version.name} version {version.version} ({version.recipe}): best epoch "
+        f"{numbers['best_epoch']:.0f}, predicted positions {numbers['valid_position_rmse']:.3g} m "
+        f"RMS from the expert's, {numbers['training_seconds']:.0f} s."
+    )
+
+
+def _most_epochs(arch: str, recipe: str, epochs: int | None) -> int:
+    from pipeline.training.recipes import recipe_for
+
+    return epochs or recipe_for(arch, recipe).epochs

@@ -1,0 +1,85 @@
+"""Bad input: one clear sentence, exit status 2, no traceback, nothing written."""
+
+import json
+
+import pytest
+
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+from pipeline.scenario.document import write_scenario
+
+CASES = {
+    "no spacecraft": (["sample", "--out", "x", "--n", "0"], "n is 0"),
+    "a negative radius": (["sample", "--out", "x", "--collision-radius", "-1"], "-1"),
+    "a negative altitude": (["sample", "--out", "x", "--altitude", "-1"], "altitude"),
+    "an unknown family": (["sample", "--out", "x", "--family", "spiral"], "coplanar-split"),
+    "no scenarios": (["sample", "--out", "x", "--count", "0"], "count is 0"),
+    "odd shares": (["sample", "--out", "x", "--shares", "1,1,1"], "add up to 1"),
+    "shares in words": (["sample", "--out", "x", "--shares", "most"], "three numbers"),
+    "no jobs": (["sample", "--out", "x", "--jobs", "0"], "jobs is 0"),
+    "no dataset to solve": (["solve", "none"], "none does not exist"),
+    "an empty folder to solve": (["solve", "empty"], "empty is empty"),
+    "a foreign folder to sample into": (["sample", "--out", "foreign"], "holds other files"),
+    "an unknown separation": (["solve", "none", "--separation", "never"], "never"),
+    "no dataset to verify": (["verify", "none"], "none does not exist"),
+    "an unknown architecture": (["train", "--arch", "ff9"], "ff9"),
+    "an unknown recipe": (["train", "--arch", "ff1", "--recipe", "best"], "best"),
+    "no dataset to train on": (["train", "--arch", "ff1", "--data", "none"], "none does not"),
+    "no epochs": (["train", "--arch", "ff1", "--epochs", "0", "--data", "none"], "epochs is 0"),
+    "no dataset to evaluate on": (["evaluate", "--data", "none"], "none does not exist"),
+    "odd sizes": (["evaluate", "--data", "none", "--n", "2..x"], "2..30"),
+    "no dataset to warm-start on": (["warmstart", "--data", "none"], "none does not exist"),
+    "nothing to report": (["report"], "prolearn"),
+    "no scenario file": (["plan", "none.json", "--out", "p.json"], "none.json"),
+    "an unknown planner": (["plan", "good.json", "--out", "p.json", "--planner", "hal"], "hal"),
+    "a model where there is no store": (["models", "show", "hal"], "no tracking store"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
+    arguments, words = CASES[case]
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "file").touch()
+    write_scenario(tmp_path / "good.json", draw("rings", 0, 2, 0, Problem()))
+    before = sorted(tmp_path.rglob("*"))
+    done = prolearn(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr.replace("\n", " ")
+    assert "Traceback" not in done.stderr
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def scenario_file(path, **fields):
+    write_scenario(path, draw("rings", 0, 3, 0, Problem()))
+    path.write_text(json.dumps(json.loads(path.read_text()) | fields))
+
+
+SCENARIO_FAULTS = {
+    "a value that is not a number": {"initial": [[float("nan")] * 6] * 3},
+    "unequal numbers of states": {"goal": [[0.0] * 6]},
+    "a negative radius": {"collision_radius": -15},
+    "formations too close from the start": {"initial": [[0.0] * 6] * 3},
+    "states that drift": {"goal": [[50.0 * k, 100, 0, 0, 0, 0] for k in range(3)]},
+}
+
+
+@pytest.mark.parametrize("fault", SCENARIO_FAULTS)
+def test_a_bad_scenario_among_good_ones_stops_all_before_anything_is_written(
+    fault, prolearn, tmp_path
+):
+    scenario_file(tmp_path / "good.json")
+    scenario_file(tmp_path / "bad.json", **SCENARIO_FAULTS[fault])
+    done = prolearn("plan", "good.json", "bad.json", "--out", "plans")
+    assert done.returncode == 2
+    assert done.stderr.startswith("prolearn: bad.json")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "plans").exists()
+
+
+def test_drift_is_accepted_where_it_is_allowed(prolearn, tmp_path):
+    scenario_file(tmp_path / "drift.json", **SCENARIO_FAULTS["states that drift"])
+    done = prolearn("plan", "drift.json", "--out", "p.json", "--allow-drift")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "p.json").exists()

@@ -1,0 +1,46 @@
+"""The whole line at the smallest scale: sample, solve, train, evaluate, warm start, report."""
+
+import json
+
+import pytest
+
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+from pipeline.scenario.document import write_scenario
+
+
+def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
+    def run(*arguments):
+        done = prolearn(*arguments, OMP_NUM_THREADS="1")
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    run("sample", "--n", 4, "--count", 40, "--out", "data")
+    run("solve", "data", "--jobs", 2)
+    assert "sound: 40 rows" in run("verify", "data")
+    trained = run("train", "--arch", "ff1,lstm1", "--data", "data", "--n", 4, "--epochs", 2)
+    assert "prolearn-ff1 version 1" in trained
+    assert "prolearn-lstm1 version 1" in trained
+    run("evaluate", "--data", "data", "--trials", 2, "--timed", 1)
+    run("warmstart", "--data", "data", "--n", "4", "--trials", 1)
+    run("report", "--out", "report")
+    page = (tmp_path / "report" / "report.html").read_text()
+    for words in ("Experiment 1", "Experiment 2", "Experiment 3", "FF1", "LSTM1", "Expert"):
+        assert words in page
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 4, 99, Problem()))
+    run("plan", "s.json", "--planner", "lstm1", "--out", "p.json")
+    plan = json.loads((tmp_path / "p.json").read_text())
+    assert plan["status"] == "solved"
+    assert plan["planner"] == "lstm1:tuned + expert"
+    assert plan["certificate"]["min_separation"] > 15
+    assert "prolearn-lstm1" in run("models", "list")
+
+
+@pytest.mark.parametrize("scenario", ["README"])
+def test_the_scenario_in_the_readme_can_be_planned(scenario, prolearn, tmp_path, request):
+    text = (request.config.rootpath / f"{scenario}.md").read_text()
+    document = text.split("```json\n")[1].split("```")[0]
+    (tmp_path / "scenario.json").write_text(document)
+    done = prolearn("plan", "scenario.json", "--out", "plan.json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "plan.json").read_text())["status"] == "solved"
