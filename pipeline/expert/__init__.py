@@ -2,8 +2,8 @@
 
 from pipeline.expert.expert import Expert, solve
 from pipeline.expert.own import own_optima
-from pipeline.expert.scp import Settings
 from pipeline.expert.seeded import Seeded
 from pipeline.expert.seeds import SEEDS
+from pipeline.expert.settings import Settings
 
 __all__ = ["SEEDS", "Expert", "Seeded", "Settings", "own_optima", "solve"]

@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
+from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import close_approaches, pairs
+from pipeline.orbit.separation import pairs
 from pipeline.orbit.transfer import transfer_maps
 
 TOUCHING = 1e-3

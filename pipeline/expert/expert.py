@@ -10,8 +10,9 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.own import OwnOptima, own_optima
-from pipeline.expert.scp import Found, Search, Settings
+from pipeline.expert.scp import Found, Search
 from pipeline.expert.seeds import Seed
+from pipeline.expert.settings import Settings
 from pipeline.orbit.transfer import project_to_flyable
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, planned
 from pipeline.scenario import Scenario

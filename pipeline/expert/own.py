@@ -17,6 +17,9 @@ from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
+BOUND_TOLERANCE = 1e-8
+"""Relative tolerance of own optima, and so of the lower bound."""
+
 LIMIT_SHARE = 1 - 1e-7
 """Share of the thrust limit that the programs use, so that rounding stays within it."""
 
@@ -68,7 +71,7 @@ def own_optima(
     reach = transfer_maps(problem).reach[-1]
     miss = goal_miss(initial, goal, problem)
     one = _single(reach, miss[:1], control_limit(problem), control_unit(initial, goal, problem))
-    solver, b = new_solver(one), right_hand_side(one)
+    solver, b = new_solver(one, tolerance=BOUND_TOLERANCE), right_hand_side(one)
     controls = minimum_energy(initial, goal, problem)
     bound, feasible = np.zeros(len(miss)), np.zeros(len(miss), dtype=bool)
     scale = goal_scale(one)

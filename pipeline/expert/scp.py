@@ -11,64 +11,36 @@ half-space cuts aimed from a trajectory. The iteration cannot cycle:
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.expert import interior_point, reference
-from pipeline.expert.cuts import Cuts, conflicts, half_spaces
+from pipeline.expert import interior_point
+from pipeline.expert.clusters import Cluster, cluster_labels
+from pipeline.expert.cuts import Cuts, HalfSpaces, conflicts, half_spaces
 from pipeline.expert.own import OwnOptima, control_limit, control_unit, goal_miss
-from pipeline.expert.subproblem import Subproblem, UnsolvableError
-from pipeline.orbit.separation import TOLERANCE
+from pipeline.expert.settings import Settings
+from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
+from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import gap_of
 from pipeline.scenario import Scenario
 
-MARGIN = 2e-3
-"""Separation asked for beyond the collision radius, m: covers the solver's tolerance."""
+MARGIN = 0.05
+"""Separation asked for beyond the collision radius, m, so that small shifts stay safe."""
 
 LOOK_AHEAD = 0.5
 """Pairs that pass within this of the collision radius are cut before they violate it, m."""
 
-SLACK_TOLERANCE = 1e-5
-"""Slack in m under which a half-space counts as met."""
-
 SEED_LOOK = 15.0
 """Pairs that pass within this of the collision radius in a seed are cut from the start, m."""
 
+SLACK_TOLERANCE = 1e-5
+"""Slack in m under which a half-space counts as met."""
+
 PENALTY = 1e3
 """Cost of a metre of slack in units of Δt⁻²: above the multiplier of any cut that can be met."""
-
-SOLVERS = {"clarabel": interior_point.solve, "cvxpy": reference.solve}
-
-
-Cluster = Int[Array, "_"]
-"""Craft that are solved jointly."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How the expert works.
-
-    Attributes:
-        separation: keep craft apart at all times, or at the nodes only as in the paper.
-        stop: go on until the plan no longer improves, or stop at the first safe one.
-        gap_tolerance: a cluster whose optimality gap is below this is done.
-        improvement: relative improvement below which a cluster is done.
-        max_rounds: programs that a cluster may take.
-        solver: the subproblem by Clarabel directly, or by its readable form in cvxpy.
-    """
-
-    separation: Literal["continuous", "nodes"] = "continuous"
-    stop: Literal["converged", "first-safe"] = "converged"
-    gap_tolerance: float = 1e-4
-    improvement: float = 2e-4
-    max_rounds: int = 60
-    solver: Literal["clarabel", "cvxpy"] = "clarabel"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +59,12 @@ class Found:
 
 
 class Search:
-    """The state of one search; ``run`` does all of it."""
+    """The state of one search; ``run`` does all of it.
+
+    Trajectories are held as controls and the node states that they fly: the newest iterate, and
+    the one that cuts are aimed from. A craft is active while its cluster is not done, and
+    accepted once the trajectory aimed from is known to be safe.
+    """
 
     def __init__(
         self,
@@ -97,30 +74,30 @@ class Search:
         settings: Settings,
     ) -> None:
         self.scenario, self.own, self.settings = scenario, own, settings
-        self.problem = scenario.problem
-        self.radius = self.problem.collision_radius
+        self.problem, self.radius = scenario.problem, scenario.problem.collision_radius
         self.miss = goal_miss(scenario.initial, scenario.goal, self.problem)
         self.unit = control_unit(scenario.initial, scenario.goal, self.problem)
         everyone = np.ones(scenario.n, dtype=bool)
-        self.controls, self.states = self._flown(own.controls)
-        self.cuts, _ = self._conflicts(self.states, self.controls, self.radius, everyone)
-        self.aim_controls, self.aim_states = self.controls.copy(), self.states.copy()
-        if seed is not None and len(self.cuts):
-            self.aim_controls, self.aim_states = self._flown(seed)
-            self.cuts += self._conflicts(
-                self.aim_states, self.aim_controls, self.radius + SEED_LOOK, everyone
-            )[0]
-        self.accepted = np.zeros(scenario.n, dtype=bool)
-        self.active = np.zeros(scenario.n, dtype=bool)
-        self._activate(self.cuts)
+        self.accepted, self.active = ~everyone, ~everyone
         self.worst: tuple[float, int, int] = (0.0, 0, 0)
+        self.controls, self.states = self._flown(own.controls)
+        cuts, _ = self._conflicts(self.states, self.controls, self.radius, everyone)
+        self.aim_controls, self.aim_states = self.controls.copy(), self.states.copy()
+        if seed is not None and len(cuts):
+            self.aim_controls, self.aim_states = self._flown(seed)
+            near, _ = self._conflicts(
+                self.aim_states, self.aim_controls, self.radius + SEED_LOOK, everyone
+            )
+            cuts += near
+        self._set_cuts(cuts)
+        self.active[cuts.first] = self.active[cuts.second] = True
 
     def run(self) -> Found:
         """Solve and judge until every cluster is done."""
         rounds = 0
         while self.active.any() and rounds < self.settings.max_rounds:
             rounds += 1
-            clusters = self._active_clusters()
+            clusters = self._clusters(self.active)
             try:
                 self._solve(clusters)
             except UnsolvableError as error:
@@ -155,48 +132,47 @@ class Search:
         at_nodes = self.settings.separation == "nodes"
         return conflicts(states, controls, self.problem, within, moved, at_nodes=at_nodes)
 
-    def _activate(self, cuts: Cuts) -> None:
-        self.active[cuts.first] = self.active[cuts.second] = True
+    def _set_cuts(self, cuts: Cuts) -> None:
+        self.cuts = cuts
+        self.labels = cluster_labels(self.scenario.n, cuts.first, cuts.second)
 
-    def _labels(self) -> Int[Array, "n"]:
-        """Which cluster each craft is in: craft joined by cuts, directly or through others."""
-        n = self.scenario.n
-        joined = (np.ones(len(self.cuts)), (self.cuts.first, self.cuts.second))
-        labels: Int[Array, n] = connected_components(coo_array(joined, (n, n)), directed=False)[1]
-        return labels
+    def _clusters(self, touched: Bool[Array, "n"]) -> list[Cluster]:
+        """The clusters that some craft are in."""
+        return [np.flatnonzero(self.labels == label) for label in np.unique(self.labels[touched])]
 
-    def _active_clusters(self) -> list[Cluster]:
-        labels = self._labels()
-        return [np.flatnonzero(labels == label) for label in np.unique(labels[self.active])]
+    def _aimed(self, separation: float) -> HalfSpaces:
+        return half_spaces(self.cuts, self.aim_states, self.aim_controls, self.problem, separation)
 
     def _solve(self, clusters: list[Cluster]) -> None:
         """Solve each cluster's program, with every cut aimed from the same trajectory."""
         self.worst = (0.0, 0, 0)
-        place = np.zeros(self.scenario.n, dtype=int)
+        aimed = self._aimed(self.radius + MARGIN)
         for craft in clusters:
-            place[craft] = np.arange(len(craft))
-            cuts = self.cuts.where(np.isin(self.cuts.first, craft))
-            aimed = half_spaces(
-                cuts, self.aim_states, self.aim_controls, self.problem, self.radius + MARGIN
-            )
-            sub = Subproblem(
-                reach=transfer_maps(self.problem).reach[-1],
-                miss=self.miss[craft],
-                first=place[cuts.first],
-                second=place[cuts.second],
-                row=aimed.row,
-                required=aimed.required,
-                limit=control_limit(self.problem),
-                penalty=PENALTY / self.problem.time_step**2,
-                unit=self.unit,
-            )
-            best = SOLVERS[self.settings.solver](sub)
+            own_cuts = np.flatnonzero(self.labels[self.cuts.first] == craft[0])
+            best = self._solve_cluster(craft, own_cuts, aimed)
             self.controls[craft] = best.controls.reshape(len(craft), -1, 3)
             k = int(best.slack.argmax())
-            self.worst = max(
-                self.worst, (float(best.slack[k]), int(cuts.first[k]), int(cuts.second[k]))
-            )
+            pair = self.cuts.first[own_cuts[k]], self.cuts.second[own_cuts[k]]
+            self.worst = max(self.worst, (float(best.slack[k]), int(pair[0]), int(pair[1])))
         self.controls, self.states = self._flown(self.controls)
+
+    def _solve_cluster(self, craft: Cluster, cuts: Cluster, aimed: HalfSpaces) -> Optimum:
+        sub = Subproblem(
+            reach=transfer_maps(self.problem).reach[-1],
+            miss=self.miss[craft],
+            first=np.searchsorted(craft, self.cuts.first[cuts]),
+            second=np.searchsorted(craft, self.cuts.second[cuts]),
+            row=aimed.row[cuts],
+            required=aimed.required[cuts],
+            limit=control_limit(self.problem),
+            penalty=PENALTY / self.problem.time_step**2,
+            unit=self.unit,
+        )
+        if self.settings.solver == "clarabel":
+            return interior_point.solve(sub)
+        from pipeline.expert import reference  # cvxpy takes a second to import
+
+        return reference.solve(sub)
 
     def _judge(self, clusters: list[Cluster]) -> None:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""
@@ -210,8 +186,7 @@ class Search:
             if not unsafe[craft].any():
                 self._accept(craft)
         if broken.any():
-            self.cuts += found.where(self.active[found.first] | broken)
-            self._activate(found.where(broken))
+            self._set_cuts(self.cuts + found.where(self.active[found.first] | broken))
             self._choose_aim(unsafe)
 
     def _accept(self, craft: Cluster) -> None:
@@ -224,24 +199,18 @@ class Search:
         self.aim_states[craft] = self.states[craft]
         self.accepted[craft] = True
         gap = gap_of(fuel, float(self.own.lower_bound[craft].sum()))
-        done = (
+        self.active[craft] = not (
             settings.stop == "first-safe"
             or gap <= settings.gap_tolerance
             or gained <= settings.improvement * fuel
         )
-        self.active[craft] = not done
 
     def _choose_aim(self, unsafe: Bool[Array, "n"]) -> None:
         """Keep aims that satisfy all their cuts; others move on to the newest iterate."""
-        labels = self._labels()
-        aimed = half_spaces(
-            self.cuts, self.aim_states, self.aim_controls, self.problem, self.radius
-        )
-        missed = labels[self.cuts.first[aimed.distance <= self.radius]]
-        for label in np.unique(labels[unsafe]):
-            craft = np.flatnonzero(labels == label)
+        missed = self.labels[self.cuts.first[self._aimed(self.radius).distance <= self.radius]]
+        for craft in self._clusters(unsafe):
             self.active[craft] = True
-            if label in missed:
+            if craft[0] in missed:
                 self.aim_controls[craft] = self.controls[craft]
                 self.aim_states[craft] = self.states[craft]
                 self.accepted[craft] = False

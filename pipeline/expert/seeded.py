@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from pipeline.expert.expert import solve
-from pipeline.expert.scp import Settings
+from pipeline.expert.settings import Settings
 from pipeline.plan import Plan, Planner
 from pipeline.scenario import Scenario
 

@@ -6,11 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
+from pipeline.orbit.approaches import TOLERANCE, close_approaches
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import (
-    TOLERANCE,
-    close_approaches,
     least_separation,
     node_collisions,
     pair_conflicts,

@@ -1,0 +1,25 @@
+"""How the expert works."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the expert.
+
+    Attributes:
+        separation: keep craft apart at all times, or at the nodes only as in the paper.
+        stop: go on until the plan no longer improves, or stop at the first safe one.
+        gap_tolerance: a cluster whose optimality gap is at most this is done.
+        improvement: a cluster that gains no more than this share of its fuel is done.
+        max_rounds: rounds of programs that a search may take.
+        solver: the subproblem by Clarabel directly, or by its readable form in cvxpy.
+    """
+
+    separation: Literal["continuous", "nodes"] = "continuous"
+    stop: Literal["converged", "first-safe"] = "converged"
+    gap_tolerance: float = 1e-3
+    improvement: float = 3e-3
+    max_rounds: int = 60
+    solver: Literal["clarabel", "cvxpy"] = "clarabel"

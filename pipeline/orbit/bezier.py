@@ -1,0 +1,150 @@
+"""Cubic Bezier curves and how close they come to the origin, by branch and bound."""
+
+from math import comb
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+
+MAX_SPLITS = 40
+"""More than enough: each split at least quarters the error of the bracket."""
+
+NEWTON_STEPS = 4
+"""Enough to be within rounding of a minimum on a stretch where motion is nearly uniform."""
+
+EDGE = 0.02
+"""A cubic that is closest this near to an end is halved instead of split there."""
+
+
+def _bernstein_square() -> Float[Array, "16 7"]:
+    """Bernstein coefficients of |c|², degree 6, from the products of c's four Bezier points."""
+    table = np.zeros((4, 4, 7))
+    for i in range(4):
+        for j in range(4):
+            table[i, j, i + j] = comb(3, i) * comb(3, j) / comb(6, i + j)
+    return table.reshape(16, 7)
+
+
+SQUARED = _bernstein_square()
+
+
+def hermite_bezier(
+    start: Float[Array, "s 6"], end: Float[Array, "s 6"], h: float
+) -> Float[Array, "s 4 3"]:
+    """Bezier points of the cubic that has the positions and velocities of both ends."""
+    p0, p3 = start[:, :3], end[:, :3]
+    return np.stack([p0, p0 + h / 3 * start[:, 3:], p3 - h / 3 * end[:, 3:], p3], axis=1)
+
+
+def chord_distance(
+    p0: Float[Array, "*batch 3"], p1: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch"]:
+    """Distance of the origin from the chord between two points."""
+    square, product, other = _dot(p0, p0), _dot(p0, p1), _dot(p1, p1)
+    length = square + other - 2 * product
+    s = np.clip((square - product) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    return np.sqrt(np.maximum(square + s * (s * length - 2 * (square - product)), 0.0))
+
+
+def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
+    """A quick lower bound on the least distance of each cubic from the origin: its chord's."""
+    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
+    bend = np.maximum(_norm(p1 - (2 * p0 + p3) / 3), _norm(p2 - (p0 + 2 * p3) / 3))
+    return chord_distance(p0, p3) - 0.75 * bend
+
+
+def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Array, "s"]]:
+    """Where in [0, 1] Newton's method finds each cubic closest to the origin, and how close."""
+    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
+    a1, a2, a3 = 3 * (p1 - p0), 3 * (p2 - 2 * p1 + p0), p3 - 3 * p2 + 3 * p1 - p0
+    chord = p3 - p0
+    length = _dot(chord, chord)
+    s = np.clip(-_dot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    for _ in range(NEWTON_STEPS):
+        r = s[:, None]
+        c = p0 + r * (a1 + r * (a2 + r * a3))
+        v = a1 + r * (2 * a2 + 3 * r * a3)
+        slope, curvature = _dot(c, v), _dot(v, v) + _dot(c, 2 * a2 + 6 * r * a3)
+        convex = curvature > 0
+        s = np.clip(s - np.where(convex, slope / np.where(convex, curvature, 1.0), 0.0), 0.0, 1.0)
+    r = s[:, None]
+    return s, _norm(p0 + r * (a1 + r * (a2 + r * a3)))
+
+
+def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "_ 4 3"]:
+    """Both parts of each cubic, by de Casteljau, in turn."""
+    t = at[:, None]
+    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
+    p01, p12, p23 = p0 + t * (p1 - p0), p1 + t * (p2 - p1), p2 + t * (p3 - p2)
+    p012, p123 = p01 + t * (p12 - p01), p12 + t * (p23 - p12)
+    middle = p012 + t * (p123 - p012)
+    both = np.stack([p0, p01, p012, middle, middle, p123, p23, p3], axis=1)
+    return both.reshape(-1, 4, 3)
+
+
+def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
+    """Lower bound on the distance from the origin: the least Bernstein coefficient of |c|²."""
+    gram = np.einsum("sik,sjk->sij", curve, curve)
+    least = (gram.reshape(-1, 16) @ SQUARED).min(axis=1)
+    return np.sqrt(np.maximum(least, 0.0))
+
+
+def branch_and_bound(
+    curve: Float[Array, "s 4 3"],
+    remainder: Float[Array, "s"],
+    parts: int,
+    within: float,
+    tolerance: float,
+) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
+    """Where each group of ``parts`` consecutive cubics is closest, and a bound on how close.
+
+    Cubics are split where they are closest: on either side |c|² then mostly grows, which its
+    Bernstein coefficients prove at once.
+    """
+    group = np.repeat(np.arange(len(curve) // parts), parts)
+    left = np.tile(np.arange(parts) / parts, len(curve) // parts)
+    width = np.full(len(curve), 1.0 / parts)
+    best = np.full(group[-1] + 1, np.inf)
+    when, bound = np.zeros_like(best), np.full_like(best, np.inf)
+    for level in range(MAX_SPLITS):
+        s, distance = _closest(curve)
+        _keep_least(best, when, group, distance + remainder, left + width * s)
+        at = np.where((s > EDGE) & (s < 1 - EDGE), s, 0.5)
+        curve = _split(curve, at)
+        group, remainder = np.repeat(group, 2), np.repeat(remainder, 2)
+        left = np.stack([left, left + width * at], axis=1).ravel()
+        width = np.stack([width * at, width * (1 - at)], axis=1).ravel()
+        lower = _hull_bound(curve) - remainder
+        done = (lower > within) | (lower >= best[group] - 2 * remainder - tolerance)
+        if level == MAX_SPLITS - 1:
+            done[:] = True
+        np.minimum.at(bound, group[done], lower[done])
+        rest = ~done
+        if not rest.any():
+            break
+        curve, group, remainder = curve[rest], group[rest], remainder[rest]
+        left, width = left[rest], width[rest]
+    return when, bound
+
+
+def _keep_least(
+    best: Float[Array, "g"],
+    when: Float[Array, "g"],
+    group: Int[Array, "s"],
+    distance: Float[Array, "s"],
+    time: Float[Array, "s"],
+) -> None:
+    """Enter the least distance of each group so far, and its time, in place."""
+    order = np.argsort(-distance, kind="stable")  # the last write, the least, stays
+    order = order[distance[order] < best[group[order]]]
+    best[group[order]] = distance[order]
+    when[group[order]] = time[order]
+
+
+def _dot(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    return np.einsum("...k,...k->...", a, b)
+
+
+def _norm(a: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    return np.sqrt(_dot(a, a))
