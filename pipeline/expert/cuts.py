@@ -87,15 +87,15 @@ def conflicts(
     Returns:
         A cut at each closest approach, and a lower bound on the separation there, m.
     """
-    i, j = pairs(len(states))
-    touched = moved[i] | moved[j]
-    i, j = i[touched], j[touched]
     if at_nodes:
+        i, j = pairs(len(states))
+        touched = moved[i] | moved[j]
+        i, j = i[touched], j[touched]
         distance = np.linalg.norm(states[i, :-1, :3] - states[j, :-1, :3], axis=-1)
         row, node = np.nonzero(distance <= within)
         return Cuts(i[row], j[row], node, np.zeros(len(row))), distance[row, node]
-    found = close_approaches(states[i] - states[j], controls[i] - controls[j], problem, within)
-    return Cuts(i[found.row], j[found.row], found.interval, found.offset), found.bound
+    found = close_approaches(states, controls, problem, within, moved=moved)
+    return Cuts(found.first, found.second, found.interval, found.offset), found.bound
 
 
 def half_spaces(

@@ -85,18 +85,13 @@ def controls_of(x: Float[Array, "v"], sub: Subproblem) -> Float[Array, "n m"]:
     return controls
 
 
-def goal_scale(sub: Subproblem) -> Float[Array, "6"]:
-    """Factors on the goal rows that make them of order one."""
-    return 1 / (np.linalg.norm(sub.reach, axis=1) * sub.unit)
-
-
 def right_hand_side(sub: Subproblem) -> Float[Array, "rows"]:
     """B of A x + s = b."""
     n, m, k = sub.shape
     limits = 2 * n * m if np.isfinite(sub.limit) else 0
     return np.concatenate(
         [
-            (sub.miss * goal_scale(sub)).ravel(),
+            (sub.miss * sub.goal_scale).ravel(),
             np.zeros(2 * n * m + k),
             np.full(limits, sub.limit / sub.unit),
             -sub.required / LENGTH,
@@ -139,7 +134,7 @@ def _by_columns(
 
 def _goal_entries(sub: Subproblem) -> Entries:
     n, m, _ = sub.shape
-    block = sub.reach * (goal_scale(sub) * sub.unit)[:, None]
+    block = sub.reach * (sub.goal_scale * sub.unit)[:, None]
     r, c = np.nonzero(np.abs(block) > NEGLIGIBLE)
     craft = np.arange(n)[:, None]
     row, column = (6 * craft + r).ravel(), (2 * m * craft + c).ravel()

@@ -9,7 +9,6 @@ from pipeline.arrays import Array
 from pipeline.expert.interior_point import (
     SOLVED,
     controls_of,
-    goal_scale,
     new_solver,
     right_hand_side,
 )
@@ -74,7 +73,7 @@ def own_optima(
     solver, b = new_solver(one, tolerance=BOUND_TOLERANCE), right_hand_side(one)
     controls = minimum_energy(initial, goal, problem)
     bound, feasible = np.zeros(len(miss)), np.zeros(len(miss), dtype=bool)
-    scale = goal_scale(one)
+    scale = one.goal_scale
     for k, wanted in enumerate(miss):
         b[:6] = wanted * scale
         solver.update(b=b)

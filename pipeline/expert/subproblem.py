@@ -11,7 +11,9 @@ by Cauchy-Schwarz whatever satisfies it is at least r apart at that time.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
@@ -53,6 +55,11 @@ class Subproblem:
     def shape(self) -> tuple[int, int, int]:
         """Craft n, controls of each m, half-spaces k."""
         return len(self.miss), self.reach.shape[1], len(self.required)
+
+    @cached_property
+    def goal_scale(self) -> Float[Array, "6"]:
+        """Factors on the goals that make their rows of order one."""
+        return 1 / (np.sqrt(np.square(self.reach).sum(axis=1)) * self.unit)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,12 +1,13 @@
-"""Closest approaches of pairs in relative motion, soundly: nothing is sampled."""
+"""Closest approaches of the craft of a swarm, soundly: nothing is sampled."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
-from pipeline.orbit.bezier import branch_and_bound, chord_bound, chord_distance, hermite_bezier
+from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 
@@ -16,17 +17,19 @@ TOLERANCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """The closest approach of a pair within an interval, one entry each.
+    """The closest approach of two craft within an interval, one entry each.
 
     Attributes:
-        row: which row of relative motion.
+        first: first craft, the one with the lower index.
+        second: second craft.
         interval: which interval.
         offset: time since the interval's start, s.
         distance: separation at that time, m.
-        bound: no separation in the interval is below this, m.
+        bound: no separation of the two in the interval is below this, m.
     """
 
-    row: Int[Array, "k"]
+    first: Int[Array, "k"]
+    second: Int[Array, "k"]
     interval: Int[Array, "k"]
     offset: Float[Array, "k"]
     distance: Float[Array, "k"]
@@ -34,46 +37,50 @@ class Approaches:
 
 
 def close_approaches(
-    states: Float[Array, "p T 6"],
-    controls: Float[Array, "p intervals 3"],
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
     problem: Problem,
     within: float,
+    *,
+    moved: Bool[Array, "n"] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Approaches:
-    """All closest approaches, one an interval, that may come within a distance.
+    """All closest approaches, one a pair and interval, that may come within a distance.
 
-    Over an interval the relative position stays within h²/8 max|p̈| of its chord, and most chords
-    are too far away to matter. The rest is branch and bound. On a stretch of length h the relative
-    position is a cubic Hermite interpolant up to h⁴/384 max|p⁗|, where p⁗ has a bound in closed
-    form under Eq. 1 with constant control; and the cubic's squared distance is nowhere below its
-    least Bernstein coefficient. So every stretch has a lower bound; stretches that cannot matter
-    are dropped, the others split, until the bracket around the minimum is ``tolerance`` wide. No
-    pass is fast enough to slip through, since nothing is sampled.
+    Over an interval each craft stays in a ball about the middle of its chord, and only pairs whose
+    balls are near can matter. For those it is branch and bound. On a stretch of length h the
+    relative position is a cubic Hermite interpolant up to h⁴/384 max|p⁗|, where p⁗ has a bound in
+    closed form under Eq. 1 with constant control; and the cubic's squared distance is nowhere
+    below its least Bernstein coefficient. So every stretch has a lower bound; stretches that
+    cannot matter are dropped, the others split, until the bracket around the minimum is
+    ``tolerance`` wide. No pass is fast enough to slip through, since nothing is sampled.
 
     Args:
-        states: relative states of each pair at the nodes, m and m/s.
-        controls: relative controls, constant over each interval, m/s².
+        states: node states, m and m/s.
+        controls: constant over each interval, m/s².
         problem: mean motion and time step.
         within: distance of interest, m.
+        moved: leave out pairs of which neither is marked here.
         tolerance: width of the bracket [bound, distance], m.
 
     Returns:
-        An entry for each pair and interval whose lower bound is at most ``within``.
+        An entry for each pair and interval whose lower bound is at most ``within``, by interval,
+        first and second craft.
     """
     e, h = problem.mean_motion, problem.time_step
-    start, end = states[:, :-1], states[:, 1:]
-    in_plane, cross = _amplitudes(start, controls, e)
-    sag = _acceleration(start, controls, in_plane, cross, e, h) * h**2 / 8
-    chord = chord_distance(start[..., :3], end[..., :3])
-    row, interval = np.nonzero(chord - sag <= within)
-    start, end, push = start[row, interval], end[row, interval], controls[row, interval]
-    remainder = h**4 / 384 * e**2 * np.hypot(5**0.5 * in_plane, cross)[row, interval]
+    i, j, k = _candidates(states, controls, problem, within)
+    if moved is not None:
+        kept = moved[i] | moved[j]
+        i, j, k = i[kept], j[kept], k[kept]
+    start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
+    push = controls[i, k] - controls[j, k]
+    in_plane, cross = _amplitudes(start, push, e)
+    remainder = h**4 / 384 * e**2 * np.hypot(5**0.5 * in_plane, cross)
     near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= within)
-    row, interval, start, push = row[near], interval[near], start[near], push[near]
-    remainder = remainder[near]
     if len(near) == 0:
-        empty = np.zeros(0)
-        return Approaches(near, near, empty, empty, empty)
+        none, empty = np.zeros(0, dtype=int), np.zeros(0)
+        return Approaches(none, none, none, empty, empty, empty)
+    start, push, remainder = start[near], push[near], remainder[near]
     parts = max(1, int(np.ceil((remainder.max() / (tolerance / 2)) ** 0.25)))
     when, bound = branch_and_bound(
         _exact_parts(start, push, e, h, parts),
@@ -83,12 +90,39 @@ def close_approaches(
         tolerance / 2,
     )
     keep = bound <= within
-    offset, bound = when[keep] * h, bound[keep]
+    near, offset, bound = near[keep], when[keep] * h, bound[keep]
     A, B = cw_matrices(e, offset)
     relative = np.einsum("kij,kj->ki", A[:, :3], start[keep])
     relative += np.einsum("kij,kj->ki", B[:, :3], push[keep])
     distance = np.maximum(np.linalg.norm(relative, axis=1), bound)
-    return Approaches(row[keep], interval[keep], offset, distance, bound)
+    return Approaches(i[near], j[near], k[near], offset, distance, bound)
+
+
+def _candidates(
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+    within: float,
+) -> tuple[Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
+    """First craft, second craft and interval of all pairs whose balls are within a distance.
+
+    All intervals go into one tree: as many planes of a fourth dimension, too far apart to meet.
+    """
+    e, h = problem.mean_motion, problem.time_step
+    n, intervals = controls.shape[:2]
+    start, end = states[:, :-1], states[:, 1:]
+    sag = _acceleration(start, controls, e, h) * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
+    radius = (np.linalg.norm(end[..., :3] - start[..., :3], axis=-1) / 2 + sag).ravel()
+    reach = 2 * float(radius.max()) + within
+    plane = np.broadcast_to(2 * reach * np.arange(intervals)[:, None], (n, intervals, 1))
+    middle = np.concatenate([(start[..., :3] + end[..., :3]) / 2, plane], axis=-1).reshape(-1, 4)
+    pair = cKDTree(middle).query_pairs(reach, output_type="ndarray")
+    one, other = pair[:, 0], pair[:, 1]
+    apart = np.linalg.norm(middle[one] - middle[other], axis=1)
+    one, other = pair[apart <= radius[one] + radius[other] + within].T
+    i, j, k = one // intervals, other // intervals, one % intervals
+    order = np.lexsort((j, i, k))
+    return i[order], j[order], k[order]
 
 
 def _amplitudes(
@@ -108,12 +142,11 @@ def _amplitudes(
 def _acceleration(
     start: Float[Array, "*batch 6"],
     push: Float[Array, "*batch 3"],
-    in_plane: Float[Array, "*batch"],
-    cross: Float[Array, "*batch"],
     e: float,
     h: float,
 ) -> Float[Array, "*batch"]:
     """Bound on the acceleration over an interval: of ẍ and z̈ as above, and ÿ = u - 2e ẋ."""
+    in_plane, cross = _amplitudes(start, push, e)
     along = np.abs(push[..., 1]) + 2 * e * (np.abs(start[..., 3]) + h * in_plane)
     return np.sqrt(in_plane**2 + cross**2 + along**2)
 

@@ -49,16 +49,13 @@ def least_separation(
     states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
 ) -> Separation:
     """The least distance of any pair at any time of a flown trajectory."""
-    i, j = pairs(len(states))
-    if len(i) == 0:
+    if len(states) < 2:
         return Separation(np.inf, np.inf, None, None)
     at_nodes = float(node_distances(states).min())
-    found = close_approaches(
-        states[i] - states[j], controls[i] - controls[j], problem, within=at_nodes
-    )
+    found = close_approaches(states, controls, problem, within=at_nodes)
     k = int(found.distance.argmin())
     time = float(found.interval[k] * problem.time_step + found.offset[k])
-    pair = (int(i[found.row[k]]), int(j[found.row[k]]))
+    pair = (int(found.first[k]), int(found.second[k]))
     return Separation(float(found.distance[k]), float(found.bound.min()), pair, time)
 
 
@@ -66,7 +63,5 @@ def pair_conflicts(
     states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
 ) -> int:
     """Pairs that come within r_col at any time, at nodes or between them."""
-    i, j = pairs(len(states))
-    radius = problem.collision_radius
-    found = close_approaches(states[i] - states[j], controls[i] - controls[j], problem, radius)
-    return len(np.unique(found.row))
+    found = close_approaches(states, controls, problem, problem.collision_radius)
+    return len(np.unique(np.stack([found.first, found.second]), axis=1).T)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
@@ -57,24 +57,28 @@ def draw(family: str, seed: int, n: int, index: int, problem: Problem) -> Scenar
     return Scenario(problem, initial, goal, family, f"{family}-s{seed}-n{n}-{index:06d}")
 
 
-def passively_safe(states: Formation, problem: Problem) -> bool:
-    """Whether free drift over a whole orbit keeps every pair further apart than r_col."""
+def passively_safe(
+    states: Formation, problem: Problem, *, added: Bool[Array, "n"] | None = None
+) -> bool:
+    """Whether free drift over a whole orbit keeps every pair further apart than r_col.
+
+    Args:
+        states: a formation, m and m/s.
+        problem: mean motion and collision radius.
+        added: look at pairs with at least one of these only, where the others are known.
+    """
     i, j = pairs(len(states))
-    return _drift_apart(states[i] - states[j], problem)
-
-
-def _drift_apart(relative: Float[Array, "p 6"], problem: Problem) -> bool:
-    if (np.linalg.norm(relative[:, :3], axis=1) <= problem.collision_radius).any():
+    if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= problem.collision_radius).any():
         return False  # most unsafe draws are, from the start; the rest takes longer to see
     orbit = Problem(
         mean_motion=problem.mean_motion,
         time_step=2 * np.pi / problem.mean_motion / ORBIT_INTERVALS,
         nodes=ORBIT_INTERVALS + 1,
     )
-    idle = np.zeros((len(relative), ORBIT_INTERVALS, 3))
-    drift = fly(relative, idle, orbit)
-    found = close_approaches(drift, idle, orbit, within=problem.collision_radius)
-    return len(found.row) == 0
+    idle = np.zeros((len(states), ORBIT_INTERVALS, 3))
+    drift = fly(states, idle, orbit)
+    found = close_approaches(drift, idle, orbit, problem.collision_radius, moved=added)
+    return len(found.first) == 0
 
 
 def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) -> Formation:
@@ -177,7 +181,8 @@ def independent(rng: Rng, n: int, problem: Problem) -> Ends:
 
 
 def _clear_of(one: Float[Array, "1 6"], placed: Formation, problem: Problem) -> bool:
-    return _drift_apart(placed - one, problem)
+    added = np.arange(len(placed) + 1) == len(placed)
+    return passively_safe(np.concatenate([placed, one]), problem, added=added)
 
 
 def rotation(rng: Rng, n: int, problem: Problem) -> Ends:

@@ -91,9 +91,7 @@ def test_only_intervals_that_may_come_within_the_distance_are_returned():
     start = np.array([[0, 0, 0, 0, 0, 0], [-150.0, 10, 0, 1.0, 0, 0]])
     controls = np.zeros((2, 3, 3))
     states = fly(start, controls, problem)
-    found = close_approaches(
-        states[:1] - states[1:], controls[:1] - controls[1:], problem, within=20.0
-    )
+    found = close_approaches(states, controls, problem, within=20.0)
     assert found.interval.tolist() == [1]
     assert found.offset == pytest.approx([50.0], abs=0.1)
 
@@ -111,3 +109,29 @@ def test_a_single_craft_has_no_separation():
     found = least_separation(np.zeros((1, 11, 6)), np.zeros((1, 10, 3)), problem)
     assert found.distance == np.inf
     assert found.pair is None
+
+
+def test_no_close_pair_of_a_large_swarm_is_overlooked():
+    problem, rng = Problem(nodes=4), np.random.default_rng(0)
+    start = rng.normal(size=(60, 6)) * [120, 120, 120, 0.3, 0.3, 0.3]
+    controls = rng.normal(size=(60, 3, 3)) * 1e-3
+    states = fly(start, controls, problem)
+    found = close_approaches(states, controls, problem, within=40.0)
+    A, B = cw_matrices(problem.mean_motion, np.linspace(0, problem.time_step, 300))
+    i, j = np.triu_indices(60, 1)
+    ds, du = states[i, :-1] - states[j, :-1], controls[i] - controls[j]
+    gap = np.einsum("qij,ptj->ptqi", A[:, :3], ds) + np.einsum("qij,ptj->ptqi", B[:, :3], du)
+    row, interval = np.nonzero(np.linalg.norm(gap, axis=-1).min(axis=-1) <= 40.0)
+    known = set(zip(found.first, found.second, found.interval, strict=True))
+    assert len(row) > 30
+    assert known >= set(zip(i[row], j[row], interval, strict=True))
+
+
+def test_pairs_of_which_neither_moved_are_left_out():
+    problem = Problem(nodes=3)
+    start = np.zeros((3, 6))
+    start[:, 2] = [0.0, 5.0, 10.0]
+    controls = np.zeros((3, 2, 3))
+    moved = np.array([True, False, False])
+    found = close_approaches(fly(start, controls, problem), controls, problem, 20.0, moved=moved)
+    assert set(zip(found.first, found.second, strict=True)) == {(0, 1), (0, 2)}
