@@ -12,7 +12,7 @@ LSTM := lstm1,lstm2,lstmcol
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart report ui test lint clean
+.PHONY: help demo dataset train train-all evaluate warmstart report ui test lint bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -72,6 +72,10 @@ lint: $(BIN)/pytest ## ruff, mypy, import-linter
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+bench: $(BIN)/prolearn ## how fast the expert is, beside its peers
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'
+	$(BIN)/python -m benchmarks.expert --out reports/bench
 
 clean: ## remove what make made, datasets and results included
 	rm -rf $(VENV) data reports mlruns mlflow.db* unregistered *.egg-info build

@@ -1,5 +1,7 @@
 """The command that plans a scenario of one's own."""
 
+from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +13,14 @@ if TYPE_CHECKING:
 
 from cli.dataset import SeparationName
 from pipeline.errors import InputError
+
+
+class Effort(StrEnum):
+    """How long the expert looks for a better plan."""
+
+    FIRST = "first"
+    DEFAULT = "default"
+    BEST = "best"
 
 
 def plan(
@@ -25,6 +35,9 @@ def plan(
     separation: Annotated[
         SeparationName, typer.Option(help="Keep craft apart at all times, or at the nodes only.")
     ] = SeparationName.CONTINUOUS,
+    effort: Annotated[
+        Effort, typer.Option(help="Of the expert: the first safe plan, the default, or the best.")
+    ] = Effort.DEFAULT,
     raw: Annotated[
         bool,
         typer.Option("--raw", help="A model's own plan, safe or not, without the expert after it."),
@@ -42,7 +55,7 @@ def plan(
         prolearn plan scenario.json --planner expert --out plan.json
         prolearn plan a.json b.json --planner lstm2 --out plans/
     """
-    from pipeline.expert import Settings
+    from pipeline.expert import BEST, FIRST_SAFE, Settings
     from pipeline.plan import SOLVED
     from pipeline.plan.document import write_plan
     from pipeline.scenario import check
@@ -55,7 +68,8 @@ def plan(
             check(scenario, allow_drift=allow_drift)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-    chosen = _planner(planner, Settings(separation=separation.value), raw=raw)
+    settings = {Effort.FIRST: FIRST_SAFE, Effort.DEFAULT: Settings(), Effort.BEST: BEST}[effort]
+    chosen = _planner(planner, replace(settings, separation=separation.value), raw=raw)
     failed = False
     for scenario, target in zip(asked, targets, strict=True):
         made = chosen.plan([scenario])[0]

@@ -50,6 +50,10 @@ class Cuts:
         return Cuts(self.first[keep], self.second[keep], self.interval[keep], self.offset[keep])
 
 
+_NO_INDEX = np.zeros(0, dtype=int)
+NO_CUTS = Cuts(_NO_INDEX, _NO_INDEX, _NO_INDEX, np.zeros(0))
+
+
 @dataclass(frozen=True, eq=False)
 class HalfSpaces:
     """Cuts with directions: row · (uᵢ - uⱼ) ≥ required is a separation along the normal.
@@ -104,8 +108,18 @@ def half_spaces(
     controls: Float[Array, "n intervals 3"],
     problem: Problem,
     separation: float,
+    shift: Float[Array, "k 3"] | float = 0.0,
 ) -> HalfSpaces:
-    """Aim cuts from a trajectory: n̂ is the direction between the pair there and then."""
+    """Aim cuts from a trajectory: n̂ is the direction between the pair there and then.
+
+    Args:
+        cuts: pairs and times.
+        states: node states of the trajectory, m and m/s.
+        controls: its controls, m/s².
+        problem: the problem.
+        separation: what to ask for, m.
+        shift: added to each gap before its direction is taken, m: passes on another side.
+    """
     maps = transfer_maps(problem)
     A, B = cw_matrices(problem.mean_motion, cuts.offset)
     A, B = A[:, :3], B[:, :3]
@@ -113,7 +127,7 @@ def half_spaces(
     gap = np.einsum("kij,kj->ki", A, states[i, k] - states[j, k])
     gap += np.einsum("kij,kj->ki", B, controls[i, k] - controls[j, k])
     distance = np.linalg.norm(gap, axis=1)
-    normal = _directions(gap, distance, states[i, k, 3:] - states[j, k, 3:])
+    normal = _directions(gap + shift, states[i, k, 3:] - states[j, k, 3:])
     to_state = np.einsum("ki,kij->kj", normal, A)
     row = np.einsum("kj,kjm->km", to_state, maps.reach[k])
     columns = 3 * k[:, None] + np.arange(3)
@@ -123,10 +137,9 @@ def half_spaces(
     return HalfSpaces(row, separation - free, distance)
 
 
-def _directions(
-    gap: Float[Array, "k 3"], distance: Float[Array, "k"], velocity: Float[Array, "k 3"]
-) -> Float[Array, "k 3"]:
+def _directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
     """Unit vectors along each gap; across the relative velocity where the two craft touch."""
+    distance = np.linalg.norm(gap, axis=1)
     touching = distance < TOUCHING
     if touching.any():
         axis = np.eye(3)[np.abs(velocity).argmin(axis=1)]

@@ -9,10 +9,12 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.expert.cuts import NO_CUTS
 from pipeline.expert.own import OwnOptima, own_optima
 from pipeline.expert.scp import Found, Search
 from pipeline.expert.seeds import Seed
 from pipeline.expert.settings import Settings
+from pipeline.expert.starts import best_of_starts
 from pipeline.orbit.transfer import project_to_flyable
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, planned
 from pipeline.scenario import Scenario
@@ -91,5 +93,7 @@ def _search(
 ) -> Found:
     if not own.feasible.all():
         k = int(np.flatnonzero(~own.feasible)[0])
-        return Found(own.controls, 0, f"craft {k} cannot reach its goal within max_acceleration")
-    return Search(scenario, own, seed_controls, settings).run()
+        obstacle = f"craft {k} cannot reach its goal within max_acceleration"
+        return Found(own.controls, 0, NO_CUTS, obstacle=obstacle)
+    best = Search(scenario, own, seed_controls, settings).run()
+    return best_of_starts(scenario, own, best, settings)

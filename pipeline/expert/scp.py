@@ -36,6 +36,9 @@ LOOK_AHEAD = 0.5
 SEED_LOOK = 15.0
 """Pairs that pass within this of the collision radius in a seed are cut from the start, m."""
 
+SHIFT = 1.5
+"""By how much further starts move the first gaps at random, in collision radii."""
+
 SLACK_TOLERANCE = 1e-5
 """Slack in m under which a half-space counts as met."""
 
@@ -50,11 +53,15 @@ class Found:
     Attributes:
         controls: (n, T-1, 3), m/s².
         convex_solves: rounds of programs, the clusters of a round counted as one.
+        cuts: all cuts that were made.
+        settled: whether every cluster ended by its own criterion, so that the plan is safe.
         obstacle: why no plan exists, or nothing.
     """
 
     controls: Float[Array, "n intervals 3"]
     convex_solves: int
+    cuts: Cuts
+    settled: bool = False
     obstacle: str = ""
 
 
@@ -72,6 +79,7 @@ class Search:
         own: OwnOptima,
         seed: Float[Array, "n intervals 3"] | None,
         settings: Settings,
+        start: int = 0,
     ) -> None:
         self.scenario, self.own, self.settings = scenario, own, settings
         self.problem, self.radius = scenario.problem, scenario.problem.collision_radius
@@ -91,6 +99,10 @@ class Search:
             cuts += near
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
+        self.shift: Float[Array, "k 3"] | float = 0.0
+        if start:  # other sides to pass on, above all where craft would meet head on
+            rng = np.random.default_rng(start)
+            self.shift = rng.normal(scale=self.radius * SHIFT, size=(len(cuts), 3))
 
     def run(self) -> Found:
         """Solve and judge until every cluster is done."""
@@ -101,11 +113,12 @@ class Search:
             try:
                 self._solve(clusters)
             except UnsolvableError as error:
-                return Found(self.controls, rounds, str(error))
+                return Found(self.controls, rounds, self.cuts, obstacle=str(error))
             self._judge(clusters)
         kept = self.active & self.accepted
         self.controls[kept] = self.aim_controls[kept]
-        return Found(self.controls, rounds, self._obstacle(kept))
+        settled = not self.active.any()
+        return Found(self.controls, rounds, self.cuts, settled, self._obstacle(kept))
 
     def _obstacle(self, kept: Bool[Array, "n"]) -> str:
         """The pair that no program could hold apart, where one stands in the way."""
@@ -141,7 +154,10 @@ class Search:
         return [np.flatnonzero(self.labels == label) for label in np.unique(self.labels[touched])]
 
     def _aimed(self, separation: float) -> HalfSpaces:
-        return half_spaces(self.cuts, self.aim_states, self.aim_controls, self.problem, separation)
+        shift, self.shift = self.shift, 0.0  # for the first program alone
+        return half_spaces(
+            self.cuts, self.aim_states, self.aim_controls, self.problem, separation, shift
+        )
 
     def _solve(self, clusters: list[Cluster]) -> None:
         """Solve each cluster's program, with every cut aimed from the same trajectory."""

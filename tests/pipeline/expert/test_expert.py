@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import SEEDS, Expert, Seeded, Settings, solve
+from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Expert, Seeded, Settings, solve
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
@@ -143,7 +143,7 @@ def test_craft_that_cannot_be_kept_apart_are_infeasible_and_named():
 def test_stopping_at_the_first_safe_plan_takes_no_more_solves_and_no_less_fuel():
     for index in range(8):
         scenario = draw("rings", 0, 15, index, PROBLEM)
-        first = solve(scenario, settings=Settings(stop="first-safe"))
+        first = solve(scenario, settings=FIRST_SAFE)
         best = solve(scenario)
         assert first.status == best.status == SOLVED
         assert first.convex_solves <= best.convex_solves
@@ -157,3 +157,15 @@ def test_a_planner_before_the_expert_gives_the_seed_and_its_name():
     assert {plan.planner for plan in plans} == {"nodes + expert"}
     assert all(plan.status == SOLVED for plan in plans)
     assert all(plan.timing["plan"] > plan.timing["seed_plan"] for plan in plans)
+
+
+def test_more_starts_never_cost_fuel_and_sometimes_save_it():
+    saved = []
+    for index in range(6):
+        scenario = draw("rings", 3, 14, index, PROBLEM)
+        once, often = solve(scenario), solve(scenario, settings=BEST)
+        assert often.status == SOLVED
+        assert closest_on_a_grid(often, PROBLEM) > PROBLEM.collision_radius
+        saved.append(1 - often.certificate.fuel / once.certificate.fuel)
+    assert min(saved) >= -1e-6
+    assert max(saved) > 1e-4

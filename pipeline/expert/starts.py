@@ -1,0 +1,51 @@
+"""Several starts: passing on other sides, and the best of each cluster put together."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.expert.clusters import cluster_labels
+from pipeline.expert.cuts import conflicts
+from pipeline.expert.own import OwnOptima
+from pipeline.expert.scp import Found, Search
+from pipeline.expert.settings import Settings
+from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.transfer import fly
+from pipeline.plan import gap_of
+from pipeline.scenario import Scenario
+
+
+def best_of_starts(scenario: Scenario, own: OwnOptima, first: Found, settings: Settings) -> Found:
+    """What a first search found, bettered by ``settings.starts`` - 1 further ones.
+
+    The sides on which craft pass each other decide which local optimum the search ends in. Each
+    further start draws them anew, the same way every time.
+    """
+    best = first
+    bound = float(own.lower_bound.sum())
+    for start in range(1, settings.starts):
+        if gap_of(float(np.abs(best.controls).sum()), bound) <= settings.gap_tolerance:
+            break
+        other = Search(scenario, own, None, settings, start).run()
+        solves = best.convex_solves + other.convex_solves
+        best = replace(_better(scenario, best, other, settings), convex_solves=solves)
+    return best
+
+
+def _better(scenario: Scenario, best: Found, other: Found, settings: Settings) -> Found:
+    """The cheaper of both in every cluster, where that is safe; else the cheaper of both."""
+    if not (best.settled and other.settled):
+        return best if best.settled else other
+    both = best.cuts + other.cuts
+    labels = cluster_labels(scenario.n, both.first, both.second)
+    saved = np.abs(best.controls).sum(axis=(1, 2)) - np.abs(other.controls).sum(axis=(1, 2))
+    cheaper = (np.bincount(labels, saved, scenario.n) > 0)[labels]
+    controls = np.where(cheaper[:, None, None], other.controls, best.controls)
+    states = fly(scenario.initial, controls, scenario.problem)
+    radius = scenario.problem.collision_radius + TOLERANCE
+    at_nodes = settings.separation == "nodes"
+    everyone = np.ones(scenario.n, dtype=bool)
+    found, _ = conflicts(states, controls, scenario.problem, radius, everyone, at_nodes=at_nodes)
+    if len(found) == 0:
+        return replace(best, controls=controls, cuts=both)
+    return other if saved.sum() > 0 else best
