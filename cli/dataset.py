@@ -1,13 +1,15 @@
 """Commands that make and check datasets: sample, solve, dataset, verify."""
 
 from enum import StrEnum
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.progress import progress
+from cli.watch import watching
 from pipeline.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.dataset.workers import Workers
 
 
 class Backend(StrEnum):
@@ -38,17 +40,19 @@ class Preset(StrEnum):
     PAPER = "paper"
 
 
-def _checked_jobs(jobs: int) -> int:
-    if jobs == 0:
-        raise InputError("--jobs is 0; expected a number of processes, or -1 for all cores.")
-    return jobs
-
-
-Jobs = Annotated[int, typer.Option(help="Processes; -1 for all cores.", callback=_checked_jobs)]
-Out = Annotated[Path, typer.Option(help="Dataset folder.", show_default=False)]
-Folder = Annotated[Path, typer.Argument(help="Dataset folder.", show_default=False)]
+Jobs = Annotated[int, typer.Option(help="Processes; -1 for all cores.")]
+Out = Annotated[str, typer.Option(help="Dataset folder or URL.", show_default=False)]
+Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.", show_default=False)]
 BackendOption = Annotated[
     Backend, typer.Option(help="Where workers run: this machine, or a Dask cluster.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Of the Dask cluster, such as tcp://10.0.0.1:8786.",
+        envvar="DASK_SCHEDULER_ADDRESS",
+        show_envvar=True,
+    ),
 ]
 
 
@@ -85,7 +89,6 @@ def sample(
     """
     from pipeline.dataset.manifest import Sample
     from pipeline.dataset.sample import sample as run
-    from pipeline.dataset.sample import to_draw
     from pipeline.orbit.cw import mean_motion_at
     from pipeline.orbit.problem import Problem
 
@@ -95,8 +98,8 @@ def sample(
         mean_motion_at(altitude), time_step, nodes, collision_radius, max_acceleration
     )
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
-    with progress("sampling", to_draw(out, {n: one}, problem)) as advance:
-        run(out, {n: one}, problem, jobs=jobs, report=lambda done, failed: advance(done, ""))
+    with watching("sampling") as watch:
+        run(out, {n: one}, problem, jobs=jobs, watch=watch)
     typer.echo(f"{count} scenarios of n={n} are in {out}; solve them: prolearn solve {out}")
 
 
@@ -104,6 +107,7 @@ def solve(
     folder: Folder,
     jobs: Jobs = -1,
     backend: BackendOption = Backend.LOKY,
+    scheduler: Scheduler = None,
     separation: Annotated[
         SeparationName, typer.Option(help="Keep craft apart at all times, or at the nodes only.")
     ] = SeparationName.CONTINUOUS,
@@ -113,23 +117,26 @@ def solve(
 ) -> None:
     """Solve the scenarios of a folder with the expert.
 
-    What is solved already is kept: after an interruption run the same command again.
+    What is solved already is kept and what is damaged is done again: after an interruption of
+    any kind run the same command again.
 
     Examples:
 
         prolearn solve data/n10
         prolearn solve data/n10 --jobs 8 --separation nodes
+        prolearn solve s3://bucket/n10 --backend dask --scheduler tcp://10.0.0.1:8786
     """
-    _solve(folder, jobs, backend, separation, solver)
+    _solve(folder, _workers(jobs, backend, scheduler), separation, solver)
 
 
 def make(
     preset: Annotated[Preset, typer.Option(help="Which dataset.")] = Preset.PAPER,
     out: Annotated[
-        Path | None, typer.Option(help="Dataset folder; data/PRESET by default.")
+        str | None, typer.Option(help="Dataset folder or URL; data/PRESET by default.")
     ] = None,
     jobs: Jobs = -1,
     backend: BackendOption = Backend.LOKY,
+    scheduler: Scheduler = None,
 ) -> None:
     """Sample and solve all that the experiments need.
 
@@ -142,59 +149,67 @@ def make(
     """
     from pipeline.dataset.presets import PRESETS
     from pipeline.dataset.sample import sample as run
-    from pipeline.dataset.sample import to_draw
     from pipeline.orbit.problem import Problem
 
-    folder = out or Path("data") / preset
-    samples, problem = PRESETS[preset], Problem()
-    with progress("sampling", to_draw(folder, samples, problem)) as advance:
-        run(folder, samples, problem, jobs=jobs, report=lambda done, failed: advance(done, ""))
-    _solve(folder, jobs, backend, SeparationName.CONTINUOUS, SolverName.CLARABEL)
+    folder, workers = out or f"data/{preset}", _workers(jobs, backend, scheduler)
+    with watching("sampling") as watch:
+        run(folder, PRESETS[preset], Problem(), jobs=jobs, watch=watch)
+    _solve(folder, workers, SeparationName.CONTINUOUS, SolverName.CLARABEL)
 
 
-def verify(folder: Folder) -> None:
+def verify(
+    folder: Folder,
+    mend: Annotated[
+        bool,
+        typer.Option("--repair", help="Do damaged shards again; move foreign files to _foreign/."),
+    ] = False,
+    jobs: Jobs = -1,
+) -> None:
     """Check the integrity of a dataset and the physics of every row.
 
-    Example:
+    Dynamics, ends, separation at all times and fuel are computed anew.
+
+    Examples:
 
         prolearn verify data/paper
+        prolearn verify data/paper --repair
     """
-    from pipeline.dataset.manifest import read_manifest
+    from pipeline.dataset.verify import repair
     from pipeline.dataset.verify import verify as run
+    from pipeline.dataset.workers import Workers
 
-    total = sum(sample.count for sample in read_manifest(folder).samples.values())
-    with progress("verifying", total) as advance:
-        faults = list(run(folder, report=lambda rows: advance(rows, "")))
+    workers = Workers(jobs)
+    with watching("mending" if mend else "verifying") as watch:
+        found = repair if mend else run
+        faults = list(found(folder, workers=workers, watch=watch))
+        rows = watch.rows
     for fault in faults:
         typer.echo(f"{fault.path}: {fault.what}", err=True)
-    if faults:
-        typer.echo(f"{len(faults)} faults in {folder}; `prolearn solve {folder}` redoes shards.")
+    many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
+    if faults and not mend:
+        typer.echo(f"{many} in {folder}; mend it: prolearn verify {folder} --repair", err=True)
         raise typer.Exit(1)
-    typer.echo(f"{folder} is sound: {total} rows.")
+    if faults:
+        typer.echo(f"{folder} is mended: {many}.")
+    else:
+        typer.echo(f"{folder} is sound: {rows} rows.")
 
 
-def _solve(
-    folder: Path,
-    jobs: int,
-    backend: Backend,
-    separation: SeparationName,
-    solver: SolverName,
-) -> None:
+def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":
+    """A scheduler in the environment does not turn work on this machine into a fault."""
+    from pipeline.dataset.workers import Workers
+
+    return Workers(jobs, backend.value, scheduler if backend is Backend.DASK else None)
+
+
+def _solve(folder: str, workers: "Workers", separation: SeparationName, solver: SolverName) -> None:
     from pipeline.dataset.solve import solve as run
-    from pipeline.dataset.solve import to_solve
     from pipeline.expert import Settings
 
     settings = Settings(separation=separation.value, solver=solver.value)
-    counts = {"done": 0, "failed": 0}
-    with progress("solving", to_solve(folder, settings)) as advance:
-
-        def report(done: int, failed: int) -> None:
-            counts["done"] += done
-            counts["failed"] += failed
-            advance(done, f"{counts['failed'] / counts['done']:.1%} failed")
-
-        run(folder, settings, jobs=jobs, backend=backend.value, report=report)
-    typer.echo(f"{folder} is solved ({counts['done']} now, {counts['failed']} without a plan).")
+    with watching("solving", can_fail=True) as watch:
+        run(folder, settings, workers=workers, watch=watch)
+    typer.echo(f"{folder} is solved ({watch.rows} now, {watch.failed} without a plan).")
 
 
 def _shares(text: str) -> tuple[float, float, float]:

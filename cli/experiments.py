@@ -15,12 +15,14 @@ Models = Annotated[
         show_default=False,
     ),
 ]
-Data = Annotated[Path, typer.Option(help="Solved dataset; its test split is used.")]
+Data = Annotated[
+    str, typer.Option(help="Solved dataset, a folder or a URL; its test split is used.")
+]
 
 
 def evaluate(
     models: Models = None,
-    data: Data = Path("data/paper"),
+    data: Data = "data/paper",
     n: Annotated[
         str | None,
         typer.Option("--n", help="Swarm sizes, such as 2..30; by default all of the dataset."),
@@ -56,7 +58,7 @@ def evaluate(
 
 def warmstart(
     models: Models = None,
-    data: Data = Path("data/paper"),
+    data: Data = "data/paper",
     n: Annotated[str, typer.Option("--n", help="Swarm sizes.")] = "10,30",
     trials: Annotated[int, typer.Option(help="Trials of each size.")] = 100,
 ) -> None:

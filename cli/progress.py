@@ -9,13 +9,25 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
 LINE_SECONDS = 5.0
 """How often work that is not on a terminal says where it is."""
+
+
+class RateColumn(ProgressColumn):
+    """How many units are done a second."""
+
+    def render(self, task: Task) -> Text:
+        """The rate of late."""
+        return Text(f"{task.speed:.3g}/s" if task.speed else "")
+
 
 Advance = Callable[[int, str], None]
 """Called with the units just done and a note to show."""
@@ -41,6 +53,7 @@ def _bar(console: Console, what: str, total: int) -> Iterator[Advance]:
         TextColumn("{task.description}"),
         BarColumn(bar_width=24),
         MofNCompleteColumn(),
+        RateColumn(),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
@@ -62,8 +75,10 @@ def _lines(console: Console, what: str, total: int) -> Iterator[Advance]:
         now = monotonic()
         if now - last >= LINE_SECONDS or count >= total:
             last = now
-            rest = f", {note}" if note else ""
-            line = f"{what}: {count}/{total} after {now - started:.0f} s{rest}"
-            console.print(line, highlight=False, soft_wrap=True)
+            parts = [f"{what}: {count}/{total} after {now - started:.0f} s"]
+            if 0 < count < total and now > started:
+                rate = count / (now - started)
+                parts += [f"{rate:.3g}/s", f"{(total - count) / rate:.0f} s left"]
+            console.print(", ".join(parts + [note] * bool(note)), highlight=False, soft_wrap=True)
 
     yield advance

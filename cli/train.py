@@ -1,7 +1,6 @@
 """The command that trains networks."""
 
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -32,7 +31,7 @@ def train(
     recipe: Annotated[
         RecipeName, typer.Option(help="The paper's training, or the one tuned on validation.")
     ] = RecipeName.TUNED,
-    data: Annotated[Path, typer.Option(help="Solved dataset.")] = Path("data/paper"),
+    data: Annotated[str, typer.Option(help="Solved dataset, a folder or a URL.")] = "data/paper",
     n: Annotated[int, typer.Option("--n", help="Swarm size to train on.")] = 10,
     epochs: Annotated[int | None, typer.Option(help="Most epochs.")] = None,
     interior: Annotated[
@@ -46,6 +45,10 @@ def train(
     ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")] = "auto",
     seed: Annotated[int, typer.Option(help="Of weights, order and dropout.")] = 0,
+    memory: Annotated[
+        float,
+        typer.Option(help="GB that data may take; larger datasets stream shard by shard."),
+    ] = 2.0,
 ) -> None:
     """Train networks on the expert's plans and register them.
 
@@ -74,7 +77,15 @@ def train(
                 advance(1, f"validation loss {epoch.valid_loss:.4g}")
 
             version = train_model(
-                one, recipe, data, n=n, seed=seed, device=device, changes=changes, on_epoch=report
+                one,
+                recipe,
+                data,
+                n=n,
+                seed=seed,
+                device=device,
+                changes=changes,
+                on_epoch=report,
+                memory=memory * 1e9,
             )
         typer.echo(_summary(version))
 

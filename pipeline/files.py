@@ -6,6 +6,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+PREFIX, SUFFIX = ".", ".tmp"
+"""How names of files begin and end that are not finished yet."""
+
 
 @contextlib.contextmanager
 def published(path: Path) -> Iterator[Path]:
@@ -14,7 +17,7 @@ def published(path: Path) -> Iterator[Path]:
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f"{PREFIX}{path.name}.", suffix=SUFFIX, dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:

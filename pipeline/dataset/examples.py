@@ -1,11 +1,46 @@
 """What a network learns from: solved instances as arrays."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.problem import Problem
+
+
+@runtime_checkable
+class ExampleSource(Protocol):
+    """Examples of one problem and one swarm size, in memory or read part by part."""
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that they share."""
+        ...
+
+    @property
+    def n(self) -> int:
+        """Number of spacecraft in each instance."""
+        ...
+
+    @property
+    def buffer(self) -> int | None:
+        """Instances that may be held at once, or None where all of them are in memory."""
+        ...
+
+    @property
+    def part_count(self) -> int:
+        """Number of parts."""
+        ...
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
+        """All examples, part by part, in an order of the parts."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of instances."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,3 +67,17 @@ class Examples:
     def n(self) -> int:
         """Number of spacecraft in each instance."""
         return self.initial.shape[1]
+
+    @property
+    def buffer(self) -> None:
+        """All are in memory."""
+        return
+
+    @property
+    def part_count(self) -> int:
+        """All are one part."""
+        return 1
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
+        """Themselves."""
+        yield self

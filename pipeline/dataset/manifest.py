@@ -11,16 +11,16 @@ Readers of Parquet folders pass over names that begin with an underscore.
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from pipeline.dataset.folder import Folder, Where, open_folder
 from pipeline.dataset.schema import SCHEMA, SPLITS
 from pipeline.errors import InputError
-from pipeline.files import write_text
 from pipeline.orbit.problem import Problem
 
 NAME = "_manifest.json"
+SCENARIOS, TIMINGS = "_scenarios/", "_timings/"
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,16 @@ class Sample:
         valid = train + round(self.count * self.shares[1])
         return SPLITS[(index >= train) + (index >= valid)]
 
+    def splits_of(self, shard: int) -> set[str]:
+        """The splits that a shard has rows of, which are in order of the index."""
+        rows = self.indices(shard)
+        first, last = (SPLITS.index(self.split_of(k)) for k in (rows[0], rows[-1]))
+        return set(SPLITS[first : last + 1])
+
+    def origin(self) -> dict[str, Any]:
+        """What the metadata of shards says about where their scenarios come from."""
+        return {"seed": self.seed, "family": self.family}
+
     def indices(self, shard: int) -> range:
         """Indices of the scenarios in a shard."""
         first = shard * self.shard_rows
@@ -91,7 +101,7 @@ class Manifest:
     def scenario_shards(self) -> list[tuple[int, int, str]]:
         """Swarm size, shard number and path of every scenario shard."""
         return [
-            (n, k, f"_scenarios/{shard_name(n, k)}")
+            (n, k, SCENARIOS + shard_name(n, k))
             for n, sample in sorted(self.samples.items())
             for k in range(sample.shards)
         ]
@@ -111,35 +121,39 @@ def shard_name(n: int, shard: int) -> str:
     return f"n={n}/part-{shard:05d}.parquet"
 
 
-def read_manifest(folder: Path) -> Manifest:
+def read_manifest(where: Where | Folder) -> Manifest:
     """The manifest of a dataset.
 
     Raises:
         InputError: where the folder is missing, empty or holds no dataset.
     """
-    path = folder / NAME
-    if not folder.is_dir() or not path.exists():
-        what = "is empty" if folder.is_dir() and not any(folder.iterdir()) else "holds no dataset"
-        what = what if folder.is_dir() else "does not exist"
+    folder = open_folder(where)
+    if not folder.exists(NAME):
+        what = "does not exist"
+        if folder.is_there():
+            what = "holds no dataset" if folder.names() else "is empty"
         raise InputError(
             f"{folder} {what}; expected a dataset folder: make one with "
             f"`prolearn dataset --preset demo --out {folder}`."
         )
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(folder.read(NAME))
         if document["schema"] != SCHEMA:
-            raise InputError(f"{path} has schema {document['schema']}; expected {SCHEMA}.")
+            raise InputError(f"{folder} has schema {document['schema']}; expected {SCHEMA}.")
         samples = {
             int(n): Sample(**{**s, "shares": tuple(s["shares"])})
             for n, s in document["samples"].items()
         }
         problem = Problem(**document["problem"])
         return Manifest(problem, samples, document["solve"], document["shards"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} is damaged ({error!r}); sample the dataset again.") from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{NAME} in {folder} is damaged ({error!r}); delete it and give the command that made "
+            "the dataset again: shards that are sound are kept."
+        ) from error
 
 
-def write_manifest(folder: Path, manifest: Manifest) -> None:
+def write_manifest(folder: Folder, manifest: Manifest) -> None:
     """Write the manifest, whole."""
     document = {
         "schema": SCHEMA,
@@ -148,12 +162,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         "solve": dict(manifest.solve),
         "shards": dict(sorted(manifest.shards.items())),
     }
-    write_text(folder / NAME, json.dumps(document, indent=1) + "\n")
-
-
-def with_shards(manifest: Manifest, shards: Mapping[str, str]) -> Manifest:
-    """The manifest with more finished shards."""
-    return replace(manifest, shards={**manifest.shards, **shards})
+    folder.publish(NAME, (json.dumps(document, indent=1) + "\n").encode())
 
 
 def refuse_change(what: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> None:

@@ -1,29 +1,24 @@
 """Solved datasets read back: scenarios for the experiments, arrays for training."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from pipeline.dataset.examples import Examples
+from pipeline.dataset.folder import Folder, Where, open_folder
 from pipeline.dataset.manifest import read_manifest, shard_name
 from pipeline.dataset.schema import problem_of, stacked
 from pipeline.dataset.shards import read_shard
 from pipeline.errors import InputError
 from pipeline.plan import SOLVED
 
+LEARNED = ("initial", "goal", "states")
+"""Columns that training reads."""
 
-def solved_rows(
-    folder: Path, n: int, split: str | None = None, columns: Sequence[str] | None = None
-) -> pa.Table:
-    """Rows of one swarm size, in order of their index.
 
-    Args:
-        folder: a solved dataset.
-        n: swarm size.
-        split: "train", "valid" or "test", or all.
-        columns: columns to read besides ``split`` and ``status``, or all.
+def shards_of(folder: Folder, n: int, split: str | None = None) -> list[str]:
+    """The solved shards of one swarm size that hold rows of a split, in order.
 
     Raises:
         InputError: where there is no dataset, the size is not in it, or it is not solved.
@@ -32,31 +27,63 @@ def solved_rows(
     if n not in manifest.samples:
         sizes = ", ".join(str(size) for size in sorted(manifest.samples))
         raise InputError(f"{folder} has no scenarios of n={n}; expected n in {sizes}.")
-    files = [folder / shard_name(n, k) for k in range(manifest.samples[n].shards)]
-    if not all(file.exists() for file in files):
+    one = manifest.samples[n]
+    every = {k: shard_name(n, k) for k in range(one.shards)}
+    present = set(folder.names())
+    if not present.issuperset(every.values()):
         raise InputError(f"{folder} is not solved at n={n}; run `prolearn solve {folder}` first.")
+    return [name for k, name in every.items() if split is None or split in one.splits_of(k)]
+
+
+def solved_rows(
+    where: Where | Folder, n: int, split: str | None = None, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """Rows of one swarm size, in order of their index.
+
+    Args:
+        where: a solved dataset.
+        n: swarm size.
+        split: "train", "valid" or "test", or all.
+        columns: columns to read besides ``split`` and ``status``, or all.
+
+    Raises:
+        InputError: where there is no dataset, the size is not in it, it is not solved, or a
+            shard is damaged.
+    """
+    folder = open_folder(where)
     wanted = None if columns is None else list({"split", "status", *columns})
-    table = pa.concat_tables([read_shard(file, wanted) for file in files])
+    names = shards_of(folder, n, split) or shards_of(folder, n)[:1]  # at least a schema
+    table = pa.concat_tables([read_shard(folder, name, wanted) for name in names])
     return table if split is None else table.filter(pc.equal(table["split"], split))
 
 
-def examples(folder: Path, n: int, split: str) -> Examples:
+def examples(where: Where | Folder, n: int, split: str) -> Examples:
     """Solved instances of a split as arrays; the others are left out.
 
     Raises:
         InputError: as in ``solved_rows``, or where no instance of the split is solved.
     """
-    table = solved_rows(folder, n, split, ("initial", "goal", "states"))
+    found = examples_of(solved_rows(where, n, split, LEARNED), n)
+    if len(found) == 0:
+        raise no_examples(where, n, split)
+    return found
+
+
+def examples_of(table: pa.Table, n: int) -> Examples:
+    """The solved rows of a table as arrays, without a loop over rows."""
     table = table.filter(pc.equal(table["status"], SOLVED))
-    if table.num_rows == 0:
-        raise InputError(
-            f"{folder} has no solved instance of n={n} in its {split} split; expected some: "
-            "sample more scenarios."
-        )
     problem = problem_of(table.schema)
     return Examples(
         problem=problem,
         initial=stacked(table, "initial", n, 6),
         goal=stacked(table, "goal", n, 6),
         states=stacked(table, "states", n, problem.nodes, 6),
+    )
+
+
+def no_examples(where: Where | Folder, n: int, split: str) -> InputError:
+    """The refusal of a split with nothing to learn from."""
+    return InputError(
+        f"{where} has no solved instance of n={n} in its {split} split; expected some: sample "
+        "more scenarios."
     )

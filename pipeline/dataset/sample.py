@@ -1,86 +1,120 @@
 """Stage one: scenarios drawn into shards."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, replace
-from pathlib import Path
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
 
-from threadpoolctl import threadpool_limits
-
+from pipeline.dataset.folder import Folder, Where, open_folder
+from pipeline.dataset.ledger import Ledger
+from pipeline.dataset.lock import LOCK, WRITER, sole_writer
 from pipeline.dataset.manifest import (
     NAME,
+    SCENARIOS,
+    TIMINGS,
     Manifest,
     Sample,
     read_manifest,
     refuse_change,
-    with_shards,
-    write_manifest,
 )
 from pipeline.dataset.schema import metadata, scenario_table
-from pipeline.dataset.shards import file_digest, for_each_shard, sole_writer, write_shard
+from pipeline.dataset.shards import digest_of, encode
+from pipeline.dataset.watch import SILENT, Watch
+from pipeline.dataset.workers import Workers
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 
-Report = Callable[[int, int], None]
-"""Called after each shard with the instances done in it and how many of them failed."""
+OURS = re.compile(
+    rf"{NAME}|{LOCK}|{WRITER}|_foreign/.*|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet"
+)
+"""Names of files that a dataset may hold."""
 
-Job = tuple[Path, str, int, int, Sample, Problem]
+
+@dataclass(frozen=True)
+class Draw:
+    """A scenario shard to be drawn."""
+
+    name: str
+    n: int
+    shard: int
+    sample: Sample
+    problem: Problem
+
+    @property
+    def indices(self) -> range:
+        """Indices of its scenarios."""
+        return self.sample.indices(self.shard)
 
 
 def sample(
-    folder: Path,
+    where: Where | Folder,
     samples: Mapping[int, Sample],
     problem: Problem,
     *,
     jobs: int = -1,
-    report: Report = lambda done, failed: None,
+    watch: Watch = SILENT,
 ) -> Manifest:
     """Draw the scenarios of each swarm size into a folder; shards that are there are kept.
 
     Args:
-        folder: dataset folder, new or begun with the same settings.
+        where: dataset folder, new or begun with the same settings.
         samples: how to draw, by swarm size.
         problem: the problem of all scenarios.
         jobs: processes.
-        report: called after each shard.
+        watch: told how far it is.
 
     Raises:
         InputError: for settings that cannot be sampled or differ from those of the folder.
+        ProlearnError: where the folder cannot be written to or workers are killed again and again.
     """
+    folder, workers = open_folder(where), Workers(jobs)
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     _refuse_foreign(folder)
     with sole_writer(folder):
-        manifest = _begun(folder, samples, problem)
-        write_manifest(folder, manifest)
-        tasks = list(_missing(folder, manifest))
-        digests: dict[str, str] = {}
-        for path, digest, rows in for_each_shard(_draw_shard, tasks, jobs, "loky"):
-            digests[path] = digest
-            report(rows, 0)
-        manifest = with_shards(manifest, digests)
-        write_manifest(folder, manifest)
-    return manifest
+        ledger = Ledger(folder, _begun(folder, samples, problem))
+        ledger.commit()
+        tasks = list(missing_scenarios(ledger))
+        watch.expect(sum(len(task.indices) for task in tasks))
+        draw_scenarios(ledger, tasks, workers, watch)
+    return ledger.manifest
 
 
-def to_draw(folder: Path, samples: Mapping[int, Sample], problem: Problem) -> int:
-    """Scenarios that are still to be drawn."""
-    if not (folder / NAME).exists():
-        return sum(one.count for one in samples.values())
-    manifest = _begun(folder, samples, problem)
-    return sum(len(job[4].indices(job[3])) for job in _missing(folder, manifest))
+def missing_scenarios(ledger: Ledger) -> Iterator[Draw]:
+    """Scenario shards that are not there or not sound."""
+    manifest = ledger.manifest
+    for n, shard, name in manifest.scenario_shards():
+        if not ledger.is_sound(name):
+            yield Draw(name, n, shard, manifest.samples[n], manifest.problem)
 
 
-def _refuse_foreign(folder: Path) -> None:
-    if folder.is_dir() and not (folder / NAME).exists() and any(folder.iterdir()):
+def draw_scenarios(ledger: Ledger, tasks: list[Draw], workers: Workers, watch: Watch) -> None:
+    """Draw scenario shards; the plans of one that comes out otherwise count no longer."""
+    known = ledger.manifest.shards
+    results = workers.work(_drawn, tasks, lambda task: b"", watch)
+    with ledger.settled(), closing(results):
+        for task, content in results:
+            if known.get(task.name, "") not in ("", digest_of(content)):
+                ledger.disown([task.name.removeprefix(SCENARIOS)])
+            ledger.publish(task.name, content)
+            watch.done(len(task.indices))
+
+
+def _refuse_foreign(folder: Folder) -> None:
+    if folder.exists(NAME):
+        return
+    foreign = [name for name in folder.names() if not OURS.fullmatch(name)]
+    if foreign:
         raise InputError(
-            f"{folder} holds other files and no dataset; expected a new or an empty folder."
+            f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
+            "empty folder."
         )
 
 
-def _begun(folder: Path, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
+def _begun(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
     """The manifest that the folder has or gets, where its settings agree with these."""
-    if not (folder / NAME).exists():
+    if not folder.exists(NAME):
         return Manifest(problem, dict(samples))
     manifest = read_manifest(folder)
     refuse_change(str(folder), asdict(manifest.problem), asdict(problem))
@@ -90,18 +124,8 @@ def _begun(folder: Path, samples: Mapping[int, Sample], problem: Problem) -> Man
     return replace(manifest, samples={**manifest.samples, **samples})
 
 
-def _missing(folder: Path, manifest: Manifest) -> Iterator[Job]:
-    for n, shard, path in manifest.scenario_shards():
-        file = folder / path
-        if not (file.exists() and manifest.shards.get(path) == file_digest(file)):
-            yield folder, path, n, shard, manifest.samples[n], manifest.problem
-
-
-def _draw_shard(job: Job) -> tuple[str, str, int]:
-    folder, path, n, shard, one, problem = job
-    indices = one.indices(shard)
-    with threadpool_limits(1):
-        scenarios = [draw(one.family, one.seed, n, index, problem) for index in indices]
-    meta = metadata(problem, {"seed": one.seed, "family": one.family})
-    table = scenario_table(scenarios, [one.split_of(index) for index in indices], meta)
-    return path, write_shard(folder / path, table), len(indices)
+def _drawn(task: Draw, _: bytes) -> bytes:
+    one, problem = task.sample, task.problem
+    scenarios = [draw(one.family, one.seed, task.n, k, problem) for k in task.indices]
+    meta = metadata(problem, one.origin())
+    return encode(scenario_table(scenarios, [one.split_of(k) for k in task.indices], meta))

@@ -7,7 +7,7 @@ problem and how it was sampled and solved, as JSON.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,21 @@ TIMING_FIELDS = [
 ]
 
 
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a scenario.
+
+    Attributes:
+        status: as in a plan.
+        message: why there is no plan, or nothing.
+        plan: the plan, unless the expert failed before it had any.
+    """
+
+    status: str
+    message: str = ""
+    plan: Plan | None = None
+
+
 def metadata(problem: Problem, settings: Mapping[str, Any]) -> dict[bytes, bytes]:
     """The schema metadata of a shard."""
     document = {"schema": SCHEMA, **asdict(problem), **settings}
@@ -76,23 +91,35 @@ def scenario_table(
 
 
 def solved_table(
-    scenarios: pa.Table, plans: Sequence[Plan], meta: Mapping[bytes, bytes]
+    scenarios: pa.Table, outcomes: Sequence[Outcome], meta: Mapping[bytes, bytes]
 ) -> pa.Table:
-    """A table of SOLVED_FIELDS: scenarios with their plans."""
-    outcomes = pa.Table.from_pylist(
-        [_plan_row(plan) for plan in plans], pa.schema(SOLVED_FIELDS[len(SCENARIO_FIELDS) :])
+    """A table of SOLVED_FIELDS: scenarios with what became of them."""
+    found = pa.Table.from_pylist(
+        [_outcome_row(one) for one in outcomes], pa.schema(SOLVED_FIELDS[len(SCENARIO_FIELDS) :])
     )
-    columns = [*scenarios.columns, *outcomes.columns]
+    columns = [*scenarios.columns, *found.columns]
     return pa.Table.from_arrays(columns, schema=pa.schema(SOLVED_FIELDS, metadata=dict(meta)))
 
 
-def timing_table(scenarios: pa.Table, plans: Sequence[Plan]) -> pa.Table:
+def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome]) -> pa.Table:
     """A table of TIMING_FIELDS, which lies beside the data since no two runs agree on it."""
     rows = [
-        {"scenario_id": name, "message": plan.message or None, **plan.timing}
-        for name, plan in zip(scenarios["scenario_id"].to_pylist(), plans, strict=True)
+        {
+            "scenario_id": name,
+            "message": one.message or None,
+            **(one.plan.timing if one.plan else {}),
+        }
+        for name, one in zip(scenarios["scenario_id"].to_pylist(), outcomes, strict=True)
     ]
     return pa.Table.from_pylist(rows, pa.schema(TIMING_FIELDS))
+
+
+def same_scenarios(table: pa.Table, scenarios: pa.Table) -> bool:
+    """Whether a table's rows are those scenarios, in that order."""
+    names = [field.name for field in SCENARIO_FIELDS]
+    return set(names) <= set(table.column_names) and table.select(names).equals(
+        scenarios.select(names)
+    )
 
 
 def scenarios_of(table: pa.Table) -> list[Scenario]:
@@ -127,9 +154,10 @@ def _scenario_row(scenario: Scenario, split: str) -> dict[str, Any]:
     }
 
 
-def _plan_row(plan: Plan) -> dict[str, Any]:
-    row: dict[str, Any] = {"status": plan.status, "convex_solves": plan.convex_solves}
-    if plan.status != SOLVED:
+def _outcome_row(outcome: Outcome) -> dict[str, Any]:
+    plan = outcome.plan
+    row: dict[str, Any] = {"status": outcome.status, "convex_solves": plan and plan.convex_solves}
+    if plan is None or outcome.status != SOLVED:
         return row
     certificate = plan.certificate
     return row | {

@@ -1,110 +1,159 @@
 """Stage two: the expert's plans for all scenarios of a dataset, shard by shard."""
 
-import json
 from collections.abc import Iterator
-from dataclasses import asdict, replace
-from pathlib import Path
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
 
-from threadpoolctl import threadpool_limits
+import numpy as np
 
+from pipeline.dataset.folder import Folder, Where, open_folder
+from pipeline.dataset.ledger import Ledger
+from pipeline.dataset.lock import sole_writer
 from pipeline.dataset.manifest import (
+    SCENARIOS,
+    TIMINGS,
     Manifest,
     read_manifest,
     refuse_change,
-    with_shards,
-    write_manifest,
 )
-from pipeline.dataset.sample import Report
+from pipeline.dataset.sample import draw_scenarios, missing_scenarios
 from pipeline.dataset.schema import (
     METADATA_KEY,
+    Outcome,
     metadata,
-    problem_of,
+    same_scenarios,
     scenarios_of,
     solved_table,
     timing_table,
 )
-from pipeline.dataset.shards import (
-    file_digest,
-    for_each_shard,
-    read_shard,
-    sole_writer,
-    write_shard,
-)
+from pipeline.dataset.shards import decode, digest_of, encode
+from pipeline.dataset.watch import SILENT, Watch
+from pipeline.dataset.workers import Workers
+from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_scenario
-from pipeline.plan import SOLVED
+from pipeline.plan import SOLVED, UNSOLVED
+from pipeline.scenario import Scenario
 
-Job = tuple[Path, str, str, Settings]
+
+@dataclass(frozen=True)
+class Solve:
+    """A shard to be solved."""
+
+    name: str
+    rows: int
+    metadata: dict[bytes, bytes]
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A shard that is solved, as bytes, with its timings and how many rows have no plan."""
+
+    content: bytes
+    timings: bytes
+    failed: int
 
 
 def solve(
-    folder: Path,
+    where: Where | Folder,
     settings: Settings,
     *,
-    jobs: int = -1,
-    backend: str = "loky",
-    report: Report = lambda done, failed: None,
+    workers: Workers | None = None,
+    watch: Watch = SILENT,
 ) -> Manifest:
-    """Solve what is not solved yet; each worker publishes its shard whole.
+    """Solve what is not solved yet; damaged shards are done again.
 
     Args:
-        folder: a sampled dataset.
+        where: a sampled dataset.
         settings: of the expert.
-        jobs: processes.
-        backend: joblib backend, "loky" or "dask".
-        report: called after each shard.
+        workers: what to solve it with; all cores of this machine by default.
+        watch: told how far it is.
 
     Raises:
         InputError: where the folder holds no dataset, another process writes to it, or it was
             begun with other settings.
-        ProlearnError: where a worker was killed.
+        ProlearnError: where the folder cannot be written to or workers are killed again and again.
     """
-    manifest = _begun(folder, settings)
+    folder, workers = open_folder(where), workers or Workers()
+    _begun(read_manifest(folder), str(folder), settings)  # refused before anything is written
     with sole_writer(folder):
-        write_manifest(folder, manifest)
-        tasks = [job for job, _ in _missing(folder, manifest, settings)]
-        digests: dict[str, str] = {}
-        for path, digest, rows, failed in for_each_shard(_solve_shard, tasks, jobs, backend):
-            digests[path] = digest
-            report(rows, failed)
-        present = {p: file_digest(folder / p) for p in manifest.solved_shards()}
-        manifest = with_shards(manifest, present | digests)
-        write_manifest(folder, manifest)
-    return manifest
+        ledger = Ledger(folder, _begun(read_manifest(folder), str(folder), settings))
+        ledger.commit()
+        complete(ledger, settings, workers, watch)
+    return ledger.manifest
 
 
-def to_solve(folder: Path, settings: Settings) -> int:
-    """Instances that are still to be solved."""
-    missing = _missing(folder, _begun(folder, settings), settings)
-    return sum(rows for _, rows in missing)
+def complete(ledger: Ledger, settings: Settings, workers: Workers, watch: Watch) -> None:
+    """Draw and solve whatever is missing or damaged in a folder that is held for writing."""
+    lost = list(missing_scenarios(ledger))
+    if lost:
+        watch.say(f"{len(lost)} scenario shards are missing or damaged; they are drawn again.")
+        draw_scenarios(ledger, lost, workers, SILENT)
+    tasks = list(_missing(ledger, settings))[::-1]  # the largest swarms take longest: they first
+    watch.expect(sum(task.rows for task in tasks))
+
+    def load(task: Solve) -> bytes:
+        return ledger.folder.read(SCENARIOS + task.name)
+
+    with ledger.settled(), closing(workers.work(_solved, tasks, load, watch)) as results:
+        for task, solved in results:
+            ledger.folder.publish(TIMINGS + task.name, solved.timings)
+            ledger.publish(task.name, solved.content)
+            watch.done(task.rows, solved.failed)
 
 
-def _begun(folder: Path, settings: Settings) -> Manifest:
-    manifest, now = read_manifest(folder), asdict(settings)
+def _begun(manifest: Manifest, folder: str, settings: Settings) -> Manifest:
+    now = asdict(settings)
     if manifest.solve:
-        refuse_change(str(folder), manifest.solve, now)
+        refuse_change(folder, manifest.solve, now)
     return replace(manifest, solve=now)
 
 
-def _missing(folder: Path, manifest: Manifest, settings: Settings) -> Iterator[tuple[Job, int]]:
-    """Shards that are absent, or not what the manifest or their own metadata says."""
+def _missing(ledger: Ledger, settings: Settings) -> Iterator[Solve]:
+    """Shards that are not there or not sound; whole ones of a run that was killed are adopted."""
+    manifest = ledger.manifest
     for n, shard, source in manifest.scenario_shards():
-        path = source.removeprefix("_scenarios/")
-        file = folder / path
-        known = manifest.shards.get(path)
-        if not (file.exists() and known in (None, file_digest(file))):
-            yield (folder, source, path, settings), len(manifest.samples[n].indices(shard))
+        one = manifest.samples[n]
+        meta = metadata(manifest.problem, one.origin() | asdict(settings))
+        name = source.removeprefix(SCENARIOS)
+        task = Solve(name, len(one.indices(shard)), meta, settings)
+        if not (ledger.is_sound(name) or _adopted(ledger, task)):
+            yield task
 
 
-def _solve_shard(job: Job) -> tuple[str, str, int, int]:
-    folder, source, path, settings = job
-    table = read_shard(folder / source)
-    with threadpool_limits(1):
-        plans = [solve_scenario(s, settings=settings) for s in scenarios_of(table)]
-    sampled = json.loads(table.schema.metadata[METADATA_KEY])
-    origin = {name: sampled[name] for name in ("seed", "family")}
-    meta = metadata(problem_of(table.schema), origin | asdict(settings))
-    write_shard(folder / "_timings" / path, timing_table(table, plans))
-    digest = write_shard(folder / path, solved_table(table, plans, meta))
-    failed = sum(plan.status != SOLVED for plan in plans)
-    return path, digest, len(plans), failed
+def _adopted(ledger: Ledger, task: Solve) -> bool:
+    """Whether a shard that the manifest does not know yet is what this run would make."""
+    if task.name in ledger.manifest.shards or not ledger.folder.exists(task.name):
+        return False
+    try:
+        content = ledger.folder.read(task.name)
+        table, source = decode(content), decode(ledger.folder.read(SCENARIOS + task.name))
+    except (OSError, InputError):
+        return False
+    found = (table.schema.metadata or {}).get(METADATA_KEY)
+    if found != task.metadata[METADATA_KEY] or not same_scenarios(table, source):
+        return False
+    ledger.adopt(task.name, digest_of(content))
+    return True
+
+
+def _solved(task: Solve, content: bytes) -> Solved:
+    table = decode(content)
+    outcomes = [_outcome(scenario, task.settings) for scenario in scenarios_of(table)]
+    return Solved(
+        encode(solved_table(table, outcomes, task.metadata)),
+        encode(timing_table(table, outcomes)),
+        sum(outcome.status != SOLVED for outcome in outcomes),
+    )
+
+
+def _outcome(scenario: Scenario, settings: Settings) -> Outcome:
+    """What the expert makes of a scenario; its errors cost one row, not the run."""
+    try:
+        plan = solve_scenario(scenario, settings=settings)
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        return Outcome(UNSOLVED, message=f"the expert failed: {error!r}")
+    if plan.status == SOLVED and not np.isfinite(plan.states).all():
+        return Outcome(UNSOLVED, message="the plan has states that are not finite numbers")
+    return Outcome(plan.status, plan.message, plan)

@@ -1,30 +1,26 @@
-"""Integrity of every shard and physics of every row of a dataset."""
+"""Integrity of every shard and physics of every row of a dataset, and what is done about faults."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
-import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
-from pipeline.dataset.manifest import Manifest, read_manifest
-from pipeline.dataset.schema import METADATA_KEY, problem_of, stacked
-from pipeline.dataset.shards import file_digest, read_shard
+from pipeline.dataset.folder import Folder, Where, open_folder
+from pipeline.dataset.ledger import Ledger
+from pipeline.dataset.lock import sole_writer
+from pipeline.dataset.manifest import SCENARIOS, TIMINGS, Manifest, read_manifest
+from pipeline.dataset.physics import row_faults
+from pipeline.dataset.sample import OURS, draw_scenarios, missing_scenarios
+from pipeline.dataset.schema import METADATA_KEY, SCENARIO_FIELDS, SOLVED_FIELDS, metadata
+from pipeline.dataset.shards import decode, digest_of
+from pipeline.dataset.solve import complete
+from pipeline.dataset.watch import SILENT, Watch
+from pipeline.dataset.workers import Workers
 from pipeline.errors import InputError
-from pipeline.orbit.cw import cw_matrices
-from pipeline.orbit.fuel import fuel
-from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separation, node_collisions
-from pipeline.plan import SOLVED
+from pipeline.expert import Settings
 
-POSITION_TOLERANCE = 1e-6
-"""Largest miss of an end or of Eq. 2, m."""
-
-VELOCITY_TOLERANCE = 1e-9
-"""Largest miss of an end or of Eq. 2, m/s."""
+ASIDE = "_foreign/"
+"""Where files that do not belong to a dataset are moved, out of the way of its readers."""
 
 
 @dataclass(frozen=True)
@@ -32,110 +28,161 @@ class Fault:
     """Something wrong in a dataset.
 
     Attributes:
-        path: the shard, inside the folder.
+        path: the file, inside the folder.
         what: what is wrong with it.
+        foreign: whether it does not belong there at all.
     """
 
     path: str
     what: str
+    foreign: bool = False
 
 
-def verify(folder: Path, report: Callable[[int], None] = lambda rows: None) -> Iterator[Fault]:
-    """Every fault of a solved dataset, as it is found.
+@dataclass(frozen=True)
+class Check:
+    """A file to be judged, with what it is meant to be.
+
+    Attributes:
+        name: the file.
+        n: swarm size of its rows.
+        rows: how many.
+        manifest: of the dataset, without digests.
+        digest: what the manifest says, or None where it says nothing.
+        counted: rows that it counts for; a scenario that is solved counts once.
+    """
+
+    name: str
+    n: int
+    rows: int
+    manifest: Manifest
+    digest: str | None
+    counted: int
+
+
+def verify(
+    where: Where | Folder, *, workers: Workers | None = None, watch: Watch = SILENT
+) -> Iterator[Fault]:
+    """Every fault of a dataset, as it is found.
+
+    Args:
+        where: a dataset; one that is sampled and not yet solved is judged as such.
+        workers: what to verify it with; all cores of this machine by default.
+        watch: told how far it is.
 
     Raises:
         InputError: where the folder holds no dataset.
     """
+    folder, workers = open_folder(where), workers or Workers()
     manifest = read_manifest(folder)
-    expected = [path for _, _, path in manifest.scenario_shards()]
-    expected += manifest.solved_shards()
-    for path in expected:
-        yield from _shard_faults(folder, path, manifest, report)
-    present = (p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*.parquet")))
-    for path in present:
-        if path not in expected and not path.startswith("_timings/"):
-            yield Fault(path, "does not belong to this dataset")
+    checks = list(_checks(manifest))
+    expected = {check.name for check in checks}
+    watch.expect(sum(check.counted for check in checks))
+    present = folder.names()
+    for name in present:
+        if name not in expected and not _belongs(name, manifest):
+            yield Fault(name, "does not belong to this dataset", foreign=True)
+    plain = _plain(manifest)
+    timings = [Check(name, 0, 0, plain, None, 0) for name in present if name.startswith(TIMINGS)]
+    there = set(present)
+    for check in checks:
+        if check.name not in there:
+            yield Fault(check.name, "is missing")
+    checks = [check for check in checks if check.name in there] + timings
+    for check, found in workers.work(_judged, checks, lambda c: folder.read(c.name), watch):
+        yield from (Fault(check.name, what) for what in found)
+        watch.done(check.counted)
 
 
-def _shard_faults(
-    folder: Path, path: str, manifest: Manifest, report: Callable[[int], None]
-) -> Iterator[Fault]:
-    file = folder / path
-    if not file.exists():
-        yield Fault(path, "is missing")
-        return
-    if manifest.shards.get(path) != file_digest(file):
-        yield Fault(path, "does not have the digest that the manifest gives it")
+def repair(
+    where: Where | Folder, *, workers: Workers | None = None, watch: Watch = SILENT
+) -> list[Fault]:
+    """Do again exactly the shards that have faults, and move foreign files to ``_foreign/``.
+
+    Returns:
+        The faults that were found.
+
+    Raises:
+        InputError: where the folder holds no dataset or another process writes to it.
+        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    """
+    folder, workers = open_folder(where), workers or Workers()
+    read_manifest(folder)
+    with sole_writer(folder):
+        faults = list(verify(folder, workers=workers, watch=watch))
+        ledger = Ledger(folder, read_manifest(folder))
+        _set_aside(folder, [fault.path for fault in faults if fault.foreign])
+        _discard(ledger, {fault.path for fault in faults if not fault.foreign})
+        if ledger.manifest.solve:
+            complete(ledger, Settings(**ledger.manifest.solve), workers, watch)
+        else:
+            draw_scenarios(ledger, list(missing_scenarios(ledger)), workers, watch)
+    return faults
+
+
+def _set_aside(folder: Folder, names: list[str]) -> None:
+    for name in names:
+        folder.publish(ASIDE + name, folder.read(name))
+        folder.remove(name)
+
+
+def _discard(ledger: Ledger, names: set[str]) -> None:
+    """Remove damaged files; timings come from solving, so with them goes the solved shard."""
+    made = {name.removeprefix(TIMINGS) for name in names}
+    for name in names | made:
+        if ledger.folder.exists(name):
+            ledger.folder.remove(name)
+    ledger.disown(made)
+
+
+def _checks(manifest: Manifest) -> Iterator[Check]:
+    plain = _plain(manifest)
+    for n, shard, source in manifest.scenario_shards():
+        names = (source, source.removeprefix(SCENARIOS)) if manifest.solve else (source,)
+        for name in names:
+            rows = len(manifest.samples[n].indices(shard))
+            counted = rows if name == names[-1] else 0
+            yield Check(name, n, rows, plain, manifest.shards.get(name), counted)
+
+
+def _plain(manifest: Manifest) -> Manifest:
+    """Without digests, which would go to the workers with each file."""
+    return replace(manifest, shards={})
+
+
+def _belongs(name: str, manifest: Manifest) -> bool:
+    """Whether a file that holds no rows may be there: lock, manifest, timings, what was moved."""
+    if name.startswith(TIMINGS):
+        return name.removeprefix(TIMINGS) in manifest.solved_shards()
+    return name.startswith("_") and not name.startswith(SCENARIOS) and bool(OURS.fullmatch(name))
+
+
+def _judged(check: Check, content: bytes) -> list[str]:
     try:
-        table = read_shard(file)
+        table = decode(content)
     except InputError as error:
-        yield Fault(path, str(error))
+        return [str(error)]
+    if check.name.startswith(TIMINGS):
+        return []
+    if check.digest is None:
+        return ["is not in the manifest; the run that made it was cut short"]
+    if digest_of(content) != check.digest:
+        return ["does not have the digest that the manifest gives it"]
+    return list(_faults(table, check))
+
+
+def _faults(table: pa.Table, check: Check) -> Iterator[str]:
+    solved, manifest = not check.name.startswith(SCENARIOS), check.manifest
+    fields = pa.schema(SOLVED_FIELDS if solved else SCENARIO_FIELDS)
+    if not table.schema.equals(fields, check_metadata=False):
+        yield "has other columns than a dataset of this version"
         return
-    if not path.startswith("_"):
-        yield from (Fault(path, what) for what in _row_faults(table, manifest))
-        report(table.num_rows)
-
-
-def _row_faults(table: pa.Table, manifest: Manifest) -> Iterator[str]:
-    """What the physics of a shard's solved rows says against them."""
-    if METADATA_KEY not in (table.schema.metadata or {}):
-        yield "has no metadata"
+    origin = manifest.samples[check.n].origin() | (dict(manifest.solve) if solved else {})
+    meta = metadata(manifest.problem, origin)
+    if (table.schema.metadata or {}).get(METADATA_KEY) != meta[METADATA_KEY]:
+        yield "was made with other settings than the manifest has"
         return
-    problem = problem_of(table.schema)
-    if problem != manifest.problem:
-        yield "was made for another problem"
-    solved = table.filter(pc.equal(table["status"], SOLVED))
-    if solved.num_rows == 0:
-        return
-    n = solved["n_spacecraft"][0].as_py()
-    states = stacked(solved, "states", n, problem.nodes, 6)
-    controls = stacked(solved, "controls", n, problem.intervals, 3)
-    ends = stacked(solved, "initial", n, 6), stacked(solved, "goal", n, 6)
-    at_nodes = manifest.solve.get("separation") == "nodes"
-    checks = {
-        "breaks the dynamics": _breaks_dynamics(states, controls, problem),
-        "misses an end": _misses_end(states, *ends),
-        "has another fuel than its controls": ~np.isclose(
-            fuel(controls), solved["fuel"].to_numpy(), rtol=1e-9, atol=0
-        ),
-        "has other node collisions than its states": (
-            node_collisions(states, problem.collision_radius)
-            != solved["node_collisions"].to_numpy()
-        ),
-        "comes too close": _too_close(states, controls, problem, at_nodes=at_nodes),
-    }
-    names = solved["scenario_id"].to_pylist()
-    for what, bad in checks.items():
-        yield from (f"{names[k]} {what}" for k in np.flatnonzero(bad))
-
-
-def _breaks_dynamics(
-    states: Float[Array, "N n T 6"], controls: Float[Array, "N n intervals 3"], problem: Problem
-) -> Bool[Array, "N"]:
-    A, B = cw_matrices(problem.mean_motion, problem.time_step)
-    return _beyond(states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T)
-
-
-def _misses_end(
-    states: Float[Array, "N n T 6"], initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
-) -> Bool[Array, "N"]:
-    return _beyond(states[..., 0, :] - initial) | _beyond(states[..., -1, :] - goal)
-
-
-def _beyond(error: Float[Array, "N *rest 6"]) -> Bool[Array, "N"]:
-    worst = np.abs(error).max(axis=tuple(range(1, error.ndim - 1)))
-    far = worst[:, :3].max(axis=1) > POSITION_TOLERANCE
-    return ~np.isfinite(worst).all(axis=1) | far | (worst[:, 3:].max(axis=1) > VELOCITY_TOLERANCE)
-
-
-def _too_close(
-    states: Float[Array, "N n T 6"],
-    controls: Float[Array, "N n intervals 3"],
-    problem: Problem,
-    *,
-    at_nodes: bool,
-) -> Bool[Array, "N"]:
-    if at_nodes:
-        return node_collisions(states, problem.collision_radius) > 0
-    bounds = (least_separation(s, u, problem).bound for s, u in zip(states, controls, strict=True))
-    return np.fromiter(bounds, float) <= problem.collision_radius
+    if table.num_rows != check.rows:
+        yield f"has {table.num_rows} rows; expected {check.rows}"
+    if solved:
+        at_nodes = manifest.solve.get("separation") == "nodes"
+        yield from row_faults(table, check.n, manifest.problem, at_nodes=at_nodes)

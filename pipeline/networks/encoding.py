@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.arrays import Array
-from pipeline.dataset.examples import Examples
+from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError
 from pipeline.networks.interior import INTERIORS
 from pipeline.orbit.problem import Problem
@@ -77,22 +77,25 @@ class Encoding:
         return inputs * inputs.new_tensor(self.input_scale)
 
 
-def fit(examples: Examples, interior: str, target: str) -> Encoding:
-    """The encoding whose scales come from training examples.
+def fit(examples: ExampleSource, interior: str, target: str) -> Encoding:
+    """The encoding whose scales come from training examples, in one pass over them.
 
     Raises:
         InputError: for an unknown interior or target.
     """
     _check_name("interior", interior, tuple(INTERIORS))
-    given = INTERIORS[interior](examples.initial, examples.goal, examples.problem)
-    wanted = examples.states - given if target == OFFSET else examples.states
-    scales = _component_scale(given), _component_scale(wanted)
+    count, squares = 0, np.zeros((2, 6))
+    for part in examples.parts():
+        given = INTERIORS[interior](part.initial, part.goal, part.problem)
+        wanted = part.states - given if target == OFFSET else part.states
+        squares += [np.square(states).sum(axis=(0, 1, 2)) for states in (given, wanted)]
+        count += given.shape[0] * given.shape[1] * given.shape[2]
+    scales = (_component_scale(np.sqrt(square / count)) for square in squares)
     return Encoding(examples.problem, examples.n, interior, target, *scales)
 
 
-def _component_scale(states: Float[Array, "N n T 6"]) -> tuple[float, ...]:
+def _component_scale(size: Float[Array, "6"]) -> tuple[float, ...]:
     """Root mean square of each component; one that never varies gets a harmless scale."""
-    size = np.sqrt(np.square(states).mean(axis=(0, 1, 2)))
     kind = np.repeat(size.reshape(2, 3).max(axis=1), 3)  # positions, velocities
     size = np.maximum(size, LEAST_SHARE * kind)
     return tuple(float(s) for s in np.where(size > 0, size, 1.0))

@@ -7,15 +7,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
-from pipeline.dataset.examples import Examples
+from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import Architecture, find
 from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.model import Model
-from pipeline.training.data import Encoded, check_examples, encoded
+from pipeline.training.data import Batches, Encoded, batches, check_examples
 from pipeline.training.device import training_device
 from pipeline.training.recipes import Recipe
 
@@ -68,21 +68,17 @@ class _Task:
     encoding: Encoding
     collision_weight: float
 
-    def loss(self, data: Encoded, rows: slice | Int[Tensor, "b"]) -> Float[Tensor, ""]:
+    def loss(self, batch: Encoded) -> Float[Tensor, ""]:
         return self.architecture.loss(
-            self.network,
-            data.inputs[rows],
-            data.target[rows],
-            self.encoding,
-            self.collision_weight,
+            self.network, batch.inputs, batch.target, self.encoding, self.collision_weight
         )
 
 
 def train(
     arch: str,
     recipe: Recipe,
-    train: Examples,
-    valid: Examples,
+    train: ExampleSource,
+    valid: ExampleSource,
     *,
     seed: int = 0,
     device: str = "auto",
@@ -94,7 +90,7 @@ def train(
     Args:
         arch: name of the architecture.
         recipe: how to train it.
-        train: what it learns from; its n and problem become the model's.
+        train: what it learns from, in memory or a stream; its n and problem become the model's.
         valid: what decides when to stop and which weights to keep.
         seed: of initial weights, order and dropout.
         device: "auto", "cpu", "cuda" or "mps".
@@ -115,7 +111,7 @@ def train(
     with _seeded(seed, where):
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
         task = _Task(architecture, network, encoding, recipe.collision_weight)
-        data = encoded(train, encoding, where), encoded(valid, encoding, where)
+        data = batches(train, encoding, where), batches(valid, encoding, where)
         history, best = _improve(task, recipe, *data, most, seed, on_epoch)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     return Trained(model, history, best, time.perf_counter() - started, str(where))
@@ -124,8 +120,8 @@ def train(
 def _improve(
     task: _Task,
     recipe: Recipe,
-    train: Encoded,
-    valid: Encoded,
+    train: Batches,
+    valid: Batches,
     epochs: int,
     seed: int,
     on_epoch: Callable[[Epoch], None] | None,
@@ -152,28 +148,26 @@ def _improve(
 
 
 def _pass_over(
-    task: _Task, optimizer: torch.optim.Optimizer, data: Encoded, size: int, order: torch.Generator
+    task: _Task, optimizer: torch.optim.Optimizer, data: Batches, size: int, order: torch.Generator
 ) -> float:
     """One epoch of steps in random order; its mean loss."""
     task.network.train()
-    total = torch.zeros((), device=data.inputs.device)  # read once, so that CUDA need not wait
-    shuffled = torch.randperm(len(data), generator=order).to(data.inputs.device)
-    for rows in torch.split(shuffled, size):
+    total: Tensor | float = 0.0  # read once, so that CUDA need not wait
+    for batch in data.shuffled(size, order):
         optimizer.zero_grad()
-        loss = task.loss(data, rows)
+        loss = task.loss(batch)
         torch.autograd.backward(loss)
         optimizer.step()
-        total += loss.detach() * len(rows)
+        total = total + loss.detach() * len(batch)
     return float(total) / len(data)
 
 
 @torch.no_grad()
-def _mean_loss(task: _Task, data: Encoded) -> float:
+def _mean_loss(task: _Task, data: Batches) -> float:
     task.network.eval()
     total = 0.0
-    for start in range(0, len(data), VALIDATION_BATCH):
-        rows = slice(start, min(start + VALIDATION_BATCH, len(data)))
-        total += float(task.loss(data, rows)) * (rows.stop - rows.start)
+    for batch in data.in_order(VALIDATION_BATCH):
+        total += float(task.loss(batch)) * len(batch)
     return total / len(data)
 
 

@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from pipeline.dataset.examples import Examples
+from pipeline.dataset.examples import ExampleSource
 from pipeline.networks.model import Model
 
 
-def position_rmse(model: Model, examples: Examples) -> float:
+def position_rmse(model: Model, examples: ExampleSource) -> float:
     """Root mean square distance of predicted node positions from the expert's, m."""
-    error = (model.predict(examples.initial, examples.goal) - examples.states)[..., :3]
-    return float(np.sqrt(np.square(error).sum(axis=-1).mean()))
+    squares, count = 0.0, 0
+    for part in examples.parts():
+        error = (model.predict(part.initial, part.goal) - part.states)[..., :3]
+        squares += float(np.square(error).sum())
+        count += error.size // 3
+    return float(np.sqrt(squares / count))

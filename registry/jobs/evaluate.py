@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.read import solved_rows
 from pipeline.dataset.schema import scenarios_of
@@ -37,7 +38,7 @@ COMPARED = {
 
 def evaluate(
     references: Sequence[str],
-    data: Path,
+    data: Where,
     *,
     sizes: Sequence[int] | None,
     trials: int | None,
@@ -75,7 +76,7 @@ def evaluate(
     return run_id
 
 
-def test_scenarios(data: Path, n: int, trials: int | None = None) -> list[Scenario]:
+def test_scenarios(data: Where, n: int, trials: int | None = None) -> list[Scenario]:
     """Scenarios of the test split of one size, in order of their index.
 
     Raises:
@@ -92,7 +93,7 @@ def _record(
     table: pd.DataFrame,
     entrants: Sequence[Entrant],
     scenarios: dict[int, list[Scenario]],
-    data: Path,
+    data: Where,
     digest: str,
 ) -> str:
     sizes = sorted(scenarios)

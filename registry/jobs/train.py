@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
+from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.read import examples
+from pipeline.dataset.stream import MEMORY, examples_within
 from pipeline.training.loop import Epoch, train
 from pipeline.training.recipes import recipe_for
 from pipeline.training.validation import position_rmse
@@ -18,13 +18,14 @@ from registry.version import ModelVersion
 def train_model(
     arch: str,
     recipe: str,
-    data: Path,
+    data: Where,
     *,
     n: int,
     seed: int,
     device: str,
     changes: Mapping[str, Any],
     on_epoch: Callable[[Epoch], None],
+    memory: float = MEMORY,
 ) -> ModelVersion:
     """Train an architecture by a recipe and register the model.
 
@@ -37,13 +38,14 @@ def train_model(
         device: "auto" or a device's name.
         changes: fields of the recipe to set otherwise.
         on_epoch: called after each epoch.
+        memory: bytes that training data may take; what is larger streams from the dataset.
 
     Raises:
         InputError: for an unknown name, a missing dataset, or settings that make no sense.
         ProlearnError: where the loss diverges or the tracking store fails.
     """
     followed = replace(recipe_for(arch, recipe), **changes)
-    learn, valid = examples(data, n, "train"), examples(data, n, "valid")
+    learn, valid = (examples_within(data, n, split, memory) for split in ("train", "valid"))
     connect()  # a store that is away is better known before training than after
     trained = train(arch, followed, learn, valid, seed=seed, device=device, on_epoch=on_epoch)
     return record_training(

@@ -1,10 +1,10 @@
 """Experiment 3 on the test split of a dataset, recorded for the report."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import pandas as pd
 
+from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
 from pipeline.evaluation.warmstart import run_warmstarts
 from registry.jobs.entrants import networks
@@ -14,7 +14,7 @@ from registry.results import record_warmstart
 
 def warmstart(
     references: Sequence[str],
-    data: Path,
+    data: Where,
     *,
     sizes: Sequence[int],
     trials: int,

@@ -1,0 +1,137 @@
+"""What physics says against the rows of a solved shard: all is computed anew from the arrays."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from jaxtyping import Bool, Float
+
+from pipeline.arrays import Array
+from pipeline.dataset.schema import stacked
+from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.fuel import fuel
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import least_separation, node_collisions
+from pipeline.plan import SOLVED
+
+POSITION_TOLERANCE = 1e-6
+"""Largest miss of an end or of Eq. 2, m."""
+
+VELOCITY_TOLERANCE = 1e-9
+"""Largest miss of an end or of Eq. 2, m/s."""
+
+LIMIT_TOLERANCE = 1e-9
+"""Acceleration in m/s² beyond the limit that counts as rounding."""
+
+PLANNED = (
+    "states",
+    "controls",
+    "fuel",
+    "fuel_lower_bound",
+    "optimality_gap",
+    "node_collisions",
+)
+"""Columns that every solved row has a value in."""
+
+Rows = Bool[Array, "N"]
+
+
+def row_faults(table: pa.Table, n: int, problem: Problem, *, at_nodes: bool) -> Iterator[str]:
+    """Every row of a solved shard that does not hold what it claims, with the reason.
+
+    Args:
+        table: rows of one swarm size.
+        n: that size.
+        problem: what they are meant to solve.
+        at_nodes: craft are kept apart at the nodes only.
+    """
+    names = table["scenario_id"].to_pylist()
+    is_solved = pc.equal(table["status"], SOLVED)
+    planned = np.array([table[c].is_valid().to_numpy() for c in PLANNED])
+    bad = (planned != is_solved.to_numpy()).any(axis=0)
+    yield from (f"{names[k]} is not whole" for k in np.flatnonzero(bad))
+    solved = table.filter(is_solved)
+    if bad.any() or solved.num_rows == 0:
+        return
+    names = solved["scenario_id"].to_pylist()
+    for what, wrong in _checks(solved, n, problem, at_nodes=at_nodes):
+        yield from (f"{names[k]} {what}" for k in np.flatnonzero(wrong))
+
+
+def _checks(
+    solved: pa.Table, n: int, problem: Problem, *, at_nodes: bool
+) -> Iterator[tuple[str, Rows]]:
+    try:
+        states = stacked(solved, "states", n, problem.nodes, 6)
+        controls = stacked(solved, "controls", n, problem.intervals, 3)
+        ends = stacked(solved, "initial", n, 6), stacked(solved, "goal", n, 6)
+    except ValueError:
+        yield "has arrays of another shape", np.arange(solved.num_rows) == 0
+        return
+    column: Callable[[str], Any] = lambda name: solved[name].to_numpy()  # noqa: E731
+    used, bound = fuel(controls), column("fuel_lower_bound")
+    collisions = node_collisions(states, problem.collision_radius)
+    yield "breaks the dynamics", _breaks_dynamics(states, controls, problem)
+    yield (
+        "misses an end",
+        _beyond(states[..., 0, :] - ends[0]) | _beyond(states[..., -1, :] - ends[1]),
+    )
+    yield "has another fuel than its controls", _differs(used, column("fuel"))
+    yield "needs less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - 1e-12)
+    yield "has another gap than its fuel", _wrong_gap(used, bound, column("optimality_gap"))
+    yield "has other node collisions than its states", collisions != column("node_collisions")
+    if problem.max_acceleration is not None:
+        most = problem.max_acceleration + LIMIT_TOLERANCE
+        yield "breaks the thrust limit", ~(np.abs(controls).max(axis=(1, 2, 3)) <= most)
+    if at_nodes:
+        yield "comes too close at a node", collisions > 0
+    if n > 1:
+        claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
+        close, other = _separation(states, controls, problem, claimed)
+        yield "has another least separation than its states", other
+        if not at_nodes:
+            yield "comes too close", close
+
+
+def _breaks_dynamics(
+    states: Float[Array, "N n T 6"], controls: Float[Array, "N n intervals 3"], problem: Problem
+) -> Rows:
+    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    return _beyond(states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T)
+
+
+def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
+    worst = np.abs(error).max(axis=tuple(range(1, error.ndim - 1)))
+    far = worst[:, :3].max(axis=1) > POSITION_TOLERANCE
+    return ~np.isfinite(worst).all(axis=1) | far | (worst[:, 3:].max(axis=1) > VELOCITY_TOLERANCE)
+
+
+def _differs(value: Float[Array, "N"], claimed: Float[Array, "N"]) -> Rows:
+    return ~np.isclose(value, claimed, rtol=1e-9, atol=0)
+
+
+def _wrong_gap(
+    used: Float[Array, "N"], bound: Float[Array, "N"], claimed: Float[Array, "N"]
+) -> Rows:
+    """Where there is fuel to speak of; without any the gap is a matter of definition."""
+    some = bound > 1e-9
+    gap = used / np.where(some, bound, 1.0) - 1
+    return some & ~np.isclose(gap, claimed, rtol=0, atol=1e-9)
+
+
+def _separation(
+    states: Float[Array, "N n T 6"],
+    controls: Float[Array, "N n intervals 3"],
+    problem: Problem,
+    claimed: Float[Array, "N"],
+) -> tuple[Rows, Rows]:
+    """Rows that come within r_col, and rows whose least separation is not the claimed one."""
+    bound, distance = np.full((2, len(states)), -np.inf)
+    finite = np.isfinite(states).all(axis=(1, 2, 3)) & np.isfinite(controls).all(axis=(1, 2, 3))
+    for k in np.flatnonzero(finite):
+        found = least_separation(states[k], controls[k], problem)
+        bound[k], distance[k] = found.bound, found.distance
+    return bound <= problem.collision_radius, ~(np.abs(distance - claimed) <= 2 * TOLERANCE)

@@ -1,0 +1,99 @@
+"""Examples that are read shard by shard, for datasets larger than memory."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import pyarrow.compute as pc
+
+from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.folder import Folder, Where, open_folder
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.read import LEARNED, examples, examples_of, no_examples, shards_of
+from pipeline.dataset.shards import read_shard
+from pipeline.errors import InputError
+from pipeline.orbit.problem import Problem
+from pipeline.plan import SOLVED
+
+MEMORY = 2e9
+"""Bytes that training may take for its data by default."""
+
+COPIES = 8
+"""How often examples are in memory while they are read and encoded, at the worst."""
+
+
+@dataclass(frozen=True)
+class ExampleStream:
+    """Solved instances of a split that stay on disk; each pass reads them anew.
+
+    Attributes:
+        folder: a solved dataset.
+        n: number of spacecraft in each instance.
+        split: "train", "valid" or "test".
+        problem: the problem that they share.
+        shards: names of the shards that hold them.
+        count: number of instances.
+        buffer: instances that may be held at once, beside the shard that is being read.
+    """
+
+    folder: Folder
+    n: int
+    split: str
+    problem: Problem
+    shards: tuple[str, ...]
+    count: int
+    buffer: int
+
+    def __len__(self) -> int:
+        """Number of instances."""
+        return self.count
+
+    @property
+    def part_count(self) -> int:
+        """A shard is a part."""
+        return len(self.shards)
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
+        """The instances of one shard after another, in an order of the shards."""
+        for k in range(len(self.shards)) if order is None else order:
+            table = read_shard(self.folder, self.shards[k], [*LEARNED, "split", "status"])
+            yield examples_of(table.filter(pc.equal(table["split"], self.split)), self.n)
+
+
+def examples_within(
+    where: Where | Folder, n: int, split: str, memory: float = MEMORY
+) -> ExampleSource:
+    """Solved instances of a split: loaded once where they fit into memory, else streamed.
+
+    Args:
+        where: a solved dataset; instances that are not solved are left out.
+        n: swarm size.
+        split: "train", "valid" or "test".
+        memory: bytes that they may take, encoded and all.
+
+    Raises:
+        InputError: where there is no dataset, the size is not in it, it is not solved, a shard is
+            damaged, no instance of the split is solved, or memory is not a positive number.
+    """
+    if not memory > 0:
+        raise InputError(f"memory is {memory:g} bytes; expected a positive number.")
+    folder = open_folder(where)
+    shards = tuple(shards_of(folder, n, split))
+    count = sum(_solved_count(folder, name, split) for name in shards)
+    if count == 0:
+        raise no_examples(where, n, split)
+    problem = read_manifest(folder).problem
+    buffer = max(1, int(memory / (COPIES * bytes_of_one(n, problem))))
+    if count <= buffer:
+        return examples(folder, n, split)
+    return ExampleStream(folder, n, split, problem, shards, count, buffer)
+
+
+def bytes_of_one(n: int, problem: Problem) -> int:
+    """Size of an instance's arrays."""
+    return 8 * n * 6 * (2 + problem.nodes)
+
+
+def _solved_count(folder: Folder, name: str, split: str) -> int:
+    table = read_shard(folder, name, ["split", "status"])
+    wanted = pc.and_(pc.equal(table["split"], split), pc.equal(table["status"], SOLVED))
+    return int(pc.sum(wanted).as_py() or 0)

@@ -1,0 +1,68 @@
+"""What happens in a worker: one call with bytes, and its result or error as a value."""
+
+import functools
+import os
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import joblib
+from threadpoolctl import threadpool_limits
+
+from pipeline.errors import ProlearnError
+
+PARENT_SECONDS = 1.0
+"""How often a worker looks whether its parent is still there."""
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def call(
+    function: Callable[[Task, bytes], Result],
+    number: int,
+    task: Task,
+    load: Callable[[Task], bytes],
+    parent: int | None,
+) -> Any:
+    """A call for joblib, which asks for it in a thread where an error would go unnoticed."""
+    try:
+        content: bytes | ProlearnError = load(task)
+    except (ProlearnError, OSError) as error:
+        content = ProlearnError(str(error))
+    return joblib.delayed(_work)(function, number, task, content, parent)
+
+
+def _work(
+    function: Callable[[Task, bytes], Result],
+    number: int,
+    task: Task,
+    content: bytes | ProlearnError,
+    parent: int | None,
+) -> tuple[int, Result | ProlearnError]:
+    """In a worker: errors come back as values, since not all backends bring them safely."""
+    if isinstance(content, ProlearnError):
+        return number, content
+    _prepare(parent)
+    try:
+        return number, function(task, content)
+    except ProlearnError as error:
+        return number, error
+
+
+@functools.cache
+def _prepare(parent: int | None) -> None:
+    """Once in each worker: one thread for linear algebra, so that sums do not depend on where.
+
+    A worker of this machine ends with its parent, even where that is killed and cannot tell it.
+    """
+    threadpool_limits(1)
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(PARENT_SECONDS)
+    os._exit(1)

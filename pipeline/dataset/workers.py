@@ -1,0 +1,169 @@
+"""Work on shards by joblib's workers, on this machine or on a Dask cluster.
+
+Workers are given bytes and give bytes back: they touch no file, so that a killed one leaves
+nothing behind, a cluster needs no shared disk, and only the process that holds the folder writes.
+"""
+
+import os
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import joblib
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+from threadpoolctl import threadpool_limits
+
+from pipeline.dataset.watch import SILENT, Watch
+from pipeline.dataset.worker import call
+from pipeline.errors import InputError, ProlearnError
+
+BACKENDS = ("loky", "dask")
+
+MOST_KILLS = 3
+"""Times in a row that workers may be killed before a single shard is done."""
+
+CONNECT_SECONDS = 10
+"""How long a scheduler may take to answer."""
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Where shards are worked on.
+
+    Attributes:
+        jobs: processes on this machine; -1 for one a core. A cluster uses all that it has.
+        backend: joblib backend, "loky" or "dask".
+        scheduler: address of the Dask scheduler, such as tcp://10.0.0.1:8786.
+    """
+
+    jobs: int = -1
+    backend: str = "loky"
+    scheduler: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what nothing can be run on."""
+        if self.backend not in BACKENDS:
+            raise InputError(f"backend is {self.backend!r}; expected one of {', '.join(BACKENDS)}.")
+        if self.jobs == 0:
+            raise InputError("jobs is 0; expected a number of processes, or -1 for all cores.")
+        if self.backend == "dask" and not self.scheduler:
+            raise InputError(
+                "backend is 'dask' and no scheduler is given; expected its address: "
+                "--scheduler tcp://HOST:8786."
+            )
+        if self.scheduler and self.backend != "dask":
+            raise InputError(
+                f"scheduler is {self.scheduler!r} and backend is {self.backend!r}; expected "
+                "--backend dask with a scheduler."
+            )
+
+    def work(
+        self,
+        function: Callable[[Task, bytes], Result],
+        tasks: Sequence[Task],
+        load: Callable[[Task], bytes],
+        watch: Watch = SILENT,
+    ) -> Generator[tuple[Task, Result], None, None]:
+        """Each task with its result, as they are done, in any order.
+
+        What a killed worker had in hand is done again by new ones.
+
+        Args:
+            function: what to do, importable on every worker.
+            tasks: what to do it with.
+            load: the bytes that a task needs, read here when its turn comes.
+            watch: told of killed workers.
+
+        Raises:
+            ProlearnError: where workers are killed again and again, or none can be had.
+        """
+        waiting, kills = dict(enumerate(tasks)), 0
+        while waiting:
+            try:
+                with closing(self._once(function, dict(waiting), load)) as results:
+                    for number, result in results:
+                        kills = 0
+                        yield waiting.pop(number), result
+            except _killed() as error:
+                kills += 1
+                if kills == MOST_KILLS:
+                    raise ProlearnError(
+                        "worker processes are killed again and again, perhaps for want of "
+                        "memory; the shards that were done are kept: run the same command again "
+                        "with fewer --jobs."
+                    ) from error
+                watch.say(
+                    "a worker process was killed, perhaps for want of memory; what it had in "
+                    "hand is done again."
+                )
+
+    def _once(
+        self,
+        function: Callable[[Task, bytes], Result],
+        tasks: Mapping[int, Task],
+        load: Callable[[Task], bytes],
+    ) -> Generator[tuple[int, Result], None, None]:
+        if self.backend == "loky" and joblib.effective_n_jobs(self.jobs) == 1:
+            with threadpool_limits(1):
+                for number, task in tasks.items():
+                    yield number, function(task, load(task))
+            return
+        parent = os.getpid() if self.backend == "loky" else None
+        calls = (call(function, number, task, load, parent) for number, task in tasks.items())
+        with self._backend():
+            parallel = joblib.Parallel(
+                n_jobs=self.jobs, return_as="generator_unordered", batch_size=1
+            )
+            with closing(parallel(calls)) as results:
+                for number, result in results:
+                    if isinstance(result, ProlearnError):
+                        raise result
+                    yield number, result
+
+    @contextmanager
+    def _backend(self) -> Iterator[None]:
+        if self.backend != "dask":
+            with joblib.parallel_config(backend=self.backend):
+                yield
+            return
+        with _client(str(self.scheduler)) as client:
+            try:
+                with joblib.parallel_config(backend="dask", client=client):
+                    yield
+            except TimeoutError as error:
+                raise ProlearnError(
+                    f"the scheduler at {self.scheduler} has no workers; start some with "
+                    f"`dask worker {self.scheduler}`."
+                ) from error
+
+
+@contextmanager
+def _client(scheduler: str) -> Iterator[Any]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(
+            "backend is 'dask' and Dask is not installed; install it with "
+            "`pip install 'prolearn[dask]'`."
+        ) from error
+    try:
+        client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ProlearnError(
+            f"no Dask scheduler answers at {scheduler} ({error}); start one with `dask scheduler`."
+        ) from error
+    with client:
+        yield client
+
+
+def _killed() -> tuple[type[Exception], ...]:
+    """What the loss of a worker looks like; Dask itself replaces lost ones a few times."""
+    try:
+        from distributed import KilledWorker
+    except ImportError:
+        return (TerminatedWorkerError,)
+    return TerminatedWorkerError, KilledWorker

@@ -1,0 +1,46 @@
+"""A small solved dataset, made once and copied."""
+
+import hashlib
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipeline.dataset.manifest import Sample
+from pipeline.dataset.sample import sample
+from pipeline.dataset.solve import solve
+from pipeline.dataset.workers import Workers
+from pipeline.expert import Settings
+from pipeline.orbit.problem import Problem
+
+SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
+"""Five shards, the last of n=2 not full."""
+
+
+@pytest.fixture(scope="session")
+def solved_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dataset") / "data"
+    sample(folder, SAMPLES, Problem(), jobs=1)
+    solve(folder, Settings(), workers=Workers(jobs=1))
+    return folder
+
+
+@pytest.fixture
+def solved(solved_once: Path, tmp_path: Path) -> Path:
+    """A folder of its own with a solved dataset."""
+    return Path(shutil.copytree(solved_once, tmp_path / "data"))
+
+
+@pytest.fixture(scope="session")
+def content() -> Callable[[Path], dict[str, str]]:
+    """Digest of every file of a dataset, taken here and not from its manifest, but timings."""
+
+    def of(folder: Path) -> dict[str, str]:
+        return {
+            path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in sorted(folder.rglob("*"))
+            if path.is_file() and "_timings" not in path.parts and path.name != "_lock"
+        }
+
+    return of

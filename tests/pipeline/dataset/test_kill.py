@@ -1,0 +1,171 @@
+"""Killed (-9) at every step of publishing, then run again: the same bytes as if undisturbed.
+
+One process imports everything and forks a child for each step, since imports take longest.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+SCRIPT = """
+import json, os, signal, sys
+from pathlib import Path
+from pipeline.dataset.manifest import Sample
+from pipeline.dataset.sample import sample
+from pipeline.dataset.solve import solve
+from pipeline.dataset.workers import Workers
+from pipeline.expert import Settings
+from pipeline.orbit.problem import Problem
+
+SAMPLES = {2: Sample(count=3, shard_rows=2)}
+
+def make(folder):
+    sample(folder, SAMPLES, Problem(), jobs=1)
+    solve(folder, Settings(), workers=Workers(jobs=1))
+
+def dies_at(step):
+    # The system call, not our code, is where the process ends.
+    real, left = os.fsync, [step]
+    def fsync(handle):
+        left[0] -= 1
+        if left[0] < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(handle)
+    os.fsync = fsync
+
+def in_a_child(work):
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        except BaseException as error:
+            print(repr(error), file=sys.stderr, flush=True)
+            os._exit(9)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+root = Path(sys.argv[1])
+make(root / "undisturbed")  # here, so that children find everything imported
+step, statuses = 0, []
+while True:
+    folder = root / f"{step:03d}"
+    def killed():
+        dies_at(step)
+        make(folder)
+    statuses.append(in_a_child(killed))
+    if statuses[-1] != -signal.SIGKILL:
+        break
+    statuses.append(in_a_child(lambda: make(folder)))
+    step += 1
+print(json.dumps(statuses))
+"""
+
+
+def make_killed(root):
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(root)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout)
+
+
+def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_path, content):
+    statuses = make_killed(tmp_path)
+    assert statuses[-1] == 0  # the first run that no kill reached
+    kills, reruns = statuses[:-1:2], statuses[1::2]
+    assert set(kills) == {-signal.SIGKILL}
+    assert set(reruns) == {0}
+    # Scenarios, timings and plans of two shards, and manifests: each is flushed before and
+    # after its rename, so that every kill falls on one side of one.
+    assert len(kills) >= 20
+    wanted = content(tmp_path / "undisturbed")
+    assert len(wanted) == 2 + 2 + 1
+    for k in range(len(kills)):
+        assert content(tmp_path / f"{k:03d}") == wanted, f"step {k}"
+        assert not list((tmp_path / f"{k:03d}").rglob("*.tmp"))
+
+
+SOLVE = textwrap.dedent("""
+    import sys
+    from pipeline.dataset.solve import solve
+    from pipeline.dataset.watch import Watch
+    from pipeline.dataset.workers import Workers
+    from pipeline.expert import Settings
+
+    class Loud(Watch):
+        def say(self, sentence):
+            print(sentence, flush=True)
+
+    solve(sys.argv[1], Settings(), workers=Workers(jobs=2), watch=Loud())
+""")
+
+
+def children(pid):
+    """Processes that a process started and that run our code."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(entry.read_text().rpartition(")")[2].split()[1])
+            line = (entry.parent / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if parent == pid and b"resource_tracker" not in line:
+            found.append(int(entry.parent.name))
+    return found
+
+
+@pytest.fixture
+def busy(tmp_path):
+    """A folder with some work for two processes."""
+    from pipeline.dataset.manifest import Sample
+    from pipeline.dataset.sample import sample
+    from pipeline.orbit.problem import Problem
+
+    folder = tmp_path / "busy"
+    sample(folder, {6: Sample(count=60, shard_rows=2)}, Problem(), jobs=1)
+    return folder
+
+
+def until(holds, seconds=30.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if holds():
+            return True
+        time.sleep(0.005)
+    return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
+def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
+    busy, tmp_path, content
+):
+    import shutil
+
+    from pipeline.dataset.solve import solve
+    from pipeline.dataset.workers import Workers
+    from pipeline.expert import Settings
+
+    alone = Path(shutil.copytree(busy, tmp_path / "alone"))
+    solve(alone, Settings(), workers=Workers(jobs=1))
+    run = subprocess.Popen(
+        [sys.executable, "-c", SOLVE, str(busy)], stdout=subprocess.PIPE, text=True
+    )
+    assert until(lambda: list(busy.glob("n=6/part-*")))
+    workers = children(run.pid)
+    assert len(workers) == 2
+    os.kill(workers[0], signal.SIGKILL)
+    said, _ = run.communicate(timeout=60)
+    assert run.returncode == 0
+    assert "a worker process was killed" in said
+    assert content(busy) == content(alone)

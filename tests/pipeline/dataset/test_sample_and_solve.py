@@ -1,0 +1,238 @@
+"""Scenarios and plans as rows: what is written, what is refused, what is read back."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.dataset import solve as stage
+from pipeline.dataset.manifest import Sample, read_manifest
+from pipeline.dataset.read import examples, solved_rows
+from pipeline.dataset.sample import sample
+from pipeline.dataset.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
+from pipeline.dataset.solve import solve
+from pipeline.dataset.workers import Workers
+from pipeline.errors import InputError, ProlearnError
+from pipeline.expert import Settings
+from pipeline.expert import solve as solve_scenario
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+
+ONE = Workers(jobs=1)
+
+
+def test_rows_are_the_scenarios_that_draw_gives_and_the_plans_that_the_expert_gives(solved):
+    table = solved_rows(solved, 3)
+    states = stacked(table, "states", 3, 11, 6)
+    for k, scenario in enumerate(scenarios_of(table)):
+        drawn = draw("rings", 5, 3, k, Problem())
+        assert scenario.name == drawn.name
+        assert np.array_equal(scenario.initial, drawn.initial)
+        assert np.array_equal(scenario.goal, drawn.goal)
+        assert np.array_equal(states[k], solve_scenario(drawn).states)
+
+
+def test_the_schema_is_the_published_one_and_carries_the_problem(solved):
+    schema = pq.read_schema(solved / "n=3/part-00000.parquet")
+    assert schema.names == [field.name for field in SOLVED_FIELDS]
+    about = json.loads(schema.metadata[METADATA_KEY])
+    assert (about["nodes"], about["time_step"], about["collision_radius"]) == (11, 120.0, 15.0)
+    assert (about["separation"], about["seed"], about["family"]) == ("continuous", 5, "rings")
+    assert about["max_acceleration"] is None
+
+
+def test_splits_follow_the_index_and_have_their_shares():
+    one = Sample(count=1000, shares=(0.7, 0.2, 0.1))
+    splits = [one.split_of(k) for k in range(1000)]
+    assert splits == ["train"] * 700 + ["valid"] * 200 + ["test"] * 100
+
+
+@pytest.mark.parametrize("shares", [(0.8, 0.1, 0.1), (0.5, 0.0, 0.5), (0.0, 0.0, 1.0)])
+def test_a_shard_has_the_splits_of_its_rows(shares):
+    one = Sample(count=95, shares=shares, shard_rows=20)
+    for shard in range(one.shards):
+        splits = {one.split_of(k) for k in one.indices(shard)}
+        assert splits <= one.splits_of(shard)
+        assert {one.split_of(k) for k in one.indices(shard)[:: len(one.indices(shard)) - 1]} <= (
+            splits
+        )
+
+
+def test_shards_hold_every_index_once():
+    one = Sample(count=95, shard_rows=20)
+    assert [k for s in range(one.shards) for k in one.indices(s)] == list(range(95))
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"count": 0}, "count is 0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"shard_rows": 0}, "shard_rows is 0"),
+        ({"shares": (0.5, 0.5, 0.5)}, "add up to 1"),
+        ({"shares": (1.2, -0.1, -0.1)}, "0 or more"),
+    ],
+    ids=str,
+)
+def test_a_sample_that_cannot_be_drawn_is_refused(change, word):
+    with pytest.raises(InputError, match=word):
+        Sample(**change)
+
+
+@pytest.mark.parametrize(
+    ("samples", "problem", "words"),
+    [
+        ({2: Sample(count=8, shard_rows=3)}, Problem(), "count = 7, now it is 8"),
+        ({3: Sample(count=6, shard_rows=3, seed=6)}, Problem(), "seed = 5, now it is 6"),
+        ({4: Sample(count=2)}, Problem(nodes=7), "nodes = 11, now it is 7"),
+    ],
+    ids=["count", "seed", "nodes"],
+)
+def test_other_settings_are_refused_by_name_with_both_values(
+    solved, content, samples, problem, words
+):
+    before = content(solved)
+    with pytest.raises(InputError, match=words):
+        sample(solved, samples, problem, jobs=1)
+    assert content(solved) == before
+
+
+def test_another_way_to_solve_is_refused_by_name_with_both_values(solved, content):
+    before = content(solved)
+    with pytest.raises(InputError, match="separation = continuous, now it is nodes"):
+        solve(solved, Settings(separation="nodes"), workers=ONE)
+    assert content(solved) == before
+
+
+def test_another_size_joins_a_folder_and_leaves_the_others_alone(solved, content):
+    before = content(solved)
+    sample(solved, {4: Sample(count=2)}, Problem(), jobs=1)
+    solve(solved, Settings(), workers=ONE)
+    after = content(solved)
+    changed = {name for name in before if before[name] != after[name]}
+    assert changed == {"_manifest.json"}
+    assert len(solved_rows(solved, 4)) == 2
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path):
+    (tmp_path / "letter.txt").write_text("dear")
+    with pytest.raises(InputError, match=r"letter\.txt"):
+        sample(tmp_path, {2: Sample(count=1)}, Problem(), jobs=1)
+    assert [p.name for p in tmp_path.iterdir()] == ["letter.txt"]
+
+
+def test_every_scenario_has_a_row_and_failures_reach_no_training(tmp_path):
+    # A thrust limit that some transfers can keep to and others cannot.
+    weak = Problem(max_acceleration=7e-4)
+    sample(tmp_path, {2: Sample(count=24, shares=(1.0, 0.0, 0.0), shard_rows=12)}, weak, jobs=1)
+    solve(tmp_path, Settings(), workers=ONE)
+    table = solved_rows(tmp_path, 2)
+    statuses = table["status"].to_pylist()
+    failed = [k for k, status in enumerate(statuses) if status != "solved"]
+    assert len(table) == 24
+    assert 0 < len(failed) < 24
+    assert all(table["states"][k].as_py() is None for k in failed)
+    learnt = examples(tmp_path, 2, "train")
+    assert len(learnt) == 24 - len(failed)
+    assert np.isfinite(learnt.states).all()
+    initial = stacked(table, "initial", 2, 6)
+    assert np.array_equal(learnt.initial, np.delete(initial, failed, axis=0))
+
+
+def test_an_expert_that_breaks_down_costs_one_row_and_says_why(tmp_path, monkeypatch):
+    def breaks_down(scenario, settings):
+        if scenario.name.endswith("1"):
+            raise np.linalg.LinAlgError("singular matrix")
+        return solve_scenario(scenario, settings=settings)
+
+    monkeypatch.setattr(stage, "solve_scenario", breaks_down)
+    sample(tmp_path, {2: Sample(count=3)}, Problem(), jobs=1)
+    solve(tmp_path, Settings(), workers=ONE)
+    assert solved_rows(tmp_path, 2)["status"].to_pylist() == ["solved", "unsolved", "solved"]
+    timings = pq.read_table(tmp_path / "_timings/n=2/part-00000.parquet")
+    assert "singular matrix" in timings["message"][1].as_py()
+
+
+def test_stacked_columns_are_the_rows_one_by_one(solved):
+    table = solved_rows(solved, 3)
+    controls = stacked(table, "controls", 3, 10, 3)
+    for k in range(len(table)):
+        assert np.array_equal(controls[k], np.reshape(table["controls"][k].as_py(), (3, 10, 3)))
+    some = table.filter([k % 2 == 0 for k in range(len(table))])
+    assert np.array_equal(stacked(some, "controls", 3, 10, 3), controls[::2])
+
+
+def test_examples_are_the_rows_of_their_split(solved):
+    whole, train = solved_rows(solved, 2), examples(solved, 2, "train")
+    wanted = [k for k, split in enumerate(whole["split"].to_pylist()) if split == "train"]
+    assert len(train) == len(wanted) == 6
+    assert np.array_equal(train.states, stacked(whole, "states", 2, 11, 6)[wanted])
+    assert (train.n, train.problem) == (2, Problem())
+
+
+def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
+    with pytest.raises(InputError, match=r"does not exist.*prolearn dataset"):
+        read_manifest(tmp_path / "nowhere")
+    (tmp_path / "bare").mkdir()
+    with pytest.raises(InputError, match="is empty"):
+        read_manifest(tmp_path / "bare")
+    with pytest.raises(InputError, match=r"n=9.*expected n in 2, 3"):
+        solved_rows(solved, 9)
+    with pytest.raises(InputError, match="no solved instance of n=3 in its test split"):
+        (solved / "x").mkdir()
+        sample(solved / "x", {3: Sample(count=2, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
+        solve(solved / "x", Settings(), workers=ONE)
+        examples(solved / "x", 3, "test")
+    (solved / "n=3/part-00001.parquet").unlink()
+    with pytest.raises(InputError, match="not solved at n=3"):
+        solved_rows(solved, 3)
+
+
+def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved, content):
+    before = content(solved)
+    times = {p: p.stat().st_mtime_ns for p in solved.glob("n=*/*.parquet")}
+    (solved / "_manifest.json").write_text("{")
+    with pytest.raises(InputError, match="damaged"):
+        read_manifest(solved)
+    (solved / "_manifest.json").unlink()
+    again = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
+    sample(solved, again, Problem(), jobs=1)
+    solve(solved, Settings(), workers=ONE)
+    assert content(solved) == before
+    assert times == {p: p.stat().st_mtime_ns for p in solved.glob("n=*/*.parquet")}
+
+
+def test_plans_of_other_settings_are_not_adopted(solved, tmp_path):
+    sample(tmp_path / "other", {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
+    solve(tmp_path / "other", Settings(separation="nodes"), workers=ONE)
+    (solved / "_manifest.json").unlink()
+    name = "n=2/part-00000.parquet"
+    right = (solved / name).read_bytes()
+    (solved / name).write_bytes((tmp_path / "other" / name).read_bytes())
+    sample(solved, {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
+    solve(solved, Settings(), workers=ONE)
+    assert (solved / name).read_bytes() == right
+
+
+@pytest.mark.parametrize(
+    ("workers", "word"),
+    [
+        ({"jobs": 0}, "jobs is 0"),
+        ({"backend": "ray"}, "'ray'"),
+        ({"backend": "dask"}, "no scheduler"),
+        ({"scheduler": "tcp://127.0.0.1:1"}, "expected --backend dask"),
+    ],
+    ids=str,
+)
+def test_workers_that_cannot_be_are_refused(workers, word):
+    with pytest.raises(InputError, match=word):
+        Workers(**workers)
+
+
+def test_a_scheduler_that_does_not_answer_is_named(solved, monkeypatch):
+    monkeypatch.setattr("pipeline.dataset.workers.CONNECT_SECONDS", 0.5)
+    (solved / "n=3/part-00001.parquet").unlink()
+    far = Workers(backend="dask", scheduler="tcp://127.0.0.1:1")
+    with pytest.raises(ProlearnError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"):
+        solve(solved, Settings(), workers=far)

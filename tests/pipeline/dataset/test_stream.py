@@ -1,0 +1,203 @@
+"""Training data that streams: every instance once, shuffled, in bounded memory."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import torch
+
+from pipeline.dataset.manifest import NAME, Sample
+from pipeline.dataset.read import examples
+from pipeline.dataset.schema import SOLVED_FIELDS, metadata
+from pipeline.dataset.shards import digest_of, encode
+from pipeline.dataset.stream import COPIES, ExampleStream, bytes_of_one, examples_within
+from pipeline.errors import InputError
+from pipeline.expert import Settings
+from pipeline.networks.encoding import fit
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.training.data import batches, encoded
+from pipeline.training.loop import train
+from pipeline.training.recipes import recipe_for
+
+CPU = torch.device("cpu")
+
+
+def write_dataset(folder, n, one, problem=None):
+    """A dataset of minimum-energy transfers, one in ten of them without a plan."""
+    problem = problem or Problem()
+    rng = np.random.default_rng(0)
+    meta = metadata(problem, one.origin() | asdict(Settings()))
+    digests = {}
+    for shard in range(one.shards):
+        rows = one.indices(shard)
+        initial, goal = rng.normal(size=(2, len(rows), n, 6)) * np.repeat([100.0, 0.1], 3)
+        states = fly(initial, minimum_energy(initial, goal, problem), problem)
+        solved = [k % 10 != 3 for k in rows]
+        columns = {
+            "scenario_id": [f"row-{k}" for k in rows],
+            "n_spacecraft": [n] * len(rows),
+            "family": ["rings"] * len(rows),
+            "split": [one.split_of(k) for k in rows],
+            "initial": list(initial.reshape(len(rows), -1)),
+            "goal": list(goal.reshape(len(rows), -1)),
+            "status": ["solved" if ok else "unsolved" for ok in solved],
+            "states": [s.ravel() if ok else None for s, ok in zip(states, solved, strict=True)],
+        }
+        arrays = [pa.array(columns.get(f.name, [None] * len(rows)), f.type) for f in SOLVED_FIELDS]
+        table = pa.Table.from_arrays(arrays, schema=pa.schema(SOLVED_FIELDS, metadata=meta))
+        name = f"n={n}/part-{shard:05d}.parquet"
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(encode(table))
+        digests[name] = digest_of((folder / name).read_bytes())
+    document = {
+        "schema": "prolearn.dataset/1",
+        "problem": asdict(problem),
+        "samples": {str(n): asdict(one)},
+        "solve": asdict(Settings()),
+        "shards": digests,
+    }
+    (folder / NAME).write_text(json.dumps(document))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stream")
+    write_dataset(folder, 3, Sample(count=400, shard_rows=30))
+    return folder
+
+
+def streamed(folder, split="train", held=50):
+    memory = float(COPIES) * held * bytes_of_one(3, Problem())
+    return examples_within(folder, 3, split, memory)
+
+
+def test_a_small_dataset_is_loaded_once_and_a_large_one_streams(folder):
+    assert len(examples_within(folder, 3, "train")) == 288
+    assert examples_within(folder, 3, "train").buffer is None
+    found = streamed(folder)
+    assert isinstance(found, ExampleStream)
+    assert (found.buffer, len(found), found.n, found.problem) == (50, 288, 3, Problem())
+    assert [len(part) for part in found.parts()][:2] == [27, 27]
+
+
+def test_a_stream_has_the_instances_of_the_whole_in_order(folder):
+    whole, parts = examples(folder, 3, "valid"), list(streamed(folder, "valid", 5).parts())
+    assert len(parts) > 1
+    for field in ("initial", "goal", "states"):
+        joined = np.concatenate([getattr(part, field) for part in parts])
+        assert np.array_equal(joined, getattr(whole, field))
+
+
+def test_scales_of_a_stream_are_those_of_the_whole(folder):
+    for target in ("states", "offset"):
+        whole = fit(examples(folder, 3, "train"), "line", target)
+        parts = fit(streamed(folder), "line", target)
+        assert parts.input_scale == pytest.approx(whole.input_scale, rel=1e-12)
+        assert parts.target_scale == pytest.approx(whole.target_scale, rel=1e-12)
+
+
+def passed(folder, seed, size=16, held=50):
+    encoding = fit(examples(folder, 3, "train"), "line", "states")
+    data = batches(streamed(folder, held=held), encoding, CPU)
+    return list(data.shuffled(size, torch.Generator().manual_seed(seed)))
+
+
+def keys(batch):
+    return [float(x) for x in batch.inputs[:, 0, 0, 0]]
+
+
+def test_each_pass_over_a_stream_gives_every_instance_once_with_its_own_target(folder):
+    whole = examples(folder, 3, "train")
+    want = encoded(whole, fit(whole, "line", "states"), CPU)
+    of = dict(zip(keys(want), want.target, strict=True))
+    seen = passed(folder, 0)
+    assert sorted(key for batch in seen for key in keys(batch)) == sorted(of)
+    assert all(
+        torch.equal(of[key], target)
+        for batch in seen
+        for key, target in zip(keys(batch), batch.target, strict=True)
+    )
+    assert all(len(batch) == 16 for batch in seen[:-1])
+
+
+def test_a_stream_is_shuffled_across_shards_by_its_seed_alone(folder):
+    first, again, other = (
+        [key for batch in passed(folder, seed) for key in keys(batch)] for seed in (1, 1, 2)
+    )
+    assert first == again
+    assert first != other
+    shard = {}
+    for k, part in enumerate(streamed(folder).parts()):
+        encoding = fit(examples(folder, 3, "train"), "line", "states")
+        shard.update(dict.fromkeys(keys(encoded(part, encoding, CPU)), k))
+    mixed = [len({shard[key] for key in keys(batch)}) for batch in passed(folder, 1)]
+    assert np.mean(mixed) >= 2  # a batch draws from several shards, as the buffer holds some
+
+
+def test_networks_learn_as_well_from_a_stream_as_from_memory(folder):
+    recipe, losses = recipe_for("ff1", "tuned"), []
+    for train_on, valid in (
+        (examples(folder, 3, "train"), examples(folder, 3, "valid")),
+        (streamed(folder), streamed(folder, "valid", 5)),
+    ):
+        trained = train("ff1", recipe, train_on, valid, device="cpu", epochs=8)
+        losses.append([epoch.valid_loss for epoch in trained.history])
+    whole, stream = losses
+    assert stream[-1] < 0.95 * stream[0]
+    assert stream[-1] == pytest.approx(whole[-1], rel=0.05)
+
+
+def test_memory_that_is_none_is_refused(folder):
+    with pytest.raises(InputError, match="memory is 0"):
+        examples_within(folder, 3, "train", 0.0)
+
+
+TRAIN = """
+import sys
+from pathlib import Path
+import torch
+from pipeline.dataset.stream import examples_within
+from pipeline.training.loop import train
+from pipeline.training.recipes import recipe_for
+torch.set_num_threads(1)
+folder, memory = sys.argv[1], float(sys.argv[2])
+def run(split_size, memory):
+    data = [examples_within(folder, n, s, memory) for n, s in split_size]
+    train("ff1", recipe_for("ff1", "tuned"), *data, device="cpu", epochs=1)
+def peak():
+    (line,) = [x for x in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in x]
+    return int(line.split()[1]) * 1024
+run([(10, "valid"), (10, "valid")], 15e6)  # what a short stream needs, weights and all
+before = peak()
+run([(10, "train"), (10, "valid")], memory)
+print(peak() - before)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the peak in /proc")
+def test_the_memory_that_training_takes_is_bounded_by_what_it_is_given(tmp_path):
+    one = Sample(count=5000, shares=(0.88, 0.12, 0.0), shard_rows=100)
+    write_dataset(tmp_path, 10, one)
+    size = 4400 * bytes_of_one(10, Problem())
+    assert size > 27e6
+    taken = {}
+    for memory in (2e9, 15e6):
+        run = subprocess.run(
+            [sys.executable, "-c", TRAIN, str(tmp_path), str(memory)],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            env={**os.environ, "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"},
+            check=False,
+        )
+        assert run.returncode == 0, run.stderr
+        taken[memory] = int(run.stdout)
+    assert taken[2e9] > 2 * size
+    assert taken[15e6] < size / 3

@@ -1,0 +1,225 @@
+"""Damage of every kind is found by name and mended, and nothing else is touched."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.dataset.manifest import NAME
+from pipeline.dataset.sample import sample
+from pipeline.dataset.shards import digest_of, encode
+from pipeline.dataset.solve import solve
+from pipeline.dataset.verify import repair, verify
+from pipeline.dataset.workers import Workers
+from pipeline.expert import Settings
+from pipeline.orbit.problem import Problem
+
+ONE = Workers(jobs=1)
+SHARD = "n=3/part-00001.parquet"
+ORACLE = Path(__file__).parents[4] / "shared/oracle/check_dataset.py"
+
+
+def flipped(path):
+    """A byte in the middle of the pages, which Parquet alone would not miss."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0x10
+    path.write_bytes(content)
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def swapped(path):
+    """A sound shard in the wrong place."""
+    path.write_bytes(path.with_name("part-00000.parquet").read_bytes())
+
+
+DAMAGE = [flipped, truncated, emptied, swapped, Path.unlink]
+
+
+def found(folder):
+    return {(fault.path, fault.what) for fault in verify(folder, workers=ONE)}
+
+
+def test_a_sound_dataset_has_no_faults(solved):
+    assert found(solved) == set()
+
+
+def test_scenarios_alone_can_be_verified_and_mended(tmp_path, content):
+    from pipeline.dataset.manifest import Sample
+
+    sample(tmp_path, {2: Sample(count=4, shard_rows=2)}, Problem(), jobs=1)
+    before = content(tmp_path)
+    assert found(tmp_path) == set()
+    truncated(tmp_path / "_scenarios/n=2/part-00001.parquet")
+    assert {path for path, _ in found(tmp_path)} == {"_scenarios/n=2/part-00001.parquet"}
+    repair(tmp_path, workers=ONE)
+    assert content(tmp_path) == before
+
+
+@pytest.mark.parametrize("damage", DAMAGE, ids=lambda f: f.__name__)
+@pytest.mark.parametrize("name", [SHARD, "_scenarios/" + SHARD])
+@pytest.mark.parametrize("mended_by", ["repair", "solve"])
+def test_damage_is_named_and_exactly_that_shard_is_done_again(
+    solved, content, damage, name, mended_by
+):
+    before = content(solved)
+    damage(solved / name)
+    others = [p for p in solved.rglob("*.parquet") if p != solved / name and "_tim" not in str(p)]
+    times = {p: p.stat().st_mtime_ns for p in others}
+    assert {path for path, _ in found(solved)} == {name}
+    if mended_by == "repair":
+        assert [fault.path for fault in repair(solved, workers=ONE)] == [name]
+    else:
+        solve(solved, Settings(), workers=ONE)
+    assert content(solved) == before
+    assert times == {p: p.stat().st_mtime_ns for p in others}
+    assert found(solved) == set()
+
+
+def test_damaged_timings_are_named_and_made_again(solved, content):
+    before = content(solved)
+    truncated(solved / "_timings" / SHARD)
+    assert {path for path, _ in found(solved)} == {"_timings/" + SHARD}
+    repair(solved, workers=ONE)
+    assert found(solved) == set()
+    assert content(solved) == before
+
+
+def test_foreign_files_are_named_and_moved_out_of_the_readers_way(solved):
+    foreign = ["n=3/part-00009.parquet", "notes.txt", "n=7/part-00000.parquet"]
+    for name in foreign:
+        (solved / name).parent.mkdir(exist_ok=True)
+        (solved / name).write_bytes((solved / SHARD).read_bytes())
+    assert found(solved) == {(name, "does not belong to this dataset") for name in foreign}
+    repair(solved, workers=ONE)
+    assert found(solved) == set()
+    assert all((solved / "_foreign" / name).exists() for name in foreign)
+    assert pq.read_table(solved).num_rows == 13
+
+
+def forge(folder, change):
+    """Change a shard and give the manifest its new digest, as only a bug of ours could."""
+    path = folder / SHARD
+    table = pq.read_table(path, partitioning=None)
+    columns = {name: table[name].to_pylist() for name in table.column_names}
+    change(columns)
+    arrays = [pa.array(columns[f.name], f.type) for f in table.schema]
+    content = encode(pa.Table.from_arrays(arrays, schema=table.schema))
+    path.write_bytes(content)
+    manifest = json.loads((folder / NAME).read_text())
+    manifest["shards"][SHARD] = digest_of(content)
+    (folder / NAME).write_text(json.dumps(manifest))
+
+
+def moved(columns):
+    columns["states"][1][6] += 1e-3  # x of the first craft at its second node
+
+
+def pushed(columns):
+    columns["controls"][1][0] += 1e-6
+
+
+def other_goal(columns):
+    columns["goal"][1][0] += 1e-3
+
+
+def cheap(columns):
+    columns["fuel"][1] *= 0.999
+
+
+def bound_above_fuel(columns):
+    columns["fuel_lower_bound"][1] = columns["fuel"][1] * 1.01
+
+
+def apart(columns):
+    columns["min_separation"][1] += 0.1
+
+
+def hit(columns):
+    columns["node_collisions"][1] += 1
+
+
+def unflown(columns):
+    columns["states"][1] = None
+
+
+def no_number(columns):
+    columns["states"][1][9] = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (moved, "breaks the dynamics"),
+        (pushed, "breaks the dynamics"),
+        (other_goal, "misses an end"),
+        (cheap, "has another fuel than its controls"),
+        (bound_above_fuel, "needs less fuel than its lower bound"),
+        (apart, "has another least separation than its states"),
+        (hit, "has other node collisions than its states"),
+        (unflown, "is not whole"),
+        (no_number, "breaks the dynamics"),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, content, change, what):
+    before = content(solved)
+    forge(solved, change)
+    assert (SHARD, f"rings-s5-n3-000004 {what}") in found(solved)
+    repair(solved, workers=ONE)
+    assert content(solved) == before
+
+
+def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
+    """Plans kept apart at the nodes alone, judged by the continuous criterion."""
+    from pipeline.dataset.manifest import Sample
+    from pipeline.dataset.physics import row_faults
+    from pipeline.dataset.read import solved_rows
+    from pipeline.orbit.cw import cw_matrices
+
+    sample(tmp_path, {10: Sample(count=8)}, Problem(), jobs=1)
+    solve(tmp_path, Settings(separation="nodes"), workers=ONE)
+    table = solved_rows(tmp_path, 10)
+    named = {
+        int(fault.split()[0][-6:])
+        for fault in row_faults(table, 10, Problem(), at_nodes=False)
+        if fault.endswith("comes too close")
+    }
+    problem, close = Problem(), set()
+    A, B = cw_matrices(problem.mean_motion, np.linspace(0, problem.time_step, 241))
+    for k in range(len(table)):
+        states = np.reshape(table["states"][k].as_py(), (10, 11, 6))[:, :-1]
+        controls = np.reshape(table["controls"][k].as_py(), (10, 10, 3))
+        dense = np.einsum("qij,ntj->ntqi", A, states) + np.einsum("qij,ntj->ntqi", B, controls)
+        i, j = np.triu_indices(10, 1)
+        if np.linalg.norm((dense[i] - dense[j])[..., :3], axis=-1).min() <= 15.0:
+            close.add(k)
+    assert named == close
+    assert 0 < len(close) < 8
+    assert found(tmp_path) == set()
+
+
+@pytest.mark.skipif(not ORACLE.exists(), reason="the judge from outside is not on this machine")
+def test_the_judge_from_outside_finds_every_row_sound(solved):
+    run = subprocess.run(
+        [sys.executable, ORACLE, solved, "--lower-bound"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert json.loads(run.stdout)["judged"] == 13
