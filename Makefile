@@ -78,5 +78,5 @@ bench: $(BIN)/prolearn ## how fast the expert is, beside its peers
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 
 clean: ## remove what make made, datasets and results included
-	rm -rf $(VENV) data reports mlruns mlflow.db* unregistered *.egg-info build
+	rm -rf $(VENV) data reports mlruns mlflow.db* optuna.db* unregistered *.egg-info build
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -5,7 +5,7 @@ Commands import what they need when they run, so that help is instant.
 
 import typer
 
-from cli import dataset, experiments, models, plan, train
+from cli import dataset, experiments, models, plan, train, tune
 from cli.app import Group
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app.command()(dataset.solve)
 app.command(name="dataset")(dataset.make)
 app.command()(dataset.verify)
 app.command()(train.train)
+app.command()(tune.tune)
 app.command()(experiments.evaluate)
 app.command()(experiments.warmstart)
 app.command()(experiments.report)

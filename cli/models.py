@@ -1,6 +1,9 @@
-"""Commands about registered models: list, show, promote."""
+"""Commands about registered models: list, show, promote, export, register."""
 
-from typing import Annotated
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -8,24 +11,49 @@ from rich.table import Table
 
 from cli.app import Group
 
-app = typer.Typer(cls=Group, no_args_is_help=True, help="Registered models: list, show, promote.")
+if TYPE_CHECKING:
+    from registry.version import ModelVersion
+
+app = typer.Typer(
+    cls=Group,
+    no_args_is_help=True,
+    help="Registered models: list them, show, promote, export or register one.",
+)
+
+
+class Format(StrEnum):
+    """File formats for on-board use."""
+
+    ONNX = "onnx"
+
+
+ModelArgument = Annotated[
+    str, typer.Argument(help="ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI.")
+]
 
 COLUMNS = {
-    "valid_position_rmse": "RMS m",
-    "exp1_flown_collisions": "collisions",
-    "exp1_flown_fuel": "fuel",
+    "valid_position_rmse": "valid.\nRMS m",
+    "exp1_flown_collisions": "colli-\nsions",
+    "exp1_flown_fuel": "fuel\nm/s²",
 }
 """Metrics in the list, by name, with their headings."""
+
+AGES = ((86400, "d"), (3600, "h"), (60, "min"))
+"""Units of an age, s."""
 
 
 @app.command(name="list")
 def list_models() -> None:
-    """All versions with their aliases and main metrics."""
+    """All versions: alias, validation error, collisions and fuel when flown, dataset, age."""
     from registry.models import list_versions
 
-    table = Table(box=None, header_style="bold")
-    for heading in ("model", "v", "alias", "recipe", *COLUMNS.values(), "created"):
-        table.add_column(heading, no_wrap=True)
+    table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
+    for heading in ("model", "v.", "alias", "recipe"):
+        table.add_column(heading, justify="right" if heading == "v." else "left", no_wrap=True)
+    for heading in COLUMNS.values():
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("dataset", max_width=14, no_wrap=True)
+    table.add_column("age", justify="right", no_wrap=True)
     for version in list_versions():
         numbers = [version.metrics.get(name) for name in COLUMNS]
         table.add_row(
@@ -34,14 +62,29 @@ def list_models() -> None:
             ",".join(version.aliases),
             version.recipe,
             *("" if number is None else f"{number:.3g}" for number in numbers),
-            version.created.strftime("%Y-%m-%d"),
+            _dataset(version),
+            _age(version.created),
         )
     Console().print(table)
 
 
+def _dataset(version: "ModelVersion") -> str:
+    """Folder and beginning of the digest."""
+    folder = Path(version.params.get("dataset", "")).name
+    return f"{folder[:7]} {version.dataset_digest[:6]}".strip()
+
+
+def _age(created: datetime) -> str:
+    seconds = (datetime.now(UTC) - created).total_seconds()
+    for length, unit in AGES:
+        if seconds >= length:
+            return f"{seconds // length:.0f} {unit}"
+    return "new"
+
+
 @app.command()
 def show(
-    model: Annotated[str, typer.Argument(help="ARCH, ARCH:RECIPE, NAME@ALIAS or NAME/VERSION.")],
+    model: ModelArgument,
 ) -> None:
     """One version in full: parameters, metrics, dataset, environment."""
     from registry.models import resolve
@@ -77,3 +120,66 @@ def promote(
 
     chosen = run(name, version, force=force)
     typer.echo(f"{chosen.name} version {chosen.version} is the champion.")
+
+
+@app.command()
+def export(
+    model: ModelArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The file; NAME-vVERSION.onnx by default.", show_default=False),
+    ] = None,
+    file_format: Annotated[Format, typer.Option("--format", help="Format.")] = Format.ONNX,
+    n: Annotated[
+        int | None,
+        typer.Option(
+            "--n",
+            help="Spacecraft that the file is for; by default any number that one graph of the "
+            "architecture answers for. Feed-forward networks beyond their training's size need "
+            "it: the averaging over combinations then goes into the file.",
+            show_default=False,
+        ),
+    ] = None,
+    flown: Annotated[
+        bool,
+        typer.Option("--flown", help="Project onto transfers that can be flown; adds controls."),
+    ] = False,
+) -> None:
+    """Write a model as one file for on-board use, with a model card beside it.
+
+    States in m and m/s go in and come out; scaling is inside. onnxruntime's answer is compared
+    with torch's before the file takes its name.
+
+    Examples:
+
+        prolearn models export lstm2 --format onnx
+        prolearn models export ff1/3 --n 12 --flown --out ff1-n12.onnx
+    """
+    from registry.jobs.export import export as run
+
+    made = run(model, out, n=n, flown=flown)
+    checked = made.file.checked
+    times = ", ".join(f"{seconds * 1e3:.3g} ms (n={n})" for n, seconds in checked.seconds.items())
+    typer.echo(f"{made.file.path}: {made.file.kib:.0f} KiB, for {checked.sizes}.")
+    typer.echo(f"onnxruntime on one core, one instance: {times}.")
+    typer.echo(
+        f"Largest difference from torch: {checked.difference:.1e} of a component's size, "
+        f"{checked.metres:.1e} m in position."
+    )
+    typer.echo(f"Model card: {made.card}")
+
+
+@app.command()
+def register(
+    folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.", show_default=False)],
+) -> None:
+    """Register a trained network that was kept because the tracking store had failed.
+
+    Example:
+
+        prolearn models register unregistered/lstm2-20260101T120000.000000Z
+    """
+    from registry.training import register_kept
+
+    version = register_kept(folder)
+    typer.echo(f"{version.name} version {version.version} is registered; {folder} can go.")

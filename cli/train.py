@@ -39,6 +39,9 @@ def train(
         typer.Option(help="Input between the end states: line, zeros or minimum-energy."),
     ] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Of Adam.")] = None,
+    dropout: Annotated[
+        float | None, typer.Option(help="Share of hidden outputs dropped in training.")
+    ] = None,
     batch_size: Annotated[int | None, typer.Option(help="Instances a step.")] = None,
     collision_weight: Annotated[
         float | None, typer.Option(help="Weight of the collision penalty (ffcol, lstmcol).")
@@ -66,6 +69,7 @@ def train(
         "epochs": epochs,
         "interior": interior,
         "learning_rate": learning_rate,
+        "dropout": dropout,
         "batch_size": batch_size,
         "collision_weight": collision_weight,
     }

@@ -5,6 +5,8 @@ import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
+from pipeline.networks.catalogue import distribution_of
+
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
 
 LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")
@@ -19,9 +21,13 @@ def environment_tags() -> dict[str, str]:
     return tags | ({"git_commit": commit} if commit else {})
 
 
-def requirements() -> list[str]:
-    """Exact requirements of a registered model, without a build's local label (+cpu)."""
-    return [f"{name}=={version(name).partition('+')[0]}" for name in LOADING]
+def requirements(arch: str) -> list[str]:
+    """Exact requirements of a registered model, without a build's local label (+cpu).
+
+    The distribution that brings the architecture is one of them.
+    """
+    names = dict.fromkeys((*LOADING, distribution_of(arch) or LOADING[0]))
+    return [f"{name}=={version(name).partition('+')[0]}" for name in names]
 
 
 def git_commit() -> str | None:

@@ -22,6 +22,7 @@ from registry.store import (
     opened,
     recorded_run,
 )
+from registry.story import EVALUATION_DATA, dataset_input
 from registry.version import ModelVersion, moment
 
 TABLE = "table"
@@ -58,6 +59,7 @@ def record_evaluation(
     metrics: Mapping[str, SupportsFloat] | None = None,
     extra: Mapping[str, pd.DataFrame] | None = None,
     files: Path | None = None,
+    dataset: tuple[str, str] | None = None,
 ) -> str:
     """Record experiments 1 and 2 and return the id of their run.
 
@@ -67,11 +69,12 @@ def record_evaluation(
         metrics: summaries.
         extra: further tables by name.
         files: a folder whose content becomes the run's artifacts ``files/``.
+        dataset: folder and digest of the dataset whose test split was used.
 
     Raises:
         ProlearnError: where the store fails.
     """
-    return _record(EVALUATION, table, params, metrics or {}, extra or {}, files)
+    return _record(EVALUATION, table, params, metrics or {}, extra or {}, files, dataset)
 
 
 def record_warmstart(
@@ -81,9 +84,10 @@ def record_warmstart(
     metrics: Mapping[str, SupportsFloat] | None = None,
     extra: Mapping[str, pd.DataFrame] | None = None,
     files: Path | None = None,
+    dataset: tuple[str, str] | None = None,
 ) -> str:
     """Record experiment 3; arguments and errors as in :func:`record_evaluation`."""
-    return _record(WARMSTART, table, params, metrics or {}, extra or {}, files)
+    return _record(WARMSTART, table, params, metrics or {}, extra or {}, files, dataset)
 
 
 def latest_evaluation() -> Results:
@@ -129,6 +133,56 @@ def add_model_metrics(
         log_metrics(store, version.run_id, entities)
 
 
+@dataclass(frozen=True)
+class ModelResults:
+    """What an evaluation says about one model.
+
+    Attributes:
+        metrics: by step, then by name.
+        figures: a folder whose content becomes the run's artifacts ``figures/``.
+    """
+
+    metrics: Mapping[int, Mapping[str, SupportsFloat]]
+    figures: Path
+
+
+def add_model_results(
+    version: ModelVersion, results: ModelResults, *, data: str, digest: str
+) -> None:
+    """Add an evaluation to a model's own training run.
+
+    Args:
+        version: the model.
+        results: metrics and figures.
+        data: folder of the dataset that it was evaluated on.
+        digest: of its content.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        entities = [
+            metric
+            for step, metrics in results.metrics.items()
+            for metric in metrics_now(metrics, version.model_id or None, step)
+        ]
+        log_metrics(store, version.run_id, entities)
+        used = dataset_input(data, digest, EVALUATION_DATA)
+        store.client.log_inputs(version.run_id, [used])
+        store.client.log_artifacts(version.run_id, str(results.figures), "figures")
+
+
+def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
+    """A metric of experiment 2 in a model's own run, by swarm size; empty where there is none.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        history = store.client.get_metric_history(version.run_id, name)
+    return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
+
+
 def _record(
     experiment: str,
     table: pd.DataFrame,
@@ -136,6 +190,7 @@ def _record(
     metrics: Mapping[str, SupportsFloat],
     extra: Mapping[str, pd.DataFrame],
     files: Path | None,
+    dataset: tuple[str, str] | None,
 ) -> str:
     name = experiment.removeprefix("prolearn-")
     with (
@@ -145,6 +200,8 @@ def _record(
     ):
         log_params(store, run_id, params)
         log_metrics(store, run_id, metrics_now(metrics))
+        if dataset is not None:
+            store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
         for key, frame in {TABLE: table, **extra}.items():
             frame.to_parquet(Path(scratch) / f"{key}.parquet", index=False)
         store.client.log_artifacts(run_id, scratch, "tables")

@@ -9,7 +9,8 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, SupportsFloat
 
 import mlflow
@@ -27,6 +28,9 @@ TRAINING = "prolearn-training"
 EVALUATION = "prolearn-evaluation"
 WARMSTART = "prolearn-warmstart"
 EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART)
+
+TUNING = "prolearn-tuning"
+"""Made when it is first needed."""
 
 REACH_SECONDS = 4.0
 """How long a tracking server may take to say anything at all."""
@@ -101,6 +105,20 @@ def opened(*, create: bool = True) -> Iterator[Store]:
         yield store
 
 
+def with_experiment(store: Store, name: str) -> Store:
+    """The store with one more experiment in it, made where it is missing.
+
+    Raises:
+        InputError: where it was deleted.
+        ProlearnError: where the store fails.
+    """
+    sqlite = store.uri.startswith("sqlite:")
+    location = _location(database_path(store.uri), name) if sqlite else None
+    with explained(store.uri):
+        found = _experiment(store.client, name, location)
+    return replace(store, experiments={**store.experiments, name: found})
+
+
 @contextmanager
 def explained(uri: str) -> Iterator[None]:
     """Turn what MLflow raises into one sentence about the store at ``uri``."""
@@ -167,9 +185,14 @@ def _prepare_process() -> None:
 def _connect_sqlite(uri: str, create: bool) -> Store:
     path = database_path(uri)
     _, mark, query = uri.partition("?")
-    locations = {name: (path.parent / "mlruns" / name).as_uri() for name in EXPERIMENTS}
+    locations = {name: _location(path, name) for name in EXPERIMENTS}
     with guarded(path, create=create):
         return _open(f"sqlite:///{path}{mark}{query}", locations)
+
+
+def _location(database: Path, name: str) -> str:
+    """Where the artifacts of an experiment go."""
+    return (database.parent / "mlruns" / name).as_uri()
 
 
 def _open(uri: str, locations: Mapping[str, str | None]) -> Store:

@@ -1,20 +1,23 @@
 """A training as an MLflow run, and the network it gave as a registered model version."""
 
-import json
-import time
+import shutil
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, SupportsFloat
 
 import mlflow
 import numpy as np
-from mlflow.entities import Dataset, DatasetInput, InputTag, Metric
+import pandas as pd
 from mlflow.exceptions import MlflowException
 
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model, save
+from pipeline.networks.model import load as load_network
+from pipeline.report.figures_training import curves_figure
+from pipeline.report.style import save as save_figure
+from pipeline.report.style import styles
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
@@ -29,28 +32,20 @@ from registry.store import (
     opened,
     recorded_run,
 )
-from registry.unregistered import keep, parameter_count, weights_kib
+from registry.story import (
+    CURVES,
+    TRAINING_DATA,
+    DatasetInfo,
+    Story,
+    curve_metrics,
+    dataset_input,
+    read_story,
+    story_of,
+)
+from registry.unregistered import STORY, keep, parameter_count, weights_kib
 from registry.version import CHAMPION, PREFIX, ModelVersion, read_version
 
-DIGEST_LENGTH = 36
-"""Longest digest that MLflow takes for a dataset; the parameter has it in full."""
-
-
-@dataclass(frozen=True)
-class DatasetInfo:
-    """What a run says about the dataset it was trained on.
-
-    Attributes:
-        path: its folder, as given.
-        digest: of its content.
-        train_instances: instances trained on.
-        valid_instances: instances validated on.
-    """
-
-    path: str
-    digest: str
-    train_instances: int
-    valid_instances: int
+__all__ = ["DatasetInfo", "record_training", "register_kept"]
 
 
 def record_training(
@@ -78,41 +73,61 @@ def record_training(
         ProlearnError: where the store fails; the network is then kept in ``unregistered/``, which
             the message names.
     """
-    arch = trained.model.architecture
-    settings = _params(trained, recipe, seed, dataset) | dict(params or {})
+    story = story_of(
+        trained,
+        recipe=recipe,
+        seed=seed,
+        dataset=dataset,
+        metrics=metrics or {},
+        tags=environment_tags(),
+    )
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         folder = Path(scratch) / "network"
         save(trained.model, folder)
-        settings["parameters"] = parameter_count(folder)
-        summary = _summary(trained, folder) | {k: float(v) for k, v in (metrics or {}).items()}
+        story = replace(
+            story,
+            params={**story.params, "parameters": parameter_count(folder), **(params or {})},
+            metrics={**story.metrics, "weights_kib": weights_kib(folder)},
+        )
         try:
-            return _record(trained, folder, arch, settings, summary, dataset)
+            return _record(folder, trained.model, story)
         except ProlearnError as error:
-            story = {"params": settings, "metrics": summary, "history": _history(trained)}
-            kept = keep(folder, arch, story)
+            kept = keep(folder, trained.model.architecture, vars(story))
             raise ProlearnError(
-                f"{error} The trained network is kept in {kept}; it is not registered."
+                f"{error} The trained network is kept in {kept}; register it later with "
+                f"`prolearn models register {kept}`."
             ) from error
 
 
-def _record(
-    trained: Trained,
-    folder: Path,
-    arch: str,
-    settings: Mapping[str, Any],
-    summary: Mapping[str, float],
-    dataset: DatasetInfo,
-) -> ModelVersion:
-    name = f"{arch}-{settings['recipe']}"
+def register_kept(folder: Path) -> ModelVersion:
+    """Record and register a network that was kept because the store had failed.
+
+    Raises:
+        InputError: where the folder holds no sound network and story.
+        ProlearnError: where the store fails again; the folder stays as it is.
+    """
+    story = read_story(folder / STORY)
+    model = load_network(folder)
+    with TemporaryDirectory(prefix="prolearn-") as scratch:
+        network = Path(scratch) / "network"
+        shutil.copytree(folder, network, ignore=shutil.ignore_patterns(STORY))
+        return _record(network, model, story)
+
+
+def _record(folder: Path, model: Model, story: Story) -> ModelVersion:
+    arch, params = model.architecture, story.params
     with opened() as store:
-        with recorded_run(store, TRAINING, name, environment_tags()) as run_id:
-            store.client.log_inputs(run_id, [_dataset_input(dataset)])
-            log_params(store, run_id, settings)
-            log_metrics(store, run_id, _curves(trained))
-            store.client.log_dict(run_id, _history(trained), "learning_curve.json")
-            model_id = _log_model(folder, trained.model)
-            log_metrics(store, run_id, metrics_now(summary, model_id))
-            tags = {k: str(settings[k]) for k in ("arch", "recipe", "dataset_digest")}
+        name = f"{arch}-{params['recipe']}"
+        with recorded_run(store, TRAINING, name, story.tags) as run_id:
+            facts = {k: params[k] for k in ("train_instances", "valid_instances")}
+            used = (params["dataset"], params["dataset_digest"], TRAINING_DATA, facts)
+            store.client.log_inputs(run_id, [dataset_input(*used)])
+            log_params(store, run_id, params)
+            log_metrics(store, run_id, curve_metrics(story.history))
+            _log_curves(store, run_id, story)
+            model_id = _log_model(folder, model)
+            log_metrics(store, run_id, metrics_now(story.metrics, model_id))
+            tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
             found = _register(store, PREFIX + arch, run_id, model_id, tags)
         aliases = store.client.get_registered_model(found.name).aliases
         if CHAMPION not in aliases:
@@ -120,62 +135,16 @@ def _record(
         return read_version(store, found)
 
 
-def _params(trained: Trained, recipe: Recipe, seed: int, dataset: DatasetInfo) -> dict[str, Any]:
-    fields, about = asdict(recipe), asdict(dataset)
-    return {
-        "arch": trained.model.architecture,
-        "recipe": fields.pop("name"),
-        "most_epochs": fields.pop("epochs"),
-        **fields,
-        "epochs": len(trained.history),
-        "seed": seed,
-        "device": trained.device,
-        "n_spacecraft": trained.model.n_train,
-        "dataset": about.pop("path"),
-        "dataset_digest": about.pop("digest"),
-        **about,
-    }
-
-
-def _summary(trained: Trained, folder: Path) -> dict[str, float]:
-    best = next(e for e in trained.history if e.number == trained.best_epoch)
-    return {
-        "best_epoch": float(trained.best_epoch),
-        "best_valid_loss": best.valid_loss,
-        "training_seconds": trained.seconds,
-        "weights_kib": weights_kib(folder),
-    }
-
-
-def _history(trained: Trained) -> dict[str, list[Any]]:
-    """Learning curves as columns."""
-    rows = [asdict(epoch) for epoch in trained.history]
-    return {key: [row[key] for row in rows] for key in rows[0]}
-
-
-def _curves(trained: Trained) -> list[Metric]:
-    stamp = int(time.time() * 1000)
-    return [
-        Metric(key, float(value), stamp, epoch.number)
-        for epoch in trained.history
-        for key, value in (
-            ("train_loss", epoch.train_loss),
-            ("valid_loss", epoch.valid_loss),
-            ("epoch_seconds", epoch.seconds),
-        )
-    ]
-
-
-def _dataset_input(dataset: DatasetInfo) -> Any:
-    about = asdict(dataset)
-    entity = Dataset(
-        name=Path(dataset.path).name or dataset.path,
-        digest=dataset.digest[:DIGEST_LENGTH],
-        source_type="local",
-        source=json.dumps({"uri": about.pop("path")}),
-        profile=json.dumps(about),
-    )
-    return DatasetInput(entity, [InputTag("mlflow.data.context", "training")])
+def _log_curves(store: Store, run_id: str, story: Story) -> None:
+    """Learning curves as numbers and as a figure."""
+    store.client.log_dict(run_id, dict(story.history), "learning_curve.json")
+    arch = str(story.params["arch"])
+    columns = {name: story.history[name] for name in CURVES}
+    curves = pd.DataFrame({"epoch": story.history["number"], **columns})
+    figure = curves_figure(curves.assign(arch=arch, recipe=story.params["recipe"]), styles([arch]))
+    with TemporaryDirectory(prefix="prolearn-") as scratch:
+        save_figure(figure, Path(scratch) / "learning_curve", [".png"])
+        store.client.log_artifacts(run_id, scratch, "figures")
 
 
 def _log_model(folder: Path, model: Model) -> str:
@@ -190,7 +159,7 @@ def _log_model(folder: Path, model: Model) -> str:
             "initial": np.asarray(example.initial[None]),
             "goal": np.asarray(example.goal[None]),
         },
-        pip_requirements=requirements(),
+        pip_requirements=requirements(model.architecture),
     )
     return str(info.model_id)
 

@@ -15,6 +15,9 @@ from pipeline.files import write_text
 
 WEIGHTS = "weights.safetensors"
 
+STORY = "training.json"
+"""What a kept network's run would have said."""
+
 
 def parameter_count(folder: Path) -> int:
     """Numbers in a saved network's weights."""
@@ -37,7 +40,7 @@ def keep(folder: Path, arch: str, story: Mapping[str, Any]) -> Path:
     kept = Path("unregistered").absolute() / f"{arch}-{stamp}"
     try:
         shutil.copytree(folder, kept)
-        write_text(kept / "training.json", json.dumps(story, indent=1, default=str) + "\n")
+        write_text(kept / STORY, json.dumps(story, indent=1, default=str) + "\n")
     except OSError as error:
         raise ProlearnError(
             f"The trained network can neither be registered nor be kept in {kept} ({error}); "

@@ -31,6 +31,16 @@ def architecture_names() -> tuple[str, ...]:
     return tuple(sorted(entry_points(group=GROUP).names))
 
 
+def distribution_of(name: str) -> str | None:
+    """Name of the distribution that brings an architecture, where that is known.
+
+    Raises:
+        InputError: for an unknown architecture.
+    """
+    found = getattr(entry_point(name), "dist", None)
+    return None if found is None else str(found.name)
+
+
 def entry_point(name: str) -> AnyEntryPoint:
     """Where the architecture of a name is.
 

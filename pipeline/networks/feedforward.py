@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.arrays import Array
 from pipeline.networks.combinations import combinations_of
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.layers import hidden_layers
@@ -83,13 +86,21 @@ def _average(
 ) -> Float[Tensor, "b n T 6"]:
     """Each craft's mean answer over the combinations that it is in."""
     b, n, T, _ = inputs.shape
-    chosen = torch.tensor(combinations_of(n, size), device=inputs.device)  # (k, size)
-    craft = chosen.flatten()
-    asked = inputs[:, chosen].reshape(-1, size, T, 6)  # (b·k, size, T, 6)
-    answers = _answer(network, asked).reshape(b, -1, T, 6)  # (b, k·size, T, 6)
-    total = torch.zeros_like(inputs).index_add(1, craft, answers)
-    times = torch.bincount(craft, minlength=n)
-    return total / times[:, None, None]
+    chosen = combinations_of(n, size)  # (k, size)
+    craft = torch.from_numpy(chosen.copy()).to(inputs.device)
+    asked = inputs[:, craft].reshape(-1, size, T, 6)  # (b·k, size, T, 6)
+    answers = _answer(network, asked).reshape(b, -1, 6 * T)  # (b, k·size, 6T)
+    # A product, not index_add: ONNX has no sum over repeated indices.
+    shares = torch.from_numpy(_shares(n, size)).to(inputs)  # (n, k·size)
+    return (shares @ answers).reshape(inputs.shape)
+
+
+@lru_cache(maxsize=64)
+def _shares(n: int, size: int) -> Float[Array, "n _"]:
+    """What each answer in each combination counts in its craft's mean."""
+    craft = combinations_of(n, size).flatten()
+    member = np.arange(n)[:, None] == craft
+    return member / member.sum(axis=1, keepdims=True)
 
 
 FF1 = FeedForward((180,))

@@ -1,7 +1,7 @@
 """One look for all figures: a colour, marker and line for each planner, fonts and sizes."""
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
@@ -158,11 +158,10 @@ def in_style(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 @in_style
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as ``path`` with .svg and with .png, the same bytes for the same figure."""
-    for suffix, metadata in (
-        (".svg", {"Date": None, "Creator": None}),
-        (".png", {"Software": None}),
-    ):
+def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
+    """Write a figure as ``path`` with each suffix, the same bytes for the same figure."""
+    facts = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
+    for suffix in suffixes:
+        metadata = facts[suffix]
         with published(path.with_name(path.name + suffix)) as temporary:
             figure.savefig(temporary, format=suffix[1:], metadata=metadata)

@@ -1,5 +1,6 @@
 """Who takes part in the experiments: expert, baselines and registered networks."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,20 +20,22 @@ class Network:
     Attributes:
         model: the network.
         version: what the registry knows about it.
+        name: what tables call it: its architecture, with the version where two would be alike.
     """
 
     model: Model
     version: ModelVersion
+    name: str
 
     @property
     def label(self) -> str:
-        """Architecture and recipe, as tables call it."""
-        return f"{self.version.arch} {self.version.recipe}"
+        """Name and recipe."""
+        return f"{self.name} {self.version.recipe}"
 
     @property
     def entrant(self) -> Entrant:
         """The network flown, and as predicted."""
-        flown = Flown(self.model, self.version.arch, fuel_lower_bounds)
+        flown = Flown(self.model, self.name, fuel_lower_bounds)
         return Entrant(flown, self.version.recipe, self.model)
 
 
@@ -44,7 +47,12 @@ def networks(references: Sequence[str]) -> list[Network]:
         ProlearnError: where the store fails.
     """
     chosen: Sequence[str | ModelVersion] = references or latest_of_each_recipe()
-    return [Network(*load(reference)) for reference in chosen]
+    found = {version.uri: (model, version) for model, version in map(load, chosen)}
+    labels = Counter(version.label for _, version in found.values())
+    return [
+        Network(model, v, v.arch if labels[v.label] == 1 else f"{v.arch}/{v.version}")
+        for model, v in found.values()
+    ]
 
 
 def unlearned() -> list[Entrant]:

@@ -15,25 +15,15 @@ from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.evaluation.trials import Entrant, run_trials
 from pipeline.orbit.transfer import track
+from pipeline.report.results import Example
 from pipeline.report.summary import summarize
 from pipeline.scenario import Scenario
-from registry.jobs.entrants import Network, networks, unlearned
-from registry.results import add_model_metrics, record_evaluation
+from registry.jobs.entrants import networks, unlearned
+from registry.jobs.model_results import add_to_model
+from registry.results import record_evaluation
 
 TRACK_STEPS = 12
 """Points an interval in the example transfers."""
-
-COMPARED = {
-    "collisions": "collisions_mean",
-    "collisions_max": "collisions_max",
-    "fuel": "fuel_mean",
-    "fuel_ratio": "fuel_ratio",
-    "safe_share": "safe_share",
-    "boundary_error": "boundary_error",
-    "dynamics_error": "dynamics_error",
-    "seconds": "seconds_mean",
-}
-"""Metrics of a model's run, by the column of the summary that they come from."""
 
 
 def evaluate(
@@ -71,8 +61,12 @@ def evaluate(
         report(f"n={n}")
         tables.append(run_trials(entrants, scenarios[n], timed=min(timed, len(scenarios[n]))))
     table = pd.concat(tables, ignore_index=True)
-    run_id = _record(table, entrants, scenarios, data, manifest.digest())
-    _add_to_models(learned, table)
+    example = _example(scenarios[min(chosen, key=lambda n: abs(n - 10))][0], entrants)
+    digest = manifest.digest()
+    run_id = _record(table, entrants, scenarios, example, data, digest)
+    summary = summarize(table)
+    for network in learned:
+        add_to_model(network, summary, example, data, digest)
     return run_id
 
 
@@ -93,53 +87,42 @@ def _record(
     table: pd.DataFrame,
     entrants: Sequence[Entrant],
     scenarios: dict[int, list[Scenario]],
+    example: Example,
     data: Where,
     digest: str,
 ) -> str:
-    sizes = sorted(scenarios)
     params = {
         "data": str(data),
         "dataset_digest": digest,
-        "sizes": ",".join(str(n) for n in sizes),
+        "sizes": ",".join(str(n) for n in sorted(scenarios)),
         "trials": max(len(s) for s in scenarios.values()),
-        "planners": ",".join(f"{e.planner.name} {e.recipe}".strip() for e in entrants),
+        "planners": ",".join(_label(e) for e in entrants),
     }
-    shown = scenarios[min(sizes, key=lambda n: abs(n - 10))][0]
+    tracks: dict[str, Any] = {f"track:{k}": v for k, v in example.tracks.items()}
     with TemporaryDirectory(prefix="prolearn-") as scratch:
-        _write_example(Path(scratch) / "example.npz", shown, entrants)
-        return record_evaluation(table, params=params, files=Path(scratch))
+        np.savez_compressed(
+            Path(scratch) / "example.npz",
+            initial=example.initial,
+            goal=example.goal,
+            name=np.array(example.title),
+            collision_radius=np.array(example.collision_radius),
+            **tracks,
+        )
+        return record_evaluation(
+            table, params=params, files=Path(scratch), dataset=(str(data), digest)
+        )
 
 
-def _write_example(path: Path, scenario: Scenario, entrants: Sequence[Entrant]) -> None:
+def _example(scenario: Scenario, entrants: Sequence[Entrant]) -> Example:
     """One transfer as every planner flies it: positions dense in time, by label."""
-    tracks: dict[str, Any] = {}
+    tracks = {}
     for entrant in entrants:
         plan = entrant.planner.plan([scenario])[0]
-        label = f"{entrant.planner.name} {entrant.recipe}".strip()
-        tracks[f"track:{label}"] = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
-    np.savez_compressed(
-        path,
-        initial=scenario.initial,
-        goal=scenario.goal,
-        name=np.array(scenario.name),
-        collision_radius=np.array(scenario.problem.collision_radius),
-        **tracks,
-    )
+        flown = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
+        tracks[_label(entrant)] = flown
+    radius = scenario.problem.collision_radius
+    return Example(scenario.name, scenario.initial, scenario.goal, tracks, radius)
 
 
-def _add_to_models(learned: Sequence[Network], table: pd.DataFrame) -> None:
-    """Metrics in each model's own run: experiment 1 by name, experiment 2 with n as the step."""
-    summary = summarize(table)
-    for network in learned:
-        version = network.version
-        mine = summary[(summary.planner == version.arch) & (summary.recipe == version.recipe)]
-        for _, row in mine.iterrows():
-            found = {
-                f"{row.reading}_{metric}": float(row[column])
-                for metric, column in COMPARED.items()
-                if pd.notna(row[column])
-            }
-            n = int(row.n)
-            if n == network.model.n_train:
-                add_model_metrics(version, {f"exp1_{k}": v for k, v in found.items()})
-            add_model_metrics(version, {f"exp2_{k}": v for k, v in found.items()}, step=n)
+def _label(entrant: Entrant) -> str:
+    return f"{entrant.planner.name} {entrant.recipe}".strip()

@@ -40,11 +40,13 @@ def warmstart(
     learned = networks(references)
     predictors = {network.label: network.model for network in learned}
     tables = [run_warmstarts(predictors, scenarios[n], report=lambda: report(1)) for n in sizes]
+    digest = read_manifest(data).digest()
     params = {
         "data": str(data),
-        "dataset_digest": read_manifest(data).digest(),
+        "dataset_digest": digest,
         "sizes": ",".join(str(n) for n in sizes),
         "trials": max(len(s) for s in scenarios.values()),
         "seeds": ",".join(predictors),
     }
-    return record_warmstart(pd.concat(tables, ignore_index=True), params=params)
+    used = (str(data), digest)
+    return record_warmstart(pd.concat(tables, ignore_index=True), params=params, dataset=used)

@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 
 from pipeline.dataset.examples import Examples
+from pipeline.dataset.manifest import Sample
+from pipeline.dataset.sample import sample
+from pipeline.dataset.solve import solve
+from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.scenario import draw
@@ -38,6 +42,11 @@ def recipe() -> Recipe:
 @pytest.fixture(scope="session")
 def trained(recipe: Recipe) -> Trained:
     return train("ff1", recipe, examples(20, 0), examples(5, 20), seed=3, device="cpu", epochs=2)
+
+
+@pytest.fixture(scope="session")
+def trained_lstm(recipe: Recipe) -> Trained:
+    return train("lstm1", recipe, examples(8, 0), examples(4, 20), seed=3, device="cpu", epochs=1)
 
 
 @pytest.fixture(scope="session")
@@ -75,6 +84,16 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small dataset, drawn and solved by the expert."""
+    path = tmp_path_factory.mktemp("data") / "small"
+    one = Sample(count=24, shares=(0.5, 0.25, 0.25))
+    sample(path, {CRAFT: one}, Problem(), jobs=1)
+    solve(path, Settings(), jobs=1)
+    return path
 
 
 @pytest.fixture

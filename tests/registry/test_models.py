@@ -174,7 +174,7 @@ def test_a_version_without_a_finite_metric_is_no_better_than_any_champion(projec
     assert promote("ff1", 1).aliases == ("champion",)
 
 
-@pytest.mark.parametrize("n", [1, 10, 31])
+@pytest.mark.parametrize("n", [1, 10, 31, 100])
 def test_mlflow_alone_loads_a_model_and_predicts_for_any_n(
     project: Project, n: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -247,6 +247,29 @@ def test_a_pickle_in_place_of_a_models_file_does_not_run(
     assert not (folder / "ran").exists()
     pickle.loads(content)
     assert (folder / "ran").exists(), "the payload would have worked"
+
+
+def test_a_pickled_model_in_place_of_ours_does_not_run_when_we_load_it(
+    project: Project, folder: Path
+) -> None:
+    version = project.train(1.0)
+    (described,) = (folder / "mlruns").rglob("MLmodel")
+    (described.parent / "python_model.pkl").write_bytes(pickle.dumps(Payload(folder / "ran")))
+    described.write_text(
+        "flavors:\n  python_function:\n    loader_module: mlflow.pyfunc.model\n"
+        "    python_model: python_model.pkl\n    cloudpickle_version: '3'\n"
+    )
+    model, _ = load(version)
+    initial, goal = swarm(2)
+    wanted = project.trained.model.predict(initial, goal)
+    np.testing.assert_array_equal(model.predict(initial, goal), wanted)
+    assert not (folder / "ran").exists()
+
+
+def test_a_run_keeps_its_learning_curves_as_a_figure(project: Project, folder: Path) -> None:
+    project.train(1.0)
+    (figure,) = (folder / "mlruns").rglob("figures/learning_curve.png")
+    assert figure.read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_model_whose_artifacts_are_gone_gives_a_sentence(project: Project, folder: Path) -> None:

@@ -16,8 +16,9 @@ from pipeline.dataset.workers import Workers
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 
-PAGE = (Path(__file__).parents[3] / "docs/dataset.md").read_text()
-SNIPPETS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs/dataset.md").read_text()
+SNIPPETS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
 READERS = ("pyarrow", "pandas", "polars", "duckdb")
 
 

@@ -1,0 +1,79 @@
+"""The command that searches for better hyperparameters."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.progress import progress
+from cli.train import RecipeName
+
+if TYPE_CHECKING:
+    from registry.jobs.tune import Tuned
+
+
+def tune(
+    arch: Annotated[str, typer.Option(help="Architecture, such as lstm2.", show_default=False)],
+    trials: Annotated[int, typer.Option(help="Trials in all, earlier ones included.")] = 20,
+    recipe: Annotated[
+        RecipeName, typer.Option(help="Recipe that the trials start from.")
+    ] = RecipeName.TUNED,
+    data: Annotated[Path, typer.Option(help="Solved dataset.")] = Path("data/paper"),
+    n: Annotated[int, typer.Option("--n", help="Swarm size to train on.")] = 10,
+    epochs: Annotated[int | None, typer.Option(help="Most epochs of a trial.")] = None,
+    device: Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")] = "auto",
+    seed: Annotated[int, typer.Option(help="Of the search and of each training.")] = 0,
+    storage: Annotated[
+        Path | None,
+        typer.Option(help="Optuna's SQLite file; optuna.db beside mlflow.db by default."),
+    ] = None,
+) -> None:
+    """Search learning rate, batch size, dropout and input with Optuna.
+
+    What counts is the distance from the expert's positions on the validation split. Each trial
+    is a nested MLflow run. After an interruption run the same command again: it goes on to the
+    same number of trials. Several processes may share the work.
+
+    Examples:
+
+        prolearn tune --arch lstm2 --trials 20
+        prolearn tune --arch ff1 --trials 50 --epochs 20 --data data/demo
+    """
+    from registry.jobs.tune import tune as run
+
+    last = 0
+    with progress(f"tuning {arch}", trials) as advance:
+
+        def report(complete: int, best: float) -> None:
+            nonlocal last
+            advance(complete - last, f"best {best:.4g} m")
+            last = complete
+
+        found = run(
+            arch,
+            recipe,
+            data,
+            trials=trials,
+            n=n,
+            seed=seed,
+            device=device,
+            epochs=epochs,
+            storage=storage,
+            on_trial=report,
+        )
+    typer.echo(_summary(found, arch, recipe, data, n))
+
+
+def _summary(found: "Tuned", arch: str, recipe: str, data: Path, n: int) -> str:
+    options = " ".join(
+        f"--{name.replace('_', '-')} {value:.4g}"
+        if isinstance(value, float)
+        else f"--{name.replace('_', '-')} {value}"
+        for name, value in found.best.items()
+    )
+    return (
+        f"{found.trials} trials are complete in {found.storage}; best {found.rmse:.4g} m from the "
+        f"expert's positions on validation data; MLflow run {found.run_id}.\n"
+        f"Train with its settings: prolearn train --arch {arch} --recipe {recipe} --data {data} "
+        f"--n {n} {options}"
+    )

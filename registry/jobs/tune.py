@@ -1,0 +1,284 @@
+"""Search for better hyperparameters with Optuna: a trial a nested run, on validation data alone."""
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mlflow
+from filelock import FileLock
+from mlflow.exceptions import MlflowException
+from sqlalchemy.exc import SQLAlchemyError
+
+from pipeline.dataset.examples import Examples
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.read import examples
+from pipeline.errors import InputError, ProlearnError
+from pipeline.training.loop import train
+from pipeline.training.recipes import Recipe, recipe_for
+from pipeline.training.search import SPACE, Between
+from pipeline.training.validation import position_rmse
+from registry.environment import environment_tags
+from registry.sqlite import database_path
+from registry.store import (
+    TUNING,
+    Store,
+    explained,
+    log_metrics,
+    log_params,
+    metrics_now,
+    opened,
+    recorded_run,
+    with_experiment,
+)
+from registry.story import DatasetInfo, curve_metrics, story_of
+
+if TYPE_CHECKING:
+    from optuna import Study, Trial
+
+STORAGE = "optuna.db"
+OBJECTIVE = "valid_position_rmse"
+
+PARENT = "mlflow_run_id"
+"""Under this name a study remembers its MLflow run."""
+
+HEARTBEAT_SECONDS = 60
+GRACE_SECONDS = 180
+"""A trial that has not been heard of for so long has died."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched, and on what.
+
+    Attributes:
+        arch: the architecture.
+        recipe: the recipe that trials start from.
+        learn: examples to learn from.
+        valid: examples that decide.
+        dataset: where they are from.
+        seed: of the search and, the same in each trial, of the training.
+        device: "auto" or a device's name.
+    """
+
+    arch: str
+    recipe: Recipe
+    learn: Examples
+    valid: Examples
+    dataset: DatasetInfo
+    seed: int
+    device: str
+
+    @property
+    def name(self) -> str:
+        """The same for searches whose trials can be compared."""
+        r = self.recipe
+        return f"{self.arch}-{r.name}-n{self.learn.n}-{r.epochs}ep-{self.dataset.digest[:12]}"
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a search has found so far.
+
+    Attributes:
+        study: its name in the storage.
+        storage: the SQLite file.
+        run_id: MLflow's run that holds those of the trials.
+        trials: how many are complete.
+        rmse: the least validation error, m.
+        best: recipe fields of the best trial.
+    """
+
+    study: str
+    storage: Path
+    run_id: str
+    trials: int
+    rmse: float
+    best: Mapping[str, Any]
+
+
+def tune(
+    arch: str,
+    recipe: str,
+    data: Path,
+    *,
+    trials: int,
+    n: int,
+    seed: int = 0,
+    device: str = "auto",
+    epochs: int | None = None,
+    storage: Path | None = None,
+    on_trial: Callable[[int, float], None] = lambda complete, best: None,
+) -> Tuned:
+    """Train with ever better settings until so many trials are complete, earlier ones included.
+
+    Args:
+        arch: name of the architecture.
+        recipe: name of the recipe to start from.
+        data: a solved dataset; its test split stays untouched.
+        trials: trials in all.
+        n: swarm size to train on.
+        seed: of the search and of each training.
+        device: "auto" or a device's name.
+        epochs: most epochs of a trial, or the recipe's.
+        storage: SQLite file of the study; optuna.db beside the tracking store by default.
+        on_trial: called after each trial with the number complete and the best error in m.
+
+    Raises:
+        InputError: for an unknown name, a missing dataset, trials < 1, or without Optuna.
+        ProlearnError: where the tracking store or the storage fails, or no trial came to an end.
+    """
+    if trials < 1:
+        raise InputError(f"trials is {trials}; expected at least 1.")
+    optuna = _optuna()
+    followed = recipe_for(arch, recipe)
+    followed = followed if epochs is None else replace(followed, epochs=epochs)
+    learn, valid = examples(data, n, "train"), examples(data, n, "valid")
+    dataset = DatasetInfo(str(data), read_manifest(data).digest(), len(learn), len(valid))
+    search = Search(arch, followed, learn, valid, dataset, seed, device)
+    with opened() as opened_store:
+        store = with_experiment(opened_store, TUNING)
+        path = (storage or _storage_beside(store)).absolute()
+        with _explained(optuna, path):
+            study = _study(optuna, path, search)
+            with _parent(store, study, search) as run_id:
+                _search(optuna, study, store, search, trials, run_id, on_trial)
+            return _found(optuna, study, path, run_id)
+
+
+def _optuna() -> Any:
+    try:
+        import optuna
+    except ImportError as error:
+        raise InputError(
+            "optuna is not installed; expected the packages of prolearn's extra `tune`: "
+            "pip install 'prolearn[tune]'."
+        ) from error
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    return optuna
+
+
+def _storage_beside(store: Store) -> Path:
+    sqlite = store.uri.startswith("sqlite:")
+    return (database_path(store.uri).parent if sqlite else Path.cwd()) / STORAGE
+
+
+@contextmanager
+def _explained(optuna: Any, path: Path) -> Iterator[None]:
+    """Turn failures of the storage into one sentence about it."""
+    try:
+        yield
+    except (optuna.exceptions.OptunaError, SQLAlchemyError) as error:
+        reason = str(error.__cause__ or error).strip().splitlines()[0]
+        raise ProlearnError(
+            f"The storage of trials {path} failed ({reason[:300]}); expected Optuna's SQLite file "
+            "on a disk with space: move it away, or name another with --storage."
+        ) from error
+
+
+def _study(optuna: Any, path: Path, search: Search) -> "Study":
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Several processes must not make its tables at once. Optuna calls its heartbeat experimental.
+    with FileLock(f"{path}.lock"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        kept = optuna.storages.RDBStorage(
+            f"sqlite:///{path}", heartbeat_interval=HEARTBEAT_SECONDS, grace_period=GRACE_SECONDS
+        )
+        study = optuna.create_study(
+            study_name=search.name, storage=kept, direction="minimize", load_if_exists=True
+        )
+    # A search that goes on must not draw once more what it began with.
+    study.sampler = optuna.samplers.TPESampler(seed=search.seed + len(study.trials))
+    return study
+
+
+@contextmanager
+def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
+    """The run that holds those of the trials: the study's own, wherever it began."""
+    known = study.user_attrs.get(PARENT)
+    try:
+        known = known and store.client.get_run(known).info.run_id
+    except MlflowException:  # another tracking store, or the run was deleted
+        known = None
+    if known:
+        with mlflow.start_run(run_id=known, nested=True, log_system_metrics=False):
+            yield known
+        return
+    with recorded_run(store, TUNING, search.name, environment_tags()) as run_id:
+        study.set_user_attr(PARENT, run_id)
+        log_params(store, run_id, {"arch": search.arch, "recipe": search.recipe.name})
+        yield run_id
+
+
+def _search(
+    optuna: Any,
+    study: "Study",
+    store: Store,
+    search: Search,
+    trials: int,
+    run_id: str,
+    on_trial: Callable[[int, float], None],
+) -> None:
+    def after(study: "Study", trial: Any) -> None:
+        done = len(_complete(optuna, study))
+        if done:
+            best = metrics_now({f"best_{OBJECTIVE}": study.best_value}, step=done)
+            log_metrics(store, run_id, best)
+            on_trial(done, study.best_value)
+        if done >= trials:  # other processes may be at work on the same study
+            study.stop()
+
+    left = trials - len(_complete(optuna, study))
+    if left > 0:
+        study.optimize(
+            lambda trial: _trial(trial, store, search),
+            n_trials=left,
+            catch=(ProlearnError,),  # a loss that diverges is an answer, too
+            callbacks=[after],
+        )
+
+
+def _trial(trial: "Trial", store: Store, search: Search) -> float:
+    """Train once and record it as a nested run; the validation error in m."""
+    recipe = replace(search.recipe, **{name: _suggest(trial, name) for name in SPACE})
+    with recorded_run(store, TUNING, f"trial-{trial.number}", environment_tags()) as run_id:
+        trained = train(
+            search.arch, recipe, search.learn, search.valid, seed=search.seed, device=search.device
+        )
+        rmse = position_rmse(trained.model, search.valid)
+        story = story_of(
+            trained,
+            recipe=recipe,
+            seed=search.seed,
+            dataset=search.dataset,
+            metrics={OBJECTIVE: rmse},
+            tags={},
+        )
+        with explained(store.uri):
+            log_params(store, run_id, {**story.params, "trial": trial.number})
+            log_metrics(store, run_id, curve_metrics(story.history))
+            log_metrics(store, run_id, metrics_now(story.metrics))
+    return rmse
+
+
+def _suggest(trial: "Trial", name: str) -> Any:
+    space = SPACE[name]
+    if isinstance(space, Between):
+        return trial.suggest_float(name, space.low, space.high, log=space.log)
+    return trial.suggest_categorical(name, space.values)
+
+
+def _complete(optuna: Any, study: "Study") -> list[Any]:
+    return study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,))
+
+
+def _found(optuna: Any, study: "Study", path: Path, run_id: str) -> Tuned:
+    complete = len(_complete(optuna, study))
+    if not complete:
+        raise ProlearnError(
+            f"No trial of {study.study_name} came to an end: the loss diverged in each; expected "
+            "at least one: run the command again, or start from another recipe."
+        )
+    return Tuned(study.study_name, path, run_id, complete, study.best_value, study.best_params)

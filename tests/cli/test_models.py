@@ -1,0 +1,52 @@
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from typer.testing import CliRunner
+
+from cli.main import app
+from registry import models
+from registry.version import ModelVersion
+
+VERSION = ModelVersion(
+    name="prolearn-lstmcol",
+    version=12,
+    arch="lstmcol",
+    recipe="tuned",
+    run_id="r",
+    model_id="m-1",
+    aliases=("champion",),
+    dataset_digest="0123456789abcdef",
+    created=datetime.now(UTC) - timedelta(days=3, hours=5),
+    params={"dataset": "data/paper"},
+    metrics={
+        "valid_position_rmse": 12.345,
+        "exp1_flown_collisions": 0.4567,
+        "exp1_flown_fuel": 0.08123,
+    },
+    tags={},
+)
+
+
+def listed(monkeypatch: pytest.MonkeyPatch, *versions: ModelVersion) -> list[str]:
+    monkeypatch.setattr(models, "list_versions", lambda: list(versions))
+    done = CliRunner().invoke(app, ["models", "list"], env={"COLUMNS": "80"})
+    assert done.exit_code == 0
+    return done.output.splitlines()
+
+
+def test_the_list_has_everything_of_a_version_on_one_line_of_80_columns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lines = listed(monkeypatch, VERSION)
+    assert max(len(line) for line in lines) <= 80
+    wanted = "prolearn-lstmcol 12 champion tuned 12.3 0.457 0.0812 paper 012345 3 d"
+    assert lines[-1].split() == wanted.split()
+
+
+def test_a_version_that_was_never_evaluated_is_listed_without_numbers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bare = replace(VERSION, aliases=(), metrics={}, created=datetime.now(UTC))
+    line = listed(monkeypatch, bare)[-1]
+    assert line.split() == ["prolearn-lstmcol", "12", "tuned", "paper", "012345", "new"]

@@ -1,0 +1,129 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from typer.testing import CliRunner
+
+from cli.main import app
+from pipeline.networks.model import Model
+from pipeline.orbit.cw import cw_matrices
+from pipeline.training.loop import Trained
+from pipeline.training.recipes import Recipe
+from registry.results import ModelResults, add_model_results
+from registry.training import DatasetInfo, record_training
+
+
+def export(*arguments: str) -> str:
+    done = CliRunner().invoke(app, ["models", "export", *arguments])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def session(path: Path) -> onnxruntime.InferenceSession:
+    return onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+
+
+def ends(n: int) -> dict[str, np.ndarray]:
+    """End states of a swarm's size, in what float32 can hold."""
+    states = np.random.default_rng(n).normal(size=(2, 3, n, 6)) * [200, 300, 100, 0.2, 0.3, 0.1]
+    return dict(zip(("initial", "goal"), states.astype(np.float32), strict=True))
+
+
+def assert_answers_like(path: Path, model: Model, n: int) -> None:
+    given = ends(n)
+    (states,) = session(path).run(None, given)
+    wanted = model.predict(*(e.astype(float) for e in given.values()))
+    size = np.sqrt(np.square(wanted).mean(axis=(0, 1, 2)))
+    np.testing.assert_allclose(states / size, wanted / size, rtol=0, atol=1e-5)
+
+
+@pytest.fixture
+def ff1(folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> Model:
+    """A registered network for three craft."""
+    record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    return trained.model
+
+
+def test_an_lstm_becomes_one_file_for_any_number_of_craft(
+    folder: Path, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
+) -> None:
+    record_training(trained_lstm, recipe=recipe, seed=0, dataset=dataset)
+
+    said = export("lstm1", "--format", "onnx")
+
+    path = folder / "prolearn-lstm1-v1.onnx"
+    for n in (1, 2, 10, 47, 100):
+        assert_answers_like(path, trained_lstm.model, n)
+    onnx.checker.check_model(onnx.load(path), full_check=True)
+    # 4 gates of 6 inputs and 180 units, two biases each, and a layer from 180 to 6
+    weights = 4 * (4 * (6 * 180 + 180 * 180 + 2 * 180) + 180 * 6 + 6)
+    assert weights <= path.stat().st_size < weights + 64 * 1024
+    assert f"{path.stat().st_size / 1024:.0f} KiB, for any n" in said
+    assert "on one core" in said and "n=100" in said
+    assert {p.name for p in folder.glob("prolearn-*")} == {path.name, f"{path.name}.md"}
+
+
+def test_a_feed_forward_file_serves_up_to_its_training_s_size_and_any_one_size_by_request(
+    folder: Path, ff1: Model
+) -> None:
+    assert "for n = 1 to 3" in export("ff1", "--out", "small.onnx")
+    for n in (1, 2, 3):
+        assert_answers_like(folder / "small.onnx", ff1, n)
+
+    assert "for n = 12." in export("ff1/1", "--n", "12", "--out", "twelve.onnx")
+    assert_answers_like(folder / "twelve.onnx", ff1, 12)
+    assert session(folder / "twelve.onnx").get_inputs()[0].shape == ["batch", 12, 6]
+
+
+def test_a_flown_file_gives_controls_that_obey_the_dynamics_and_meet_the_goal(
+    folder: Path, ff1: Model
+) -> None:
+    export("ff1", "--flown", "--out", "flown.onnx")
+
+    given = ends(3)
+    states, controls = session(folder / "flown.onnx").run(None, given)
+
+    assert (states.shape, controls.shape) == ((3, 3, 11, 6), (3, 3, 10, 3))
+    A, B = cw_matrices(ff1.problem.mean_motion, ff1.problem.time_step)
+    flown = given["initial"].astype(float)
+    for t in range(10):
+        flown = flown @ A.T + controls[:, :, t] @ B.T
+        np.testing.assert_allclose(flown[..., :3], states[:, :, t + 1, :3], atol=2e-2)
+    np.testing.assert_allclose(flown[..., :3], given["goal"][..., :3], atol=2e-2)
+    np.testing.assert_allclose(flown[..., 3:], given["goal"][..., 3:], atol=2e-5)
+
+
+def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
+    folder: Path, ff1: Model, dataset: DatasetInfo
+) -> None:
+    export("ff1", "--out", "x.onnx")
+    assert "not measured" in (folder / "x.onnx.md").read_text(encoding="utf-8")
+    from registry.models import resolve
+
+    (folder / "figures").mkdir()
+    measured = {3: {"exp2_flown_safe_share": 0.75}, 30: {"exp2_flown_safe_share": 0.125}}
+    results = ModelResults(measured, folder / "figures")
+    add_model_results(resolve("ff1"), results, data="data/paper", digest=dataset.digest)
+
+    export("ff1", "--out", "x.onnx")
+
+    card = (folder / "x.onnx.md").read_text(encoding="utf-8")
+    assert "| 3 | 0.75 |" in card and "| 30 | 0.125 |" in card
+    for word in ("m/s", "LVLH", "(batch, n, 6)", dataset.digest, "models:/prolearn-ff1/1"):
+        assert word in card
+    (kept,) = [p.value for p in onnx.load(folder / "x.onnx").metadata_props if p.key == "prolearn"]
+    about = json.loads(kept)
+    assert (about["schema"], about["arch"], about["nodes"]) == ("prolearn.onnx/1", "ff1", 11)
+
+
+def test_a_file_that_does_not_answer_as_torch_is_not_written(
+    folder: Path, ff1: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.networks.onnx_check.TOLERANCE", 1e-12)
+    done = CliRunner().invoke(app, ["models", "export", "ff1", "--out", "x.onnx"])
+    assert done.exit_code == 1
+    assert "differs from torch's" in done.output
+    assert list(folder.glob("*onnx*")) == []

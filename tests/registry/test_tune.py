@@ -1,0 +1,80 @@
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline.errors import InputError, ProlearnError
+from registry.jobs.tune import Tuned, tune
+from registry.models import list_versions
+from registry.store import connect
+
+
+def search(data: Path, trials: int, **options: Any) -> Tuned:
+    return tune("ff1", "tuned", data, trials=trials, n=3, device="cpu", epochs=2, **options)
+
+
+def runs(name: str) -> list[Any]:
+    client = connect().client
+    (experiment,) = client.search_experiments(filter_string=f"name = '{name}'")
+    found: list[Any] = client.search_runs([experiment.experiment_id])
+    return found
+
+
+def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
+    folder: Path, solved: Path
+) -> None:
+    def interrupt(complete: int, best: float) -> None:
+        if complete == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        search(solved, 4, on_trial=interrupt)
+    counted: list[int] = []
+    found = search(solved, 4, on_trial=lambda complete, best: counted.append(complete))
+    again = search(solved, 4)
+
+    assert counted == [3, 4], "what was complete is not done again"
+    assert (again.trials, again.rmse, again.best) == (4, found.rmse, found.best)
+    assert found.run_id == again.run_id
+    with closing(sqlite3.connect(folder / "optuna.db")) as database:
+        query = "SELECT value FROM trial_values ORDER BY value"
+        values = [value for (value,) in database.execute(query)]
+    assert len(set(values)) == 4, "trials that begin again with the same settings teach nothing"
+    assert found.rmse == min(values)
+
+    trials = [r for r in runs("prolearn-tuning") if "trial" in r.data.params]
+    assert {r.data.tags["mlflow.parentRunId"] for r in trials} == {found.run_id}
+    best = min(trials, key=lambda r: r.data.metrics["valid_position_rmse"])
+    assert best.data.metrics["valid_position_rmse"] == found.rmse
+    assert {k: best.data.params[k] for k in found.best} == {
+        k: str(v) for k, v in found.best.items()
+    }
+    assert runs("prolearn-training") == [] and list_versions() == [], "a search registers nothing"
+
+
+def test_a_search_sees_no_test_data(folder: Path, solved: Path, monkeypatch: Any) -> None:
+    from registry.jobs import tune as module
+
+    asked: list[str] = []
+    read = module.examples
+
+    def watched(data: Path, n: int, split: str) -> Any:
+        asked.append(split)
+        return read(data, n, split)
+
+    monkeypatch.setattr(module, "examples", watched)
+    search(solved, 1)
+    assert asked == ["train", "valid"]
+
+
+def test_a_storage_of_something_else_gives_a_sentence(folder: Path, solved: Path) -> None:
+    (folder / "notes.db").write_bytes(b"these are notes, not a database\n" * 100)
+    with pytest.raises(ProlearnError, match=r"notes\.db failed .*--storage"):
+        search(solved, 1, storage=Path("notes.db"))
+
+
+def test_less_than_one_trial_is_refused(folder: Path, solved: Path) -> None:
+    with pytest.raises(InputError, match="trials is 0"):
+        search(solved, 0)
