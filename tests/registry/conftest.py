@@ -12,6 +12,7 @@ from pipeline.dataset.examples import Examples
 from pipeline.dataset.manifest import Sample
 from pipeline.dataset.sample import sample
 from pipeline.dataset.solve import solve
+from pipeline.dataset.workers import Workers
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
@@ -92,7 +93,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("data") / "small"
     one = Sample(count=24, shares=(0.5, 0.25, 0.25))
     sample(path, {CRAFT: one}, Problem(), jobs=1)
-    solve(path, Settings(), jobs=1)
+    solve(path, Settings(), workers=Workers(jobs=1))
     return path
 
 
