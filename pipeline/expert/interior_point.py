@@ -71,10 +71,11 @@ def solve(sub: Subproblem) -> Optimum:
         found = new_solver(sub, careful=True).solve()
     if str(found.status) not in SOLVED:
         raise UnsolvableError(f"the convex solver stopped with {found.status}")
-    n, m, _ = sub.shape
-    x = np.asarray(found.x)
+    n, m, k = sub.shape
+    x, z = np.asarray(found.x), np.asarray(found.z)
     controls = controls_of(x, sub)
-    return Optimum(controls, LENGTH * x[2 * n * m :], float(np.abs(controls).sum()))
+    price = sub.unit / LENGTH * z[len(z) - k :]
+    return Optimum(controls, LENGTH * x[2 * n * m :], price, float(np.abs(controls).sum()))
 
 
 def controls_of(x: Float[Array, "v"], sub: Subproblem) -> Float[Array, "n m"]:

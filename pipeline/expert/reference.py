@@ -17,14 +17,18 @@ def solve(sub: Subproblem) -> Optimum:
     slack = cp.Variable(k, nonneg=True)
     scale = 1 / np.linalg.norm(sub.reach, axis=1)
     constraints = [u @ (sub.reach.T * scale) == sub.miss * scale / sub.unit]
+    apart = []
     if k:
         along = cp.sum(cp.multiply(sub.row, u[sub.first] - u[sub.second]), axis=1)
-        constraints.append(sub.unit * along + slack >= sub.required)
+        apart.append(sub.unit * along + slack >= sub.required)
     if np.isfinite(sub.limit):
         constraints.append(cp.abs(u) <= sub.limit / sub.unit)
     fuel = cp.sum(cp.abs(u))
-    problem = cp.Problem(cp.Minimize(fuel + sub.penalty / sub.unit * cp.sum(slack)), constraints)
+    problem = cp.Problem(
+        cp.Minimize(fuel + sub.penalty / sub.unit * cp.sum(slack)), constraints + apart
+    )
     problem.solve(solver=cp.CLARABEL)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
         raise UnsolvableError(f"the convex solver stopped with {problem.status}")
-    return Optimum(sub.unit * u.value, slack.value, sub.unit * float(fuel.value))
+    price = sub.unit * apart[0].dual_value if k else np.zeros(0)
+    return Optimum(sub.unit * u.value, slack.value, price, sub.unit * float(fuel.value))

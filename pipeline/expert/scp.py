@@ -163,10 +163,12 @@ class Search:
         """Solve each cluster's program, with every cut aimed from the same trajectory."""
         self.worst = (0.0, 0, 0)
         aimed = self._aimed(self.radius + MARGIN)
+        self.price = np.zeros(len(self.cuts))
         for craft in clusters:
             own_cuts = np.flatnonzero(self.labels[self.cuts.first] == craft[0])
             best = self._solve_cluster(craft, own_cuts, aimed)
             self.controls[craft] = best.controls.reshape(len(craft), -1, 3)
+            self.price[own_cuts] = best.price
             k = int(best.slack.argmax())
             pair = self.cuts.first[own_cuts[k]], self.cuts.second[own_cuts[k]]
             self.worst = max(self.worst, (float(best.slack[k]), int(pair[0]), int(pair[1])))
@@ -198,15 +200,27 @@ class Search:
         broken = bound <= self.radius + TOLERANCE  # so that any later bracket proves it safe
         unsafe = np.zeros(self.scenario.n, dtype=bool)
         unsafe[found.first[broken]] = unsafe[found.second[broken]] = True
+        promised = self._promised_gains()
         for craft in clusters:
             if not unsafe[craft].any():
-                self._accept(craft)
+                self._accept(craft, float(promised[craft[0]]))
         if broken.any():
             self._set_cuts(self.cuts + found.where(self.active[found.first] | broken))
             self._choose_aim(unsafe)
 
-    def _accept(self, craft: Cluster) -> None:
-        """Aim from a safe iterate from now on; done where that gains no more."""
+    def _promised_gains(self) -> Float[Array, "n"]:
+        """What aiming anew from the newest iterate can gain in each cluster, to first order.
+
+        A cut held the pair to the separation along its old normal; along the new one the pair is
+        further apart, by a surplus that is worth the cut's multiplier.
+        """
+        wanted = self.radius + MARGIN
+        now = half_spaces(self.cuts, self.states, self.controls, self.problem, wanted)
+        worth = self.price * np.maximum(now.distance - wanted, 0.0)
+        return np.bincount(self.labels[self.cuts.first], worth, self.scenario.n)
+
+    def _accept(self, craft: Cluster, promised: float) -> None:
+        """Aim from a safe iterate from now on; done where that promises no more."""
         settings = self.settings
         fuel = float(np.abs(self.controls[craft]).sum())
         before = float(np.abs(self.aim_controls[craft]).sum())
@@ -218,7 +232,7 @@ class Search:
         self.active[craft] = not (
             settings.stop == "first-safe"
             or gap <= settings.gap_tolerance
-            or gained <= settings.improvement * fuel
+            or min(gained, promised) <= settings.improvement * fuel
         )
 
     def _choose_aim(self, unsafe: Bool[Array, "n"]) -> None:

@@ -69,9 +69,11 @@ class Optimum:
     Attributes:
         controls: flattened controls of each craft, (n, m), m/s².
         slack: by how much each half-space is missed, (k,), m.
+        price: what a metre more of each half-space would cost, (k,), m/s² per m (multipliers).
         fuel: Σ ‖uᵢ‖₁ without the penalty, m/s².
     """
 
     controls: Float[Array, "n m"]
     slack: Float[Array, "k"]
+    price: Float[Array, "k"]
     fuel: float

@@ -1,5 +1,7 @@
 """The convex subproblem three ways: Clarabel directly, cvxpy, and HiGHS on a dense program."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -96,3 +98,16 @@ def test_a_limit_that_no_transfer_keeps_is_said_to_be_unsolvable(solve):
     sub = subproblem(3, 0, Problem(max_acceleration=1e-5))
     with pytest.raises(UnsolvableError):
         solve(sub)
+
+
+@pytest.mark.parametrize("solve", [interior_point.solve, reference.solve])
+def test_a_price_is_what_a_little_more_separation_costs(solve):
+    sub, more = subproblem(12, 1), 1e-2
+    best = solve(sub)
+    k = int(best.price.argmax())
+    assert best.price[k] > 0
+    required = sub.required.copy()
+    required[k] += more
+    dearer = solve(replace(sub, required=required))
+    grown = objective(sub, dearer) - objective(sub, best)
+    assert grown == pytest.approx(best.price[k] * more, rel=0.05)
