@@ -22,7 +22,7 @@ UNIT = 1e-3
 GAP = 1e-3
 """Optimality gap at which the plain SCP stops, the expert's own rule."""
 
-IMPROVEMENT = 3e-3
+IMPROVEMENT = 1e-3
 """Relative improvement at which it stops, likewise."""
 
 MAX_ROUNDS = 20
