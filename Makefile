@@ -12,7 +12,7 @@ LSTM := lstm1,lstm2,lstmcol
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart report ui test lint bench clean
+.PHONY: help demo dataset train train-all evaluate warmstart report paper ui test lint bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -59,6 +59,8 @@ warmstart: $(BIN)/prolearn ## experiment 3
 
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports
+
+paper: dataset train-all evaluate warmstart report ## all experiments at the paper's scale, and the report
 
 ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/python -c 'from registry.store import connect; connect()'

@@ -12,7 +12,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.fuel import fuel, implied_controls
 from pipeline.orbit.separation import node_collisions, pair_conflicts
-from pipeline.plan import SOLVED, Plan, Planner
+from pipeline.plan import SOLVED, Plan, Planner, is_safe
 from pipeline.scenario import Scenario
 
 WARM_UP = 1
@@ -142,7 +142,7 @@ def _trial(entrant: Entrant, scenario: Scenario, plan: Plan, trial: int, seconds
         trial=trial,
         node_collisions=certificate.node_collisions,
         pair_conflicts=float(pair_conflicts(plan.states, plan.controls, scenario.problem)),
-        safe=plan.status == SOLVED and _apart_at_all_times(plan, scenario),
+        safe=plan.status == SOLVED and is_safe(certificate, scenario.problem),
         min_separation=float("nan") if apart is None else apart,
         fuel=certificate.fuel,
         fuel_lower_bound=certificate.fuel_lower_bound,
@@ -151,11 +151,6 @@ def _trial(entrant: Entrant, scenario: Scenario, plan: Plan, trial: int, seconds
         seconds=seconds,
         convex_solves=plan.convex_solves,
     )
-
-
-def _apart_at_all_times(plan: Plan, scenario: Scenario) -> bool:
-    bound = plan.certificate.min_separation_bound
-    return bound is None or bound > scenario.problem.collision_radius
 
 
 def _predicted(
