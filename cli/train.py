@@ -7,6 +7,7 @@ import typer
 
 from cli.app import name_list
 from cli.progress import Advance, progress
+from pipeline.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.training.loop import Epoch
@@ -63,6 +64,8 @@ def train(
         prolearn train --arch ff1,ff2,ffcol --recipe paper --data data/demo --epochs 20
     """
     most = {one: _most_epochs(one, recipe, epochs) for one in name_list(arch)}
+    if not most:
+        raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
     from registry.jobs.train import train_model
 
     changes = {

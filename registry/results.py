@@ -115,24 +115,6 @@ def fetch_files(results: Results, folder: Path) -> Path:
         return Path(_download(store, results.run_id, "files", folder))
 
 
-def add_model_metrics(
-    version: ModelVersion, metrics: Mapping[str, SupportsFloat], step: int = 0
-) -> None:
-    """Log metrics to a model's own training run, where the six models compare side by side.
-
-    Args:
-        version: the model.
-        metrics: by name.
-        step: MLflow draws a metric against it; experiment 2 logs at step n.
-
-    Raises:
-        ProlearnError: where the store fails.
-    """
-    with opened(create=False) as store:
-        entities = metrics_now(metrics, version.model_id or None, step)
-        log_metrics(store, version.run_id, entities)
-
-
 @dataclass(frozen=True)
 class ModelResults:
     """What an evaluation says about one model.

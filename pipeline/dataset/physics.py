@@ -11,20 +11,18 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.dataset.schema import stacked
 from pipeline.orbit.approaches import TOLERANCE
-from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, node_collisions
+from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import SOLVED
+from pipeline.plan.planned import LIMIT_TOLERANCE
 
 POSITION_TOLERANCE = 1e-6
 """Largest miss of an end or of Eq. 2, m."""
 
 VELOCITY_TOLERANCE = 1e-9
 """Largest miss of an end or of Eq. 2, m/s."""
-
-LIMIT_TOLERANCE = 1e-9
-"""Acceleration in m/s² beyond the limit that counts as rounding."""
 
 PLANNED = (
     "states",
@@ -74,7 +72,7 @@ def _checks(
     column: Callable[[str], Any] = lambda name: solved[name].to_numpy()  # noqa: E731
     used, bound = fuel(controls), column("fuel_lower_bound")
     collisions = node_collisions(states, problem.collision_radius)
-    yield "breaks the dynamics", _breaks_dynamics(states, controls, problem)
+    yield "breaks the dynamics", _beyond(dynamics_defect(states, controls, problem))
     yield (
         "misses an end",
         _beyond(states[..., 0, :] - ends[0]) | _beyond(states[..., -1, :] - ends[1]),
@@ -94,13 +92,6 @@ def _checks(
         yield "has another least separation than its states", other
         if not at_nodes:
             yield "comes too close", close
-
-
-def _breaks_dynamics(
-    states: Float[Array, "N n T 6"], controls: Float[Array, "N n intervals 3"], problem: Problem
-) -> Rows:
-    A, B = cw_matrices(problem.mean_motion, problem.time_step)
-    return _beyond(states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T)
 
 
 def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:

@@ -9,9 +9,9 @@ import pandas as pd
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.fuel import fuel, implied_controls
 from pipeline.orbit.separation import node_collisions, pair_conflicts
+from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import SOLVED, Plan, Planner, is_safe
 from pipeline.scenario import Scenario
 
@@ -165,8 +165,7 @@ def _predicted(
     goal = np.stack([scenario.goal for scenario in scenarios])
     states = predictor.predict(initial, goal)
     controls = implied_controls(states, problem)
-    A, B = cw_matrices(problem.mean_motion, problem.time_step)
-    defect = states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
+    defect = dynamics_defect(states, controls, problem)
     ends = np.stack([states[..., 0, :] - initial, states[..., -1, :] - goal])
     used, collisions = fuel(controls), node_collisions(states, problem.collision_radius)
     for trial in range(len(scenarios)):

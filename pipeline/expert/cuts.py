@@ -61,12 +61,10 @@ class HalfSpaces:
     Attributes:
         row: (k, m), m per m/s².
         required: (k,), m.
-        distance: separation of each cut's pair in the trajectory aimed from, (k,), m.
     """
 
     row: Float[Array, "k m"]
     required: Float[Array, "k"]
-    distance: Float[Array, "k"]
 
 
 def conflicts(
@@ -102,6 +100,19 @@ def conflicts(
     return Cuts(found.first, found.second, found.interval, found.offset), found.bound
 
 
+def gaps(
+    cuts: Cuts,
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+) -> Float[Array, "k 3"]:
+    """Position of each cut's first craft relative to its second, there and then, m."""
+    A, B = cw_matrices(problem.mean_motion, cuts.offset)
+    i, j, k = cuts.first, cuts.second, cuts.interval
+    gap = np.einsum("kij,kj->ki", A[:, :3], states[i, k] - states[j, k])
+    return gap + np.einsum("kij,kj->ki", B[:, :3], controls[i, k] - controls[j, k])
+
+
 def half_spaces(
     cuts: Cuts,
     states: Float[Array, "n T 6"],
@@ -124,9 +135,7 @@ def half_spaces(
     A, B = cw_matrices(problem.mean_motion, cuts.offset)
     A, B = A[:, :3], B[:, :3]
     i, j, k = cuts.first, cuts.second, cuts.interval
-    gap = np.einsum("kij,kj->ki", A, states[i, k] - states[j, k])
-    gap += np.einsum("kij,kj->ki", B, controls[i, k] - controls[j, k])
-    distance = np.linalg.norm(gap, axis=1)
+    gap = gaps(cuts, states, controls, problem)
     normal = _directions(gap + shift, states[i, k, 3:] - states[j, k, 3:])
     to_state = np.einsum("ki,kij->kj", normal, A)
     row = np.einsum("kj,kjm->km", to_state, maps.reach[k])
@@ -134,7 +143,7 @@ def half_spaces(
     row[np.arange(len(k))[:, None], columns] += np.einsum("ki,kij->kj", normal, B)
     start = states[i, 0] - states[j, 0]
     free = np.einsum("kj,kjl,kl->k", to_state, maps.drift[k], start)
-    return HalfSpaces(row, separation - free, distance)
+    return HalfSpaces(row, separation - free)
 
 
 def _directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.expert import interior_point
 from pipeline.expert.clusters import Cluster, cluster_labels
-from pipeline.expert.cuts import Cuts, HalfSpaces, conflicts, half_spaces
+from pipeline.expert.cuts import Cuts, HalfSpaces, conflicts, gaps, half_spaces
 from pipeline.expert.own import OwnOptima, control_limit, control_unit, goal_miss
 from pipeline.expert.settings import Settings
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
@@ -153,16 +153,24 @@ class Search:
         """The clusters that some craft are in."""
         return [np.flatnonzero(self.labels == label) for label in np.unique(self.labels[touched])]
 
-    def _aimed(self, separation: float) -> HalfSpaces:
-        shift, self.shift = self.shift, 0.0  # for the first program alone
-        return half_spaces(
-            self.cuts, self.aim_states, self.aim_controls, self.problem, separation, shift
-        )
+    def _distances(
+        self, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
+    ) -> Float[Array, "k"]:
+        """Separation of each cut's pair in a trajectory, m."""
+        return np.linalg.norm(gaps(self.cuts, states, controls, self.problem), axis=1)
 
     def _solve(self, clusters: list[Cluster]) -> None:
         """Solve each cluster's program, with every cut aimed from the same trajectory."""
         self.worst = (0.0, 0, 0)
-        aimed = self._aimed(self.radius + MARGIN)
+        aimed = half_spaces(
+            self.cuts,
+            self.aim_states,
+            self.aim_controls,
+            self.problem,
+            self.radius + MARGIN,
+            self.shift,
+        )
+        self.shift = 0.0  # for the first program alone
         self.price = np.zeros(len(self.cuts))
         for craft in clusters:
             own_cuts = np.flatnonzero(self.labels[self.cuts.first] == craft[0])
@@ -214,9 +222,8 @@ class Search:
         A cut held the pair to the separation along its old normal; along the new one the pair is
         further apart, by a surplus that is worth the cut's multiplier.
         """
-        wanted = self.radius + MARGIN
-        now = half_spaces(self.cuts, self.states, self.controls, self.problem, wanted)
-        worth = self.price * np.maximum(now.distance - wanted, 0.0)
+        surplus = self._distances(self.states, self.controls) - (self.radius + MARGIN)
+        worth = self.price * np.maximum(surplus, 0.0)
         return np.bincount(self.labels[self.cuts.first], worth, self.scenario.n)
 
     def _accept(self, craft: Cluster, promised: float) -> None:
@@ -237,7 +244,8 @@ class Search:
 
     def _choose_aim(self, unsafe: Bool[Array, "n"]) -> None:
         """Keep aims that satisfy all their cuts; others move on to the newest iterate."""
-        missed = self.labels[self.cuts.first[self._aimed(self.radius).distance <= self.radius]]
+        broken = self._distances(self.aim_states, self.aim_controls) <= self.radius
+        missed = self.labels[self.cuts.first[broken]]
         for craft in self._clusters(unsafe):
             self.active[craft] = True
             if craft[0] in missed:

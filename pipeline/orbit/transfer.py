@@ -67,6 +67,16 @@ def fly(
     )
 
 
+def dynamics_defect(
+    states: Float[Array, "*batch T 6"],
+    controls: Float[Array, "*batch intervals 3"],
+    problem: Problem,
+) -> Float[Array, "*batch intervals 6"]:
+    """s[t+1] - A s[t] - B u[t] in m and m/s, which Eq. 2 wants to be 0."""
+    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    return states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
+
+
 def meet_goal(
     initial: Float[Array, "*batch 6"],
     controls: Float[Array, "*batch intervals 3"],

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.separation import least_separation, node_collisions
+from pipeline.orbit.transfer import dynamics_defect
 from pipeline.scenario import Scenario
 
 NO_FUEL = 1e-9
@@ -54,8 +54,6 @@ def certify(
 ) -> Certificate:
     """The certificate of node states (m, m/s) and controls (m/s²) for a scenario."""
     problem = scenario.problem
-    A, B = cw_matrices(problem.mean_motion, problem.time_step)
-    defect = states[:, 1:] - states[:, :-1] @ A.T - controls @ B.T
     used = float(fuel(controls))
     closest = least_separation(states, controls, problem)
     alone = closest.pair is None
@@ -70,7 +68,7 @@ def certify(
         min_separation_time=closest.time,
         min_separation_bound=None if alone else closest.bound,
         goal_error=float(np.abs(states[:, -1] - scenario.goal)[:, :3].max()),
-        dynamics_error=float(np.abs(defect[..., :3]).max()),
+        dynamics_error=float(np.abs(dynamics_defect(states, controls, problem)[..., :3]).max()),
     )
 
 

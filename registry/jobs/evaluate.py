@@ -46,11 +46,11 @@ def evaluate(
         report: called with a planner's turn before each swarm size.
 
     Raises:
-        InputError: for unknown models, sizes that are not in the dataset, or trials < 1.
+        InputError: for unknown models, sizes that are not in the dataset, trials < 1 or timed < 0.
         ProlearnError: where the store fails.
     """
-    if trials is not None and trials < 1:
-        raise InputError(f"trials is {trials}; expected at least 1.")
+    if timed < 0:
+        raise InputError(f"timed is {timed}; expected 0 or more trials to time.")
     manifest = read_manifest(data)
     chosen = list(sizes) if sizes else sorted(manifest.samples)
     scenarios = {n: test_scenarios(data, n, trials) for n in chosen}
@@ -74,8 +74,10 @@ def test_scenarios(data: Where, n: int, trials: int | None = None) -> list[Scena
     """Scenarios of the test split of one size, in order of their index.
 
     Raises:
-        InputError: where there are none.
+        InputError: where there are none, or none are asked for.
     """
+    if trials is not None and trials < 1:
+        raise InputError(f"trials is {trials}; expected at least 1.")
     columns = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
     found = scenarios_of(solved_rows(data, n, "test", columns))
     if not found:

@@ -29,6 +29,12 @@ CASES = {
     "no dataset to evaluate on": (["evaluate", "--data", "none"], "none does not exist"),
     "odd sizes": (["evaluate", "--data", "none", "--n", "2..x"], "2..30"),
     "no dataset to warm-start on": (["warmstart", "--data", "none"], "none does not exist"),
+    "no trials to warm-start": (["warmstart", "--data", "none", "--trials", "0"], "trials is 0"),
+    "less than no timing": (
+        ["evaluate", "--data", "none", "--n", "2", "--timed", "-1"],
+        "timed is -1",
+    ),
+    "no architecture": (["train", "--arch", ",", "--data", "none"], "such as lstm2"),
     "nothing to report": (["report"], "prolearn"),
     "no scenario file": (["plan", "none.json", "--out", "p.json"], "none.json"),
     "an unknown planner": (["plan", "good.json", "--out", "p.json", "--planner", "hal"], "hal"),

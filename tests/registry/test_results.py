@@ -9,7 +9,8 @@ from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.models import resolve
 from registry.results import (
-    add_model_metrics,
+    ModelResults,
+    add_model_results,
     fetch_files,
     latest_evaluation,
     latest_warmstart,
@@ -18,6 +19,7 @@ from registry.results import (
 )
 from registry.store import EVALUATION, connect, recorded_run
 from registry.training import DatasetInfo, record_training
+from registry.version import ModelVersion
 
 TRIALS = pd.DataFrame(
     {
@@ -99,12 +101,18 @@ def test_more_parameters_and_metrics_than_one_request_takes_all_arrive(folder: P
     assert found.metrics == metrics
 
 
+def add(version: ModelVersion, folder: Path, metrics: dict[str, float], step: int = 0) -> None:
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    add_model_results(version, ModelResults({step: metrics}, figures), data="data", digest="d1")
+
+
 def test_an_evaluation_adds_its_metrics_to_the_models_own_run(
     folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
 ) -> None:
     version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
-    add_model_metrics(version, {"n10_flown_node_collisions_mean": 1.5, "n10_flown_fuel_mean": 2.0})
-    add_model_metrics(version, {"n10_flown_node_collisions_mean": 0.5})
+    add(version, folder, {"n10_flown_node_collisions_mean": 1.5, "n10_flown_fuel_mean": 2.0})
+    add(version, folder, {"n10_flown_node_collisions_mean": 0.5})
 
     metrics = resolve("ff1").metrics
     assert metrics["n10_flown_node_collisions_mean"] == 0.5
@@ -118,6 +126,6 @@ def test_metrics_by_swarm_size_become_a_curve_over_n(
 ) -> None:
     version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
     for n, fuel in ((2, 0.01), (10, 0.05), (30, 0.15)):
-        add_model_metrics(version, {"exp2_flown_fuel_mean": fuel}, step=n)
+        add(version, folder, {"exp2_flown_fuel_mean": fuel}, step=n)
     curve = connect().client.get_metric_history(version.run_id, "exp2_flown_fuel_mean")
     assert {m.step: m.value for m in curve} == {2: 0.01, 10: 0.05, 30: 0.15}

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 from pipeline.expert import interior_point, reference
-from pipeline.expert.cuts import conflicts, half_spaces
+from pipeline.expert.cuts import conflicts, gaps, half_spaces
 from pipeline.expert.own import control_limit, control_unit, goal_miss, own_optima
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
 from pipeline.orbit.problem import Problem
@@ -88,7 +88,7 @@ def test_a_solution_is_as_far_apart_as_its_half_spaces_ask():
     moved = np.ones(12, dtype=bool)
     aim = fly(scenario.initial, own.controls, problem)
     cuts, _ = conflicts(aim, own.controls, problem, 25.0, moved, at_nodes=False)
-    reached = half_spaces(cuts, states, best.controls.reshape(12, -1, 3), problem, 15.0).distance
+    reached = np.linalg.norm(gaps(cuts, states, best.controls.reshape(12, -1, 3), problem), axis=1)
     assert len(cuts) > 0
     assert reached.min() >= 15.0 - 1e-5
 
