@@ -47,20 +47,26 @@ RECIPE ?= tuned
 train: $(BIN)/prolearn ## one network: make train ARCH=lstm2 RECIPE=paper
 	$(BIN)/prolearn train --arch $(ARCH) --recipe $(RECIPE) --data $(DATA) $(EPOCHS:%=--epochs %)
 
-train-all: $(BIN)/prolearn ## all six networks in both recipes
-	$(BIN)/prolearn train --arch $(FF),$(LSTM) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %)
-	$(BIN)/prolearn train --arch $(FF),$(LSTM) --recipe paper --data $(DATA) $(EPOCHS:%=--epochs %)
+SEEDS ?= 1
+LSTM_SEEDS ?= $(SEEDS)
+seeds = $(shell seq --separator=, 0 $$(($(1) - 1)))
+train-all: $(BIN)/prolearn ## all six networks in both recipes, each trained SEEDS times
+	for recipe in tuned paper; do \
+	  for family in "$(FF) --seed $(call seeds,$(SEEDS))" "$(LSTM) --seed $(call seeds,$(LSTM_SEEDS))"; do \
+	    $(BIN)/prolearn train --arch $$family --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
+	  done; \
+	done
 
 evaluate: $(BIN)/prolearn ## experiments 1 and 2
-	$(BIN)/prolearn evaluate --data $(DATA)
+	$(BIN)/prolearn evaluate --data $(DATA) --resume
 
 warmstart: $(BIN)/prolearn ## experiment 3
-	$(BIN)/prolearn warmstart --data $(DATA)
+	$(BIN)/prolearn warmstart --data $(DATA) --resume
 
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports
 
-paper: dataset train-all evaluate warmstart report ## all experiments at the paper's scale, and the report
+paper: dataset train-all evaluate warmstart report ## the whole paper: what is done stays done; SEEDS=3 trains each network thrice
 
 ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/python -c 'from registry.store import connect; connect()'

@@ -40,24 +40,25 @@ def _stop(message: str, status: int) -> None:
     raise typer.Exit(status)
 
 
-def int_list(text: str | None) -> Sequence[int] | None:
-    """Sizes written as 10, 2,10,30 or 2..30.
+def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
+    """Whole numbers written as 10, 2,10,30 or 2..30, ascending.
 
     Raises:
-        InputError: for anything else, or a size under 1.
+        InputError: for anything else, or a number under ``least``.
     """
-    if text is None:
-        return None
-    sizes: set[int] = set()
+    numbers: set[int] = set()
     try:
         for part in text.split(","):
             first, _, last = part.partition("..")
-            sizes |= set(range(int(first), int(last or first) + 1))
+            numbers |= set(range(int(first), int(last or first) + 1))
     except ValueError:
-        sizes = set()
-    if not sizes or min(sizes) < 1:
-        raise InputError(f"--n is {text!r}; expected sizes such as 10, 2,10,30 or 2..30.")
-    return sorted(sizes)
+        numbers = set()
+    if not numbers or min(numbers) < least:
+        raise InputError(
+            f"{option} is {text!r}; expected whole numbers from {least}, such as 10, 2,10,30 or "
+            "2..30."
+        )
+    return sorted(numbers)
 
 
 def name_list(text: str | None) -> Sequence[str]:

@@ -1,22 +1,29 @@
 """Commands that run the paper's experiments and report on them: evaluate, warmstart, report."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cli.app import int_list, name_list
 from cli.progress import progress
 
+if TYPE_CHECKING:
+    from registry.results import Outcome
+
 Models = Annotated[
     str | None,
     typer.Option(
-        help="Models, such as ff1,lstm2:paper; by default the newest of each recipe.",
+        help="Models, such as ff1,lstm2:paper; by default the newest of each recipe and seed.",
         show_default=False,
     ),
 ]
 Data = Annotated[
     str, typer.Option(help="Solved dataset, a folder or a URL; its test split is used.")
+]
+Resume = Annotated[
+    bool,
+    typer.Option("--resume", help="Nothing to do where data, models and settings are as before."),
 ]
 
 
@@ -29,6 +36,7 @@ def evaluate(
     ] = None,
     trials: Annotated[int | None, typer.Option(help="Most trials of each size.")] = None,
     timed: Annotated[int, typer.Option(help="Trials of each size that are timed.")] = 10,
+    resume: Resume = False,
 ) -> None:
     """Experiments 1 and 2: collisions, fuel and time against swarm size.
 
@@ -42,18 +50,19 @@ def evaluate(
     from pipeline.dataset.manifest import read_manifest
     from registry.jobs.evaluate import evaluate as run
 
-    sizes = int_list(n)
+    sizes = None if n is None else int_list(n)
     total = len(sizes or read_manifest(data).samples)
     with progress("evaluating", total) as advance:
-        run_id = run(
+        outcome = run(
             name_list(models),
             data,
             sizes=sizes,
             trials=trials,
             timed=timed,
+            resume=resume,
             report=lambda stage: advance(1, stage),
         )
-    typer.echo(f"Evaluated; MLflow run {run_id}. Next: prolearn report")
+    _done("Evaluated", outcome)
 
 
 def warmstart(
@@ -61,6 +70,7 @@ def warmstart(
     data: Data = "data/paper",
     n: Annotated[str, typer.Option("--n", help="Swarm sizes.")] = "10,30",
     trials: Annotated[int, typer.Option(help="Trials of each size.")] = 100,
+    resume: Resume = False,
 ) -> None:
     """Experiment 3: start the expert from each network's plan and from simple seeds.
 
@@ -70,16 +80,17 @@ def warmstart(
     """
     from registry.jobs.warmstart import warmstart as run
 
-    sizes = int_list(n) or []
+    sizes = int_list(n)
     with progress("warm starts", trials * len(sizes)) as advance:
-        run_id = run(
+        outcome = run(
             name_list(models),
             data,
             sizes=sizes,
             trials=trials,
+            resume=resume,
             report=lambda done: advance(done, ""),
         )
-    typer.echo(f"Warm starts done; MLflow run {run_id}. Next: prolearn report")
+    _done("Warm starts done", outcome)
 
 
 def report(
@@ -95,3 +106,8 @@ def report(
 
     files = run(out)
     typer.echo(f"The report is {files.html} (and {files.markdown}).")
+
+
+def _done(what: str, outcome: "Outcome") -> None:
+    when = " before" if outcome.earlier else ""
+    typer.echo(f"{what}{when}; MLflow run {outcome.run_id}. Next: prolearn report")

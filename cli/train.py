@@ -1,11 +1,12 @@
 """The command that trains networks."""
 
 from enum import StrEnum
+from itertools import product
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.app import name_list
+from cli.app import int_list, name_list
 from cli.progress import Advance, progress
 from pipeline.errors import InputError
 
@@ -48,11 +49,17 @@ def train(
         float | None, typer.Option(help="Weight of the collision penalty (ffcol, lstmcol).")
     ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")] = "auto",
-    seed: Annotated[int, typer.Option(help="Of weights, order and dropout.")] = 0,
+    seed: Annotated[
+        str, typer.Option(help="Of weights, order and dropout; several as 0,1 or 0..2.")
+    ] = "0",
     memory: Annotated[
         float,
         typer.Option(help="GB that data may take; larger datasets stream shard by shard."),
     ] = 2.0,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Leave out what was trained before on the same data."),
+    ] = False,
 ) -> None:
     """Train networks on the expert's plans and register them.
 
@@ -62,12 +69,14 @@ def train(
 
         prolearn train --arch lstm2
         prolearn train --arch ff1,ff2,ffcol --recipe paper --data data/demo --epochs 20
+        prolearn train --arch ff1,lstm1 --seed 0..2 --resume
     """
     most = {one: _most_epochs(one, recipe, epochs) for one in name_list(arch)}
     if not most:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from registry.jobs.train import train_model
+    from registry.jobs.train import train_model, trained_before
 
+    seeds = int_list(seed, "--seed", least=0)
     changes = {
         "epochs": epochs,
         "interior": interior,
@@ -77,8 +86,14 @@ def train(
         "collision_weight": collision_weight,
     }
     changes = {name: value for name, value in changes.items() if value is not None}
-    for one in most:
-        with progress(f"training {one} ({recipe})", most[one]) as advance:
+    for one, k in product(most, seeds):
+        if resume:
+            version = trained_before(one, recipe, data, n=n, seed=k, changes=changes)
+            if version is not None:
+                typer.echo(f"Trained before: {_summary(version)}")
+                continue
+        title = f"training {one} ({recipe})" + (f", seed {k}" if len(seeds) > 1 else "")
+        with progress(title, most[one]) as advance:
 
             def report(epoch: "Epoch", advance: Advance = advance) -> None:
                 advance(1, f"validation loss {epoch.valid_loss:.4g}")
@@ -88,7 +103,7 @@ def train(
                 recipe,
                 data,
                 n=n,
-                seed=seed,
+                seed=k,
                 device=device,
                 changes=changes,
                 on_epoch=report,

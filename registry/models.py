@@ -19,7 +19,7 @@ VALIDATION_METRIC = "valid_position_rmse"
 NETWORK_PATH = "data/network"
 """Where the network's folder lies inside a logged model."""
 
-__all__ = ["latest_of_each_recipe", "list_versions", "load", "promote", "resolve"]
+__all__ = ["list_versions", "load", "newest_trainings", "promote", "resolve"]
 
 
 def list_versions() -> list[ModelVersion]:
@@ -32,13 +32,13 @@ def list_versions() -> list[ModelVersion]:
         return read_versions(store)
 
 
-def latest_of_each_recipe() -> list[ModelVersion]:
-    """The newest version of each architecture and recipe, by name.
+def newest_trainings() -> list[ModelVersion]:
+    """The newest version of each architecture, recipe and training seed, in this order.
 
     Raises:
         ProlearnError: where the store fails.
     """
-    newest = {(v.arch, v.recipe): v for v in list_versions()}
+    newest = {(v.arch, v.recipe, v.training_seed): v for v in list_versions()}
     return [newest[key] for key in sorted(newest)]
 
 

@@ -52,6 +52,31 @@ class Results:
     metrics: Mapping[str, float]
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an experiment.
+
+    Attributes:
+        run_id: its MLflow run.
+        earlier: whether that run had been there before.
+    """
+
+    run_id: str
+    earlier: bool = False
+
+
+def earlier_run(experiment: str, params: Mapping[str, Any]) -> str | None:
+    """The newest finished run of an experiment, where it had these parameters.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        run = _newest(store, experiment)
+    same = run is not None and run.data.params == {k: str(v) for k, v in params.items()}
+    return str(run.info.run_id) if same else None
+
+
 def record_evaluation(
     table: pd.DataFrame,
     *,
@@ -194,18 +219,12 @@ def _record(
 
 def _latest(experiment: str) -> Results:
     with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
-        runs = store.client.search_runs(
-            [store.experiments[experiment]],
-            filter_string="attributes.status = 'FINISHED'",
-            order_by=["attributes.start_time DESC"],
-            max_results=1,
-        )
-        if not runs:
+        run = _newest(store, experiment)
+        if run is None:
             raise InputError(
                 f"There is no finished run of {experiment} in the tracking store; expected one: "
                 f"run `{_COMMANDS[experiment]}` first."
             )
-        run = runs[0]
         folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
         tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
         return Results(
@@ -216,6 +235,17 @@ def _latest(experiment: str) -> Results:
             params=dict(run.data.params),
             metrics=dict(run.data.metrics),
         )
+
+
+def _newest(store: Store, experiment: str) -> Any:
+    """The newest finished run, or None."""
+    runs = store.client.search_runs(
+        [store.experiments[experiment]],
+        filter_string="attributes.status = 'FINISHED'",
+        order_by=["attributes.start_time DESC"],
+        max_results=1,
+    )
+    return runs[0] if runs else None
 
 
 def _download(store: Store, run_id: str, path: str, folder: Path) -> str:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from registry.models import latest_of_each_recipe
+from registry.models import newest_trainings
 from registry.store import Store, opened
 from registry.version import ModelVersion
 
@@ -13,6 +13,7 @@ _WHOLE = ("parameters", "epochs", "train_instances")
 _TRAINING = (
     "arch",
     "recipe",
+    "training_seed",
     "version",
     *_WHOLE,
     "best_epoch",
@@ -24,17 +25,18 @@ _TRAINING = (
 )
 
 _CURVES = ("train_loss", "valid_loss")
+_CURVE_COLUMNS = ("arch", "recipe", "training_seed", "epoch", *_CURVES)
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingTables:
-    """The newest version of each architecture and recipe.
+    """The newest version of each architecture, recipe and training seed.
 
     Attributes:
-        training: a row for each, with columns arch, recipe, version, parameters, epochs,
-            best_epoch, valid_loss (at the best epoch), valid_position_rmse (m), seconds, device,
-            train_instances and weights_kib; what a run does not say is missing.
-        curves: columns arch, recipe, epoch, train_loss and valid_loss.
+        training: a row for each, with columns arch, recipe, training_seed, version, parameters,
+            epochs, best_epoch, valid_loss (at the best epoch), valid_position_rmse (m), seconds,
+            device, train_instances and weights_kib; what a run does not say is missing.
+        curves: columns arch, recipe, training_seed, epoch, train_loss and valid_loss.
     """
 
     training: pd.DataFrame
@@ -42,16 +44,16 @@ class TrainingTables:
 
 
 def training_table() -> TrainingTables:
-    """What the report says about the newest version of each architecture and recipe.
+    """What the report says about the newest version of each architecture, recipe and seed.
 
     Raises:
         InputError: where there is no tracking store yet.
         ProlearnError: where the store fails.
     """
-    versions = latest_of_each_recipe()
+    versions = newest_trainings()
     with opened(create=False) as store:
         curves = [_curves(store, v) for v in versions]
-    none = pd.DataFrame(columns=["arch", "recipe", "epoch", *_CURVES])
+    none = pd.DataFrame(columns=list(_CURVE_COLUMNS))
     return TrainingTables(
         training=pd.DataFrame([_row(v) for v in versions], columns=list(_TRAINING)),
         curves=pd.concat(curves, ignore_index=True) if curves else none,
@@ -64,6 +66,7 @@ def _row(version: ModelVersion) -> dict[str, object]:
     return {
         "arch": version.arch,
         "recipe": version.recipe,
+        "training_seed": version.training_seed,
         "version": version.version,
         **{key: int(params[key]) if key in params else None for key in _WHOLE},
         "best_epoch": None if best is None else int(best),
@@ -82,6 +85,5 @@ def _curves(store: Store, version: ModelVersion) -> pd.DataFrame:
         for key in _CURVES
     ]
     table = pd.concat(curves, axis=1, keys=_CURVES).rename_axis("epoch").reset_index()
-    return table.assign(arch=version.arch, recipe=version.recipe)[
-        ["arch", "recipe", "epoch", *_CURVES]
-    ]
+    known = {key: getattr(version, key) for key in ("arch", "recipe", "training_seed")}
+    return table.assign(**known)[list(_CURVE_COLUMNS)]

@@ -141,7 +141,10 @@ def _log_curves(store: Store, run_id: str, story: Story) -> None:
     arch = str(story.params["arch"])
     columns = {name: story.history[name] for name in CURVES}
     curves = pd.DataFrame({"epoch": story.history["number"], **columns})
-    figure = curves_figure(curves.assign(arch=arch, recipe=story.params["recipe"]), styles([arch]))
+    figure = curves_figure(
+        curves.assign(arch=arch, recipe=story.params["recipe"], training_seed=story.params["seed"]),
+        styles([arch]),
+    )
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         save_figure(figure, Path(scratch) / "learning_curve", [".png"])
         store.client.log_artifacts(run_id, scratch, "figures")

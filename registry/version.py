@@ -51,6 +51,11 @@ class ModelVersion:
         return f"models:/{self.name}/{self.version}"
 
     @property
+    def training_seed(self) -> int:
+        """Seed of its weights, order and dropout; 0 where its run is gone."""
+        return int(self.params.get("seed", 0))
+
+    @property
     def label(self) -> str:
         """Architecture and recipe, as tables call it."""
         return f"{self.arch}:{self.recipe}"

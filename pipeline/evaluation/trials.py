@@ -37,12 +37,14 @@ class Entrant:
     Attributes:
         planner: what plans.
         recipe: how it was trained, where it was.
+        training_seed: of that training; 0 where nothing was trained.
         predictor: what it predicts with, where it is a network; its raw output is then judged
             too, as in the paper.
     """
 
     planner: Planner
     recipe: str = ""
+    training_seed: int = 0
     predictor: Predictor | None = None
 
     @property
@@ -58,6 +60,7 @@ class Trial:
     Attributes:
         planner: its name.
         recipe: of its training, or nothing.
+        training_seed: of its training, or 0.
         reading: "plan", "flown" or "predicted".
         n: swarm size.
         trial: number of the scenario.
@@ -75,6 +78,7 @@ class Trial:
 
     planner: str
     recipe: str
+    training_seed: int
     reading: str
     n: int
     trial: int
@@ -137,6 +141,7 @@ def _trial(entrant: Entrant, scenario: Scenario, plan: Plan, trial: int, seconds
     return Trial(
         planner=entrant.planner.name,
         recipe=entrant.recipe,
+        training_seed=entrant.training_seed,
         reading=entrant.reading,
         n=scenario.n,
         trial=trial,
@@ -172,6 +177,7 @@ def _predicted(
         yield Trial(
             planner=entrant.planner.name,
             recipe=entrant.recipe,
+            training_seed=entrant.training_seed,
             reading="predicted",
             n=n,
             trial=trial,

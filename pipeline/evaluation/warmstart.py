@@ -14,6 +14,9 @@ from pipeline.scenario import Scenario
 
 SeedMaker = Callable[[Scenario], Seed] | None
 
+Source = tuple[str, int]
+"""Where a seed comes from: a name, and the training seed where it is a network's."""
+
 RULES = {
     "converged": Settings(stop="converged"),
     "first safe": Settings(stop="first-safe"),
@@ -29,6 +32,7 @@ class WarmStart:
         n: swarm size.
         trial: number of the scenario.
         seed: where the seed comes from.
+        training_seed: of the network that it comes from, or 0.
         rule: stopping rule, of RULES.
         convex_solves: joint convex programs.
         seconds: time to make the seed and to plan.
@@ -41,6 +45,7 @@ class WarmStart:
     n: int
     trial: int
     seed: str
+    training_seed: int
     rule: str
     convex_solves: int
     seconds: float
@@ -51,7 +56,7 @@ class WarmStart:
 
 
 def run_warmstarts(
-    predictors: Mapping[str, Predictor],
+    predictors: Mapping[Source, Predictor],
     scenarios: Sequence[Scenario],
     *,
     report: Callable[[], None] = lambda: None,
@@ -62,20 +67,21 @@ def run_warmstarts(
     that the machine's noise falls on all alike.
 
     Args:
-        predictors: networks by name; their raw predictions are seeds beside those of SEEDS.
+        predictors: networks by name and training seed; their raw predictions are seeds beside
+            those of SEEDS.
         scenarios: of any size.
         report: called after each scenario.
     """
-    seeds: dict[str, SeedMaker] = dict(SEEDS)
-    seeds |= {name: _network_seed(predictor) for name, predictor in predictors.items()}
-    names = list(seeds)
-    for name in names if scenarios else []:
-        _run(scenarios[0], 0, name, seeds[name], "converged")  # warm up
+    seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
+    seeds |= {source: _network_seed(predictor) for source, predictor in predictors.items()}
+    sources = list(seeds)
+    for source in sources if scenarios else []:
+        _run(scenarios[0], 0, source, seeds[source], "converged")  # warm up
     rows: list[WarmStart] = []
     for trial, scenario in enumerate(scenarios):
-        first = trial % len(names)
-        for name in names[first:] + names[:first]:
-            rows += [_run(scenario, trial, name, seeds[name], rule) for rule in RULES]
+        first = trial % len(sources)
+        for source in sources[first:] + sources[:first]:
+            rows += [_run(scenario, trial, source, seeds[source], rule) for rule in RULES]
         report()
     return pd.DataFrame([asdict(row) for row in rows])
 
@@ -87,7 +93,7 @@ def _network_seed(predictor: Predictor) -> Callable[[Scenario], Seed]:
     return seed
 
 
-def _run(scenario: Scenario, trial: int, name: str, make: SeedMaker, rule: str) -> WarmStart:
+def _run(scenario: Scenario, trial: int, source: Source, make: SeedMaker, rule: str) -> WarmStart:
     started = perf_counter()
     seed = None if make is None else make(scenario)
     seeding = perf_counter() - started
@@ -95,7 +101,8 @@ def _run(scenario: Scenario, trial: int, name: str, make: SeedMaker, rule: str) 
     return WarmStart(
         n=scenario.n,
         trial=trial,
-        seed=name,
+        seed=source[0],
+        training_seed=source[1],
         rule=rule,
         convex_solves=plan.convex_solves,
         seconds=seeding + plan.timing["plan"],

@@ -114,9 +114,9 @@ def _families(summary: pd.DataFrame) -> str:
 
 
 def _compare(forward: pd.DataFrame, recurrent: pd.DataFrame, recipe: str, reading: str) -> str:
-    if forward["collisions_mean"].max() < recurrent["collisions_mean"].min():
+    if _all_below(forward, recurrent):
         verdict = "confirm"
-    elif recurrent["collisions_mean"].max() < forward["collisions_mean"].min():
+    elif _all_below(recurrent, forward):
         verdict = "contradict"
     else:
         verdict = "neither confirm nor contradict"
@@ -131,8 +131,21 @@ def _compare(forward: pd.DataFrame, recurrent: pd.DataFrame, recipe: str, readin
     )
 
 
+def _all_below(these: pd.DataFrame, those: pd.DataFrame) -> bool:
+    """Whether all of these collide less than all of those, by more than the seeds' spread."""
+    worst = _rows(these.sort_values("collisions_mean"))[-1]
+    best = _rows(those.sort_values("collisions_mean"))[0]
+    spreads = [row["collisions_spread"] for row in (worst, best)]
+    difference = best["collisions_mean"] - worst["collisions_mean"]
+    return bool(difference > max([s for s in spreads if pd.notna(s)], default=0.0))
+
+
 def _listed(rows: pd.DataFrame) -> str:
-    return ", ".join(f"{name_of(r['planner'])} {number(r['collisions_mean'])}" for r in _rows(rows))
+    return ", ".join(
+        f"{name_of(r['planner'])} {number(r['collisions_mean'])}"
+        + ("" if pd.isna(r["collisions_spread"]) else f" ± {number(r['collisions_spread'])}")
+        for r in _rows(rows)
+    )
 
 
 def _safest(rows: pd.DataFrame) -> dict[str, Any]:

@@ -15,11 +15,13 @@ class Column:
         title: heading, with the unit.
         source: column of the frame.
         text: how a value is written; also decides that the column is aligned right.
+        spread: column of the frame that holds the value's spread, where it has one.
     """
 
     title: str
     source: str
     text: Callable[[float], str] | None = None
+    spread: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Table:
 
     def markdown(self) -> str:
         """The printed columns as a Markdown table, numbers aligned right."""
-        shown = pd.DataFrame({c.title: _texts(self.frame[c.source], c) for c in self.columns})
+        shown = pd.DataFrame({c.title: _texts(self.frame, c) for c in self.columns})
         align = ["left" if c.text is None else "right" for c in self.columns]
         return str(shown.to_markdown(index=False, disable_numparse=True, colalign=align))
 
@@ -71,7 +73,15 @@ class Section:
     blocks: Sequence[Block]
 
 
-def _texts(values: "pd.Series[float]", column: Column) -> list[str]:
+def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
+    values = frame[column.source]
     if column.text is None:
         return [" ".join(str(v).split()).replace("|", "\\|") for v in values]
-    return [column.text(float("nan") if pd.isna(v) else float(v)) for v in values]
+    texts = [column.text(float("nan") if pd.isna(v) else float(v)) for v in values]
+    if not column.spread:
+        return texts
+    spreads = frame[column.spread]
+    return [
+        text if pd.isna(spread) else f"{text} ± {column.text(float(spread))}"
+        for text, spread in zip(texts, spreads, strict=True)
+    ]

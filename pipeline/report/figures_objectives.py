@@ -13,6 +13,7 @@ from pipeline.report import paper_values
 from pipeline.report.axes import fit_scale
 from pipeline.report.results import PREDICTED
 from pipeline.report.style import EXPERTS, PAGE_WIDTH, Style, in_order, in_style, name_of
+from pipeline.report.summary import SPREAD
 
 RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}
 ROW_HEIGHT = 0.3
@@ -57,9 +58,12 @@ def _dots(
         planner, recipe = str(row["planner"]), str(row["recipe"])
         shift = OFFSET * (2 * recipes.index(recipe) - len(recipes) + 1) if recipe in recipes else 0
         hollow = row["reading"] == PREDICTED
-        ax.plot(
-            row[value],
+        ax.errorbar(
+            float(row[value]),
             planners.index(planner) + shift,
+            xerr=None if pd.isna(row[SPREAD[value]]) else float(row[SPREAD[value]]),
+            ecolor=look[planner].colour,
+            elinewidth=0.9,
             linestyle="none",
             marker=RECIPE_MARKERS.get(recipe, "D"),
             markerfacecolor="white" if hollow else look[planner].colour,

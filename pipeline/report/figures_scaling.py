@@ -13,6 +13,7 @@ from pipeline.report import paper_values
 from pipeline.report.axes import fit_scale
 from pipeline.report.results import FLOWN, PLAN, PREDICTED
 from pipeline.report.style import PAGE_WIDTH, Style, in_order, in_style, is_network, name_of
+from pipeline.report.summary import SPREAD
 
 Points = Mapping[int, Mapping[str, float]]
 """What the paper reports: by n, then by planner."""
@@ -62,6 +63,7 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
     """One quantity against n: a row of panels for each reading, a column for each recipe.
 
     Experts, baselines and planners without a recipe whose output is a plan stand in every panel.
+    A band is the standard deviation between trainings, where there are several.
     """
     rows = summary.dropna(subset=[what.value])
     # A network whose output is a plan stands with those that are flown, by its recipe.
@@ -103,6 +105,10 @@ def _panel(ax: Axes, rows: pd.DataFrame, what: Quantity, look: Mapping[str, Styl
             linestyle=style.line,
             markevery=_every(len(line), k),
         )
+        spread = SPREAD.get(what.value)
+        if spread and line[spread].notna().any():
+            low, high = line[what.value] - line[spread], line[what.value] + line[spread]
+            ax.fill_between(line["n"], low, high, color=style.colour, alpha=0.2, linewidth=0)
     for n, quoted in (what.paper or {}).items():
         _paper_points(ax, n, quoted, planners, look)
 

@@ -44,10 +44,11 @@ def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
 
 def _panel(ax: Axes, curves: pd.DataFrame, look: Mapping[str, Style]) -> None:
     for arch in in_order(curves["arch"]):
-        rows = curves[curves["arch"] == arch].sort_values("epoch")
         colour = look[arch].colour
-        ax.plot(rows["epoch"], rows["train_loss"], color=colour, linewidth=0.8, linestyle=":")
-        ax.plot(rows["epoch"], rows["valid_loss"], color=colour)
+        for _, rows in curves[curves["arch"] == arch].groupby("training_seed"):
+            line = rows.sort_values("epoch")
+            ax.plot(line["epoch"], line["train_loss"], color=colour, linewidth=0.8, linestyle=":")
+            ax.plot(line["epoch"], line["valid_loss"], color=colour)
     ax.margins(x=0.02)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
     losses = curves[["train_loss", "valid_loss"]].to_numpy(dtype=float)

@@ -20,19 +20,19 @@ PLAN = "plan"
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "trials": (
-        *("planner", "recipe", "reading", "n", "trial", "node_collisions", "pair_conflicts"),
-        *("safe", "min_separation", "fuel", "fuel_lower_bound", "boundary_error"),
+        *("planner", "recipe", "training_seed", "reading", "n", "trial", "node_collisions"),
+        *("pair_conflicts", "safe", "min_separation", "fuel", "fuel_lower_bound", "boundary_error"),
         *("dynamics_error", "seconds", "convex_solves"),
     ),
     "warmstarts": (
-        *("n", "trial", "seed", "rule", "convex_solves", "seconds", "optimality_gap", "fuel"),
-        *("safe", "status"),
+        *("n", "trial", "seed", "training_seed", "rule", "convex_solves", "seconds"),
+        *("optimality_gap", "fuel", "safe", "status"),
     ),
     "training": (
-        *("arch", "recipe", "version", "parameters", "epochs", "best_epoch", "valid_loss"),
-        *("seconds", "device", "train_instances", "weights_kib"),
+        *("arch", "recipe", "training_seed", "version", "parameters", "epochs", "best_epoch"),
+        *("valid_loss", "seconds", "device", "train_instances", "weights_kib"),
     ),
-    "curves": ("arch", "recipe", "epoch", "train_loss", "valid_loss"),
+    "curves": ("arch", "recipe", "training_seed", "epoch", "train_loss", "valid_loss"),
 }
 """The columns that each table must have."""
 
@@ -61,10 +61,11 @@ class Results:
     """Tables as the experiments leave them; all but ``trials`` may be absent or empty.
 
     Attributes:
-        trials: a row for each planner, recipe, reading, n and trial (experiments 1 and 2).
-        warmstarts: a row for each n, trial, seed and stopping rule (experiment 3).
+        trials: a row for each planner, recipe, training seed, reading, n and trial
+            (experiments 1 and 2).
+        warmstarts: a row for each n, trial, seed, training seed and stopping rule (experiment 3).
         training: a row for each trained model.
-        curves: a row for each arch, recipe and epoch.
+        curves: a row for each arch, recipe, training seed and epoch.
         examples: transfers to draw.
         facts: what the provenance table states, by name.
 

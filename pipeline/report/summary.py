@@ -1,11 +1,10 @@
-"""Trials and warm starts averaged over their repetitions."""
+"""Trials averaged over scenarios and over training seeds."""
 
-import numpy as np
 import pandas as pd
 
 from pipeline.report.paper_values import NETWORK_SIZE
 from pipeline.report.results import FLOWN, PLAN, PREDICTED
-from pipeline.report.style import in_order, planner_of
+from pipeline.report.style import in_order
 
 GROUP = ["planner", "recipe", "reading", "n"]
 """What a row of the summary stands for."""
@@ -16,15 +15,27 @@ NO_FUEL = 1e-9
 RECIPES = ["", "paper", "tuned"]
 READINGS = [PLAN, PREDICTED, FLOWN]
 
+SPREAD = {
+    "collisions_mean": "collisions_spread",
+    "safe_share": "safe_spread",
+    "fuel_mean": "fuel_spread",
+    "fuel_ratio": "fuel_ratio_spread",
+}
+"""By column of the summary, the one that holds its spread over the training seeds."""
+
 
 def summarize(trials: pd.DataFrame) -> pd.DataFrame:
     """Averages over the trials of each planner, recipe, reading and n, in reading order.
 
+    A network that was trained with several seeds has one row, the average of its trainings; the
+    spread is the standard deviation between them.
+
     Returns:
-        ``GROUP`` and trials, collisions_mean, collisions_max, conflicts_mean, safe_share (NaN
-        where predicted), separation_min (m), fuel_mean (m/s²), bound_mean, fuel_ratio (mean over
-        the trials of fuel / bound), boundary_error and dynamics_error (mean, m), seconds_mean,
-        convex_solves_mean.
+        ``GROUP`` and seeds (trainings averaged), trials, collisions_mean, collisions_max,
+        conflicts_mean, safe_share (NaN where predicted), separation_min (m), fuel_mean (m/s²),
+        bound_mean, fuel_ratio (mean over the trials of fuel / bound), boundary_error and
+        dynamics_error (mean, m), seconds_mean, convex_solves_mean, and the columns of ``SPREAD``
+        (NaN where there is one training).
     """
     bound = trials["fuel_lower_bound"].astype(float)
     rows = trials.assign(
@@ -32,7 +43,7 @@ def summarize(trials: pd.DataFrame) -> pd.DataFrame:
         safe=as_share(trials["safe"]).where(trials["reading"] != PREDICTED),
         fuel_ratio=trials["fuel"].astype(float) / bound.where(bound > NO_FUEL),
     )
-    summary = rows.groupby(GROUP, as_index=False, sort=False).agg(
+    each = rows.groupby([*GROUP, "training_seed"], as_index=False, sort=False).agg(
         trials=("trial", "nunique"),
         collisions_mean=("node_collisions", "mean"),
         collisions_max=("node_collisions", "max"),
@@ -47,41 +58,7 @@ def summarize(trials: pd.DataFrame) -> pd.DataFrame:
         seconds_mean=("seconds", "mean"),
         convex_solves_mean=("convex_solves", "mean"),
     )
-    return _ordered(summary)
-
-
-def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
-    """Averages over the trials of each n, rule and seed.
-
-    Returns:
-        n, rule, seed, trials, solves_mean, one_solve_share (at most one convex solve),
-        seconds_median, time_ratio (to the median of seed "none" at the same n and rule; NaN
-        without one), gap_mean (of the finite gaps), fuel_mean, safe_share.
-    """
-    gap = warmstarts["optimality_gap"].astype(float)
-    rows = warmstarts.assign(
-        one=(warmstarts["convex_solves"] <= 1).astype(float),
-        safe=as_share(warmstarts["safe"]),
-        gap=gap.where(np.isfinite(gap)),
-    )
-    summary = rows.groupby(["n", "rule", "seed"], as_index=False, sort=False).agg(
-        trials=("trial", "nunique"),
-        solves_mean=("convex_solves", "mean"),
-        one_solve_share=("one", "mean"),
-        seconds_median=("seconds", "median"),
-        gap_mean=("gap", "mean"),
-        fuel_mean=("fuel", "mean"),
-        safe_share=("safe", "mean"),
-    )
-    none = summary[summary["seed"] == "none"].set_index(["n", "rule"])["seconds_median"]
-    base = none.reindex(pd.MultiIndex.from_frame(summary[["n", "rule"]])).to_numpy(dtype=float)
-    summary.insert(7, "time_ratio", summary["seconds_median"].to_numpy(dtype=float) / base)
-    order = {seed: k for k, seed in enumerate(seeds_in_order(summary["seed"]))}
-    return summary.sort_values(
-        ["n", "rule", "seed"],
-        key=lambda c: c.map(order) if c.name == "seed" else c,
-        ignore_index=True,
-    )
+    return _ordered(_over_seeds(each))
 
 
 def reference_size(trials: pd.DataFrame) -> int:
@@ -90,17 +67,20 @@ def reference_size(trials: pd.DataFrame) -> int:
     return min(sizes, key=lambda n: abs(n - NETWORK_SIZE))
 
 
-def seeds_in_order(seeds: "pd.Series[str]") -> list[str]:
-    """Distinct seeds: none first, then by planner and recipe."""
-    planners = in_order(planner_of(s) for s in seeds)
-    return sorted(
-        {str(s) for s in seeds}, key=lambda s: (s != "none", planners.index(planner_of(s)), s)
-    )
-
-
 def as_share(safe: "pd.Series[bool]") -> "pd.Series[float]":
     """1 where safe, 0 where not or not claimed."""
     return safe.astype("boolean").fillna(False).astype(float)
+
+
+def _over_seeds(each: pd.DataFrame) -> pd.DataFrame:
+    """One row for the trainings that differ in their seed alone."""
+    extremes = {"trials": "max", "collisions_max": "max", "separation_min": "min"}
+    values = [c for c in each.columns if c not in (*GROUP, "training_seed")]
+    groups = each.groupby(GROUP, as_index=False, sort=False)
+    summary = groups.agg({c: extremes.get(c, "mean") for c in values})
+    summary.insert(len(GROUP), "seeds", groups["training_seed"].nunique()["training_seed"])
+    spread = groups[list(SPREAD)].std().rename(columns=SPREAD)
+    return summary.assign(**{column: spread[column] for column in SPREAD.values()})
 
 
 def _ordered(summary: pd.DataFrame) -> pd.DataFrame:

@@ -9,7 +9,7 @@ from pipeline.evaluation.trials import Entrant
 from pipeline.expert import Expert, Settings
 from pipeline.networks.flown import Flown
 from pipeline.networks.model import Model
-from registry.models import latest_of_each_recipe, load
+from registry.models import load, newest_trainings
 from registry.version import ModelVersion
 
 
@@ -20,7 +20,8 @@ class Network:
     Attributes:
         model: the network.
         version: what the registry knows about it.
-        name: what tables call it: its architecture, with the version where two would be alike.
+        name: what tables call it: its architecture, with the version where two would be alike
+            in recipe and training seed too.
     """
 
     model: Model
@@ -29,28 +30,30 @@ class Network:
 
     @property
     def label(self) -> str:
-        """Name and recipe."""
+        """Name and recipe; trainings that differ in their seed alone share it."""
         return f"{self.name} {self.version.recipe}"
 
     @property
     def entrant(self) -> Entrant:
         """The network flown, and as predicted."""
         flown = Flown(self.model, self.name, fuel_lower_bounds)
-        return Entrant(flown, self.version.recipe, self.model)
+        return Entrant(flown, self.version.recipe, self.version.training_seed, self.model)
 
 
 def networks(references: Sequence[str]) -> list[Network]:
-    """The networks of some references; without any, the newest of each recipe.
+    """The networks of some references; without any, the newest of each recipe and training seed.
 
     Raises:
         InputError: for a reference to nothing.
         ProlearnError: where the store fails.
     """
-    chosen: Sequence[str | ModelVersion] = references or latest_of_each_recipe()
+    chosen: Sequence[str | ModelVersion] = references or newest_trainings()
     found = {version.uri: (model, version) for model, version in map(load, chosen)}
-    labels = Counter(version.label for _, version in found.values())
+    alike = Counter((v.label, v.training_seed) for _, v in found.values())
     return [
-        Network(model, v, v.arch if labels[v.label] == 1 else f"{v.arch}/{v.version}")
+        Network(
+            model, v, v.arch if alike[v.label, v.training_seed] == 1 else f"{v.arch}/{v.version}"
+        )
         for model, v in found.values()
     ]
 

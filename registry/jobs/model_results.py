@@ -8,9 +8,12 @@ import pandas as pd
 from pipeline.dataset.folder import Where
 from pipeline.report.figures_scaling import COLLISIONS, FUEL, SAFE, scaling_figure
 from pipeline.report.figures_transfer import figure_transfer
-from pipeline.report.results import PREDICTED, Example
+from pipeline.report.results import PREDICTED
 from pipeline.report.style import save, styles
-from registry.jobs.entrants import Network
+from pipeline.report.summary import summarize
+from pipeline.scenario import Scenario
+from registry.jobs.entrants import Network, unlearned
+from registry.jobs.example import example_transfer
 from registry.results import ModelResults, add_model_results
 
 COMPARED = {
@@ -32,26 +35,28 @@ EXPERT = "expert"
 
 
 def add_to_model(
-    network: Network, summary: pd.DataFrame, example: Example, data: Where, digest: str
+    network: Network, trials: pd.DataFrame, scenario: Scenario, data: Where, digest: str
 ) -> None:
     """Add metrics, figures and the dataset to a network's run.
 
     Args:
         network: the network.
-        summary: of all planners, as ``pipeline.report.summary.summarize`` gives it.
-        example: one transfer as every planner flies it.
+        trials: of all planners, columns of ``pipeline.evaluation.trials.Trial``.
+        scenario: a transfer to draw.
         data: the dataset's folder.
         digest: of its content.
 
     Raises:
         ProlearnError: where the store fails.
     """
-    mine = summary[(summary.planner == network.name) & (summary.recipe == network.version.recipe)]
+    version = network.version
+    same = (trials.planner == network.name) & (trials.recipe == version.recipe)
+    mine = summarize(trials[same & (trials.training_seed == version.training_seed)])
+    beside = summarize(trials[trials.planner == EXPERT])
     with TemporaryDirectory(prefix="prolearn-") as scratch:
-        beside = pd.concat([summary[summary.planner == EXPERT], mine])
-        _draw(Path(scratch), beside, _only(example, network))
+        _draw(Path(scratch), pd.concat([beside, mine]), network, scenario)
         results = ModelResults(_metrics(mine, network.model.n_train), Path(scratch))
-        add_model_results(network.version, results, data=str(data), digest=digest)
+        add_model_results(version, results, data=str(data), digest=digest)
 
 
 def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
@@ -70,16 +75,11 @@ def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
     return found
 
 
-def _draw(folder: Path, summary: pd.DataFrame, example: Example) -> None:
+def _draw(folder: Path, summary: pd.DataFrame, network: Network, scenario: Scenario) -> None:
     """Figures of experiment 2 and of one transfer, beside the expert's."""
     look = styles(summary["planner"])
     for name, quantity in (("collisions", COLLISIONS), ("fuel", FUEL), ("safe", SAFE)):
         save(scaling_figure(summary, quantity, look), folder / name, [".png"])
+    expert = next(e for e in unlearned() if e.planner.name == EXPERT)
+    example = example_transfer(scenario, [expert, network.entrant])
     save(figure_transfer(example), folder / "transfer", [".png"])
-
-
-def _only(example: Example, network: Network) -> Example:
-    """The transfer as the expert and one network fly it."""
-    wanted = (EXPERT, f"{network.name} {network.version.recipe}")
-    tracks = {label: example.tracks[label] for label in wanted if label in example.tracks}
-    return Example(example.title, example.initial, example.goal, tracks, example.collision_radius)

@@ -1,7 +1,7 @@
 """Train one network on a dataset and register it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from pipeline.dataset.folder import Where
@@ -10,9 +10,35 @@ from pipeline.dataset.stream import MEMORY, examples_within
 from pipeline.training.loop import Epoch, train
 from pipeline.training.recipes import recipe_for
 from pipeline.training.validation import position_rmse
+from registry.models import list_versions
 from registry.store import connect
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
+
+
+def trained_before(
+    arch: str, recipe: str, data: Where, *, n: int, seed: int, changes: Mapping[str, Any]
+) -> ModelVersion | None:
+    """The newest version that was trained like this on the same data, where there is one.
+
+    Raises:
+        InputError: for an unknown name, a missing dataset, or settings that make no sense.
+        ProlearnError: where the store fails.
+    """
+    connect()
+    fields = asdict(replace(recipe_for(arch, recipe), **changes))
+    wanted = {
+        "arch": arch,
+        "recipe": fields.pop("name"),
+        "most_epochs": fields.pop("epochs"),
+        **fields,
+        "seed": seed,
+        "n_spacecraft": n,
+        "dataset_digest": read_manifest(data).digest(),
+    }
+    same = {key: str(value) for key, value in wanted.items()}.items()
+    found = [version for version in list_versions() if same <= version.params.items()]
+    return found[-1] if found else None
 
 
 def train_model(

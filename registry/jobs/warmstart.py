@@ -9,7 +9,8 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.evaluation.warmstart import run_warmstarts
 from registry.jobs.entrants import networks
 from registry.jobs.evaluate import test_scenarios
-from registry.results import record_warmstart
+from registry.results import Outcome, earlier_run, record_warmstart
+from registry.store import WARMSTART
 
 
 def warmstart(
@@ -18,19 +19,18 @@ def warmstart(
     *,
     sizes: Sequence[int],
     trials: int,
+    resume: bool = False,
     report: Callable[[int], None] = lambda trials: None,
-) -> str:
+) -> Outcome:
     """Start the expert from every seed on the same scenarios, and record it.
 
     Args:
-        references: models; none means the newest of each architecture and recipe.
+        references: models; none means the newest of each architecture, recipe and seed.
         data: a solved dataset.
         sizes: swarm sizes.
         trials: most scenarios of a size.
+        resume: leave it where it was done before, with the same data, models and settings.
         report: called after each scenario.
-
-    Returns:
-        The id of the MLflow run.
 
     Raises:
         InputError: for unknown models or sizes that are not in the dataset.
@@ -38,15 +38,19 @@ def warmstart(
     """
     scenarios = {n: test_scenarios(data, n, trials) for n in sizes}
     learned = networks(references)
-    predictors = {network.label: network.model for network in learned}
-    tables = [run_warmstarts(predictors, scenarios[n], report=lambda: report(1)) for n in sizes]
+    predictors = {(net.label, net.version.training_seed): net.model for net in learned}
     digest = read_manifest(data).digest()
     params = {
         "data": str(data),
         "dataset_digest": digest,
         "sizes": ",".join(str(n) for n in sizes),
         "trials": max(len(s) for s in scenarios.values()),
-        "seeds": ",".join(predictors),
+        "seeds": ",".join(dict.fromkeys(label for label, _ in predictors)),
+        "models": ",".join(network.version.uri for network in learned),
     }
+    if resume and (earlier := earlier_run(WARMSTART, params)):
+        return Outcome(earlier, earlier=True)
+    tables = [run_warmstarts(predictors, scenarios[n], report=lambda: report(1)) for n in sizes]
     used = (str(data), digest)
-    return record_warmstart(pd.concat(tables, ignore_index=True), params=params, dataset=used)
+    table = pd.concat(tables, ignore_index=True)
+    return Outcome(record_warmstart(table, params=params, dataset=used))

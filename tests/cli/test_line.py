@@ -21,8 +21,19 @@ def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
     trained = run("train", "--arch", "ff1,lstm1", "--data", "data", "--n", 4, "--epochs", 2)
     assert "prolearn-ff1 version 1" in trained
     assert "prolearn-lstm1 version 1" in trained
-    run("evaluate", "--data", "data", "--trials", 2, "--timed", 1)
-    run("warmstart", "--data", "data", "--n", "4", "--trials", 1)
+    evaluate = ("evaluate", "--data", "data", "--trials", 2, "--timed", 1, "--resume")
+    warmstart = ("warmstart", "--data", "data", "--n", "4", "--trials", 1, "--resume")
+    assert "Evaluated; " in run(*evaluate)
+    assert "Warm starts done; " in run(*warmstart)
+    again = ("--data", "data", "--n", 4, "--epochs", 2, "--seed", "0,1", "--resume")
+    resumed = run("train", "--arch", "ff1", *again)
+    assert "Trained before: prolearn-ff1 version 1" in resumed
+    assert "Trained before: prolearn-ff1 version 2" not in resumed
+    assert "prolearn-ff1 version 2" in resumed
+    assert "Evaluated; " in run(*evaluate)  # there is another model now
+    assert "Evaluated before; " in run(*evaluate)
+    assert "Warm starts done; " in run(*warmstart)
+    assert "Warm starts done before; " in run(*warmstart)
     run("report", "--out", "report")
     page = (tmp_path / "report" / "report.html").read_text()
     for words in ("Experiment 1", "Experiment 2", "Experiment 3", "FF1", "LSTM1", "Expert"):

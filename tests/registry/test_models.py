@@ -11,7 +11,8 @@ import pytest
 from pipeline.errors import InputError, ProlearnError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
-from registry.models import latest_of_each_recipe, list_versions, load, promote, resolve
+from registry.jobs.entrants import networks
+from registry.models import list_versions, load, newest_trainings, promote, resolve
 from registry.store import TRAINING, connect
 from registry.tables import training_table
 from registry.training import DatasetInfo, record_training
@@ -24,11 +25,11 @@ class Project:
     def __init__(self, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> None:
         self.trained, self.recipe, self.dataset = trained, recipe, dataset
 
-    def train(self, rmse: float, recipe: str = "tuned") -> ModelVersion:
+    def train(self, rmse: float, recipe: str = "tuned", seed: int = 3) -> ModelVersion:
         return record_training(
             self.trained,
             recipe=replace(self.recipe, name=recipe),
-            seed=3,
+            seed=seed,
             dataset=self.dataset,
             metrics={"valid_position_rmse": rmse},
         )
@@ -78,6 +79,7 @@ def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
     assert tables.curves.to_dict("list") == {
         "arch": ["ff1", "ff1"],
         "recipe": ["tuned", "tuned"],
+        "training_seed": [3, 3],
         "epoch": [1, 2],
         "train_loss": [epoch.train_loss for epoch in history],
         "valid_loss": [epoch.valid_loss for epoch in history],
@@ -92,7 +94,7 @@ def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) ->
     for rmse, recipe in ((3.0, "paper"), (2.0, "tuned"), (4.0, "paper")):
         project.train(rmse, recipe)
 
-    newest = [(v.recipe, v.version) for v in latest_of_each_recipe()]
+    newest = [(v.recipe, v.version) for v in newest_trainings()]
     assert newest == [("paper", 3), ("tuned", 2)]
     assert list(training_table().training["version"]) == [3, 2]
 
@@ -295,3 +297,17 @@ def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
     (kept,) = (folder / "unregistered").iterdir()
     assert kept.name.startswith("ff1-")
     assert (kept / "weights.safetensors").stat().st_size > 200_000
+
+
+def test_trainings_with_other_seeds_stand_side_by_side(project: Project) -> None:
+    for seed in (1, 0, 1):
+        project.train(2.0, seed=seed)
+
+    newest = newest_trainings()
+    assert [(v.training_seed, v.version) for v in newest] == [(0, 2), (1, 3)]
+    together = networks([])
+    assert [(net.label, net.version.training_seed) for net in together] == [
+        ("ff1 tuned", 0),
+        ("ff1 tuned", 1),
+    ]
+    assert [net.label for net in networks(["ff1/1", "ff1/3"])] == ["ff1/1 tuned", "ff1/3 tuned"]

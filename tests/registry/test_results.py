@@ -11,6 +11,7 @@ from registry.models import resolve
 from registry.results import (
     ModelResults,
     add_model_results,
+    earlier_run,
     fetch_files,
     latest_evaluation,
     latest_warmstart,
@@ -129,3 +130,15 @@ def test_metrics_by_swarm_size_become_a_curve_over_n(
         add(version, folder, {"exp2_flown_fuel_mean": fuel}, step=n)
     curve = connect().client.get_metric_history(version.run_id, "exp2_flown_fuel_mean")
     assert {m.step: m.value for m in curve} == {2: 0.01, 10: 0.05, 30: 0.15}
+
+
+def test_an_experiment_was_done_earlier_only_with_the_same_parameters(folder: Path) -> None:
+    assert earlier_run(EVALUATION, {"trials": 100}) is None
+    run_id = record_evaluation(TRIALS, params={"trials": 100, "sizes": "10"})
+
+    assert earlier_run(EVALUATION, {"sizes": "10", "trials": 100}) == run_id
+    assert earlier_run(EVALUATION, {"sizes": "10", "trials": 99}) is None
+    assert earlier_run(EVALUATION, {"sizes": "10"}) is None
+    record_evaluation(TRIALS, params={"trials": 5, "sizes": "10"})
+    # the report shows the newest results, so older ones do not count as done
+    assert earlier_run(EVALUATION, {"sizes": "10", "trials": 100}) is None

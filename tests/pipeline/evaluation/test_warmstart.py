@@ -23,7 +23,7 @@ class Oracle:
 
 @pytest.fixture(scope="module")
 def table():
-    return run_warmstarts({"oracle": Oracle()}, SCENARIOS)
+    return run_warmstarts({("oracle", 0): Oracle()}, SCENARIOS)
 
 
 def test_every_seed_and_rule_has_a_row_for_every_scenario(table):

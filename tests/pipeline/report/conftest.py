@@ -15,6 +15,7 @@ def planted(planner, recipe, reading, n, collisions, fuel, safe, **more):
     row = {
         "planner": planner,
         "recipe": recipe,
+        "training_seed": 0,
         "reading": reading,
         "n": n,
         "fuel_lower_bound": 1.0,
@@ -44,12 +45,13 @@ def one_size(n):
     ]
 
 
-def warm(n, rule, seed, solves, seconds, gaps, safe=True):
+def warm(n, rule, seed, solves, seconds, gaps, safe=True, training_seed=0):
     return [
         {
             "n": n,
             "rule": rule,
             "seed": seed,
+            "training_seed": training_seed,
             "trial": k,
             "convex_solves": c,
             "seconds": t,
@@ -105,6 +107,7 @@ def results(trials, warmstarts, example) -> Results:
             {
                 "arch": arch,
                 "recipe": "paper",
+                "training_seed": 0,
                 "version": "1",
                 "parameters": 1234,
                 "epochs": 30,
@@ -120,7 +123,8 @@ def results(trials, warmstarts, example) -> Results:
     )
     curves = pd.DataFrame(
         [
-            {"arch": a, "recipe": "paper", "epoch": e, "train_loss": 1 / e, "valid_loss": 2 / e}
+            {"arch": a, "recipe": "paper", "training_seed": 0, "epoch": e}
+            | {"train_loss": 1 / e, "valid_loss": 2 / e}
             for a in ("ff1", "lstm1", "my net")
             for e in (1, 2, 3)
         ]

@@ -70,3 +70,25 @@ def test_the_papers_finding_on_the_families_is_judged_in_its_own_reading(rows):
 def test_without_a_flown_network_the_questions_stay_open(trials):
     only = trials[trials["planner"].isin(["expert", "minimum energy"])]
     assert "stay open" in answers(summarize(only), 10)
+
+
+def test_a_difference_within_the_spread_of_the_seeds_is_no_finding(rows):
+    def seeded(*forward):
+        return pd.DataFrame(
+            [
+                row
+                for seed, collisions in enumerate(forward)
+                for row in rows(
+                    *("ff1", "paper", "predicted", 30, [collisions] * 2, [1.0] * 2, [None] * 2),
+                    training_seed=seed,
+                )
+            ]
+            + rows("ff1", "paper", "flown", 30, [0, 0], [1.0] * 2, [True] * 2)
+            + rows("lstm1", "paper", "predicted", 30, [7, 7], [1.0] * 2, [None] * 2)
+        )
+
+    sure = answers(summarize(seeded(4, 5, 6)), 30)
+    assert "our numbers confirm" in sure
+    assert "FF1 5.00 ± 1.00 against LSTM1 7.00" in sure
+    unsure = answers(summarize(seeded(2, 5, 8)), 30)  # the same average, three apart
+    assert "our numbers neither confirm nor contradict" in unsure

@@ -4,7 +4,8 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.report import Results
-from pipeline.report.summary import reference_size, summarize, summarize_warmstarts
+from pipeline.report.summary import reference_size, summarize
+from pipeline.report.summary_warmstart import summarize_warmstarts
 
 
 def row(table, **keys):
@@ -94,3 +95,39 @@ def test_results_without_trials_or_columns_are_refused_with_what_to_do(trials):
         Results(trials.drop(columns=["seconds", "fuel"]))
     with pytest.raises(InputError, match="'curves' lacks"):
         Results(trials, curves=pd.DataFrame({"arch": ["ff1"]}))
+
+
+def seeds_of_ff1(rows):
+    """Two trainings of one network: 1 and 3 collisions, fuel 2 and 4, on average."""
+    return pd.DataFrame(
+        [
+            *rows("ff1", "tuned", "flown", 10, [0, 2], [1.0, 3.0], [True, True]),
+            *rows("ff1", "tuned", "flown", 10, [2, 4], [3.0, 5.0], [True, False], training_seed=1),
+            *rows("expert", "", "plan", 10, [0, 0], [1.0, 1.0], [True, True]),
+        ]
+    )
+
+
+def test_trainings_that_differ_in_seed_are_averaged_with_their_spread(rows):
+    summary = summarize(seeds_of_ff1(rows))
+    ff1 = row(summary, planner="ff1")
+    assert (ff1["seeds"], ff1["trials"]) == (2, 2)
+    assert (ff1["collisions_mean"], ff1["collisions_max"]) == (2.0, 4)
+    assert ff1["collisions_spread"] == pytest.approx(2**0.5)  # of 1 and 3, with n - 1
+    assert (ff1["fuel_mean"], ff1["safe_share"]) == (3.0, 0.75)
+    assert ff1["safe_spread"] == pytest.approx(0.5**0.5 / 2)  # of 1 and 1/2
+    expert = row(summary, planner="expert")
+    assert expert["seeds"] == 1
+    assert np.isnan(expert["collisions_spread"])
+
+
+def test_the_spread_of_warm_starts_is_that_between_trainings(warmstarts):
+    further = warmstarts[warmstarts["seed"] == "ff1 tuned"].assign(training_seed=1)
+    further = further.assign(seconds=3 * further["seconds"])
+    summary = summarize_warmstarts(pd.concat([warmstarts, further]))
+    ff1 = row(summary, seed="ff1 tuned", rule="first safe")
+    assert ff1["seeds"] == 2
+    assert ff1["seconds_median"] == pytest.approx(0.2)  # of 0.1 and 0.3
+    assert ff1["time_ratio"] == pytest.approx(0.5)  # to 0.4 without a seed
+    assert ff1["ratio_spread"] == pytest.approx(0.5 / 2**0.5)  # of 0.25 and 0.75
+    assert ff1["gap_spread"] == 0.0

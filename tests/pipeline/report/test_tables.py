@@ -1,3 +1,4 @@
+import pandas as pd
 import pytest
 
 from pipeline.report import paper_values
@@ -117,3 +118,20 @@ def test_the_paper_quotes_every_architecture_in_each_of_its_tables():
     names = {"ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol"}
     assert set(paper_values.NEURONS) == set(paper_values.TRAIN_SECONDS) == names
     assert set(paper_values.OBJECTIVES) == names | {"expert"}
+
+
+def test_averages_over_training_seeds_show_their_spread(trials, results):
+    further = trials[trials["planner"] == "ff1"].assign(training_seed=1)
+    further["fuel"] += 1.0
+    summary = summarize(pd.concat([trials, further]))
+    table = objectives_table(summary, 10)
+    ff1 = next(r for r in cells(table)[1] if r[:3] == ["FF1", "paper", "flown"])
+    assert ff1[3] == "1.50 ± 0"
+    assert ff1[9] == "3.50 ± 0.707"
+    assert "± the standard deviation" in table.caption
+    fuel = scaling_tables(summary)[2]
+    assert ["FF1", "paper", "flown", "3.500 ± 0.707", "3.500 ± 0.707"] in cells(fuel)[1]
+    training = pd.concat([results.training, results.training.assign(training_seed=1, version="2")])
+    header, body = cells(training_table(training))
+    assert [r[header.index("Versions")] for r in body] == ["1, 2"] * 3
+    assert [r[header.index("Time (s)")] for r in body] == ["12.5 ± 0"] * 3
