@@ -68,13 +68,13 @@ def train(
     Examples:
 
         prolearn train --arch lstm2
-        prolearn train --arch ff1,ff2,ffcol --recipe paper --data data/demo --epochs 20
+        prolearn train --arch ff1,ff2,ffcol --recipe paper --epochs 20
         prolearn train --arch ff1,lstm1 --seed 0..2 --resume
     """
     most = {one: _most_epochs(one, recipe, epochs) for one in name_list(arch)}
     if not most:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from registry.jobs.train import train_model, trained_before
+    from registry.jobs.train import TrainingSettings, train_model, trained_before
 
     seeds = int_list(seed, "--seed", least=0)
     changes = {
@@ -87,28 +87,18 @@ def train(
     }
     changes = {name: value for name, value in changes.items() if value is not None}
     for one, k in product(most, seeds):
-        if resume:
-            version = trained_before(one, recipe, data, n=n, seed=k, changes=changes)
-            if version is not None:
-                typer.echo(f"Trained before: {_summary(version)}")
-                continue
+        how = TrainingSettings(one, recipe, n=n, seed=k, changes=changes)
+        earlier = trained_before(how, data) if resume else None
+        if earlier is not None:
+            typer.echo(f"Trained before: {_summary(earlier)}")
+            continue
         title = f"training {one} ({recipe})" + (f", seed {k}" if len(seeds) > 1 else "")
         with progress(title, most[one]) as advance:
 
             def report(epoch: "Epoch", advance: Advance = advance) -> None:
                 advance(1, f"validation loss {epoch.valid_loss:.4g}")
 
-            version = train_model(
-                one,
-                recipe,
-                data,
-                n=n,
-                seed=k,
-                device=device,
-                changes=changes,
-                on_epoch=report,
-                memory=memory * 1e9,
-            )
+            version = train_model(how, data, device=device, on_epoch=report, memory=memory * 1e9)
         typer.echo(_summary(version))
 
 

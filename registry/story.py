@@ -91,6 +91,12 @@ def story_of(
     )
 
 
+def recipe_params(recipe: Recipe) -> dict[str, Any]:
+    """A recipe as parameters of a run, where ``epochs`` is what the training took."""
+    fields = asdict(recipe)
+    return {"recipe": fields.pop("name"), "most_epochs": fields.pop("epochs"), **fields}
+
+
 def read_story(path: Path) -> Story:
     """The story in a file that ``registry.unregistered.keep`` wrote.
 
@@ -147,12 +153,10 @@ def dataset_input(
 
 
 def _params(trained: Trained, recipe: Recipe, seed: int, dataset: DatasetInfo) -> dict[str, Any]:
-    fields, about = asdict(recipe), asdict(dataset)
+    about = asdict(dataset)
     return {
         "arch": trained.model.architecture,
-        "recipe": fields.pop("name"),
-        "most_epochs": fields.pop("epochs"),
-        **fields,
+        **recipe_params(recipe),
         "epochs": len(trained.history),
         "seed": seed,
         "device": trained.device,

@@ -1,68 +1,80 @@
 """Train one network on a dataset and register it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.stream import MEMORY, examples_within
 from pipeline.training.loop import Epoch, train
-from pipeline.training.recipes import recipe_for
+from pipeline.training.recipes import Recipe, recipe_for
 from pipeline.training.validation import position_rmse
 from registry.models import list_versions
 from registry.store import connect
+from registry.story import recipe_params
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
 
 
-def trained_before(
-    arch: str, recipe: str, data: Where, *, n: int, seed: int, changes: Mapping[str, Any]
-) -> ModelVersion | None:
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What a training is told; on the same data the same settings give the same network.
+
+    Attributes:
+        arch: name of the architecture.
+        recipe: name of the recipe.
+        n: swarm size to train on.
+        seed: of weights, order and dropout.
+        changes: fields of the recipe to set otherwise.
+    """
+
+    arch: str
+    recipe: str
+    n: int = 10
+    seed: int = 0
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def followed(self) -> Recipe:
+        """The recipe with its changes; InputError for an unknown name or a bad value."""
+        return replace(recipe_for(self.arch, self.recipe), **self.changes)
+
+
+def trained_before(how: TrainingSettings, data: Where) -> ModelVersion | None:
     """The newest version that was trained like this on the same data, where there is one.
 
     Raises:
         InputError: for an unknown name, a missing dataset, or settings that make no sense.
         ProlearnError: where the store fails.
     """
-    connect()
-    fields = asdict(replace(recipe_for(arch, recipe), **changes))
     wanted = {
-        "arch": arch,
-        "recipe": fields.pop("name"),
-        "most_epochs": fields.pop("epochs"),
-        **fields,
-        "seed": seed,
-        "n_spacecraft": n,
+        **recipe_params(how.followed),
+        "arch": how.arch,
+        "seed": how.seed,
+        "n_spacecraft": how.n,
         "dataset_digest": read_manifest(data).digest(),
     }
+    connect()
     same = {key: str(value) for key, value in wanted.items()}.items()
     found = [version for version in list_versions() if same <= version.params.items()]
     return found[-1] if found else None
 
 
 def train_model(
-    arch: str,
-    recipe: str,
+    how: TrainingSettings,
     data: Where,
     *,
-    n: int,
-    seed: int,
     device: str,
-    changes: Mapping[str, Any],
     on_epoch: Callable[[Epoch], None],
     memory: float = MEMORY,
 ) -> ModelVersion:
-    """Train an architecture by a recipe and register the model.
+    """Train a network and register the model.
 
     Args:
-        arch: name of the architecture.
-        recipe: name of the recipe.
+        how: what to train.
         data: a solved dataset.
-        n: swarm size to train on.
-        seed: of weights, order and dropout.
         device: "auto" or a device's name.
-        changes: fields of the recipe to set otherwise.
         on_epoch: called after each epoch.
         memory: bytes that training data may take; what is larger streams from the dataset.
 
@@ -70,14 +82,16 @@ def train_model(
         InputError: for an unknown name, a missing dataset, or settings that make no sense.
         ProlearnError: where the loss diverges or the tracking store fails.
     """
-    followed = replace(recipe_for(arch, recipe), **changes)
-    learn, valid = (examples_within(data, n, split, memory) for split in ("train", "valid"))
+    followed = how.followed
+    learn, valid = (examples_within(data, how.n, split, memory) for split in ("train", "valid"))
     connect()  # a store that is away is better known before training than after
-    trained = train(arch, followed, learn, valid, seed=seed, device=device, on_epoch=on_epoch)
+    trained = train(
+        how.arch, followed, learn, valid, seed=how.seed, device=device, on_epoch=on_epoch
+    )
     return record_training(
         trained,
         recipe=followed,
-        seed=seed,
+        seed=how.seed,
         dataset=DatasetInfo(str(data), read_manifest(data).digest(), len(learn), len(valid)),
         metrics={"valid_position_rmse": position_rmse(trained.model, valid)},
     )

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from registry.jobs.evaluate import evaluate
-from registry.jobs.train import train_model
+from registry.jobs.train import TrainingSettings, train_model
 from registry.models import list_versions
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -36,14 +36,8 @@ pytestmark = pytest.mark.skipif(
 def six(folder: Path, solved: Path) -> Path:
     """A store with a run of each architecture, trained for an epoch and evaluated."""
     for arch in ARCHITECTURES:
-        train_model(
-            *(arch, "tuned", solved),
-            n=3,
-            seed=0,
-            device="cpu",
-            changes={"epochs": 1},
-            on_epoch=lambda epoch: None,
-        )
+        how = TrainingSettings(arch, "tuned", n=3, changes={"epochs": 1})
+        train_model(how, solved, device="cpu", on_epoch=lambda epoch: None)
     evaluate([], solved, sizes=[3], trials=1, timed=1)
     return folder
 
