@@ -21,7 +21,9 @@ def collision_penalty(
     """
     n = positions.shape[1]
     i, j = torch.triu_indices(n, n, 1, device=positions.device)
-    distance = torch.linalg.vector_norm(positions[:, i] - positions[:, j], dim=-1)  # (b, p, T)
+    # Copies whole trajectories, forth and back, where brackets would copy number by number.
+    gap = positions.index_select(1, i) - positions.index_select(1, j)  # (b, p, T, 3)
+    distance = torch.linalg.vector_norm(gap, dim=-1)
     depth = torch.relu(1 - distance / collision_radius)
     return depth.square().sum(dim=(1, 2)).mean()
 

@@ -30,9 +30,10 @@ class Encoded:
         """Number of instances."""
         return len(self.inputs)
 
-    def at(self, rows: slice | Int[Tensor, "b"]) -> "Encoded":
-        """Some of them."""
-        return Encoded(self.inputs[rows], self.target[rows])
+    def at(self, rows: Int[Tensor, "b"]) -> "Encoded":
+        """Some of them, in any order."""
+        # Copies whole instances, where an index in brackets would copy number by number.
+        return Encoded(self.inputs.index_select(0, rows), self.target.index_select(0, rows))
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator["Encoded"]:
         """All of them once, in random batches."""
@@ -41,7 +42,8 @@ class Encoded:
 
     def in_order(self, size: int) -> Iterator["Encoded"]:
         """All of them once, in batches."""
-        return (self.at(slice(k, k + size)) for k in range(0, len(self), size))
+        for k in range(0, len(self), size):
+            yield Encoded(self.inputs[k : k + size], self.target[k : k + size])
 
 
 @runtime_checkable
