@@ -81,9 +81,10 @@ lint: $(BIN)/pytest ## ruff, mypy, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(BIN)/prolearn ## how fast the expert is, beside its peers
+bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside their peers
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.expert --out reports/bench
+	$(BIN)/python -m benchmarks.training --out reports/bench
 
 clean: ## remove what make made, datasets and results included
 	rm -rf $(VENV) data reports mlruns mlflow.db* optuna.db* unregistered *.egg-info build

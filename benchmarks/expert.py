@@ -6,8 +6,6 @@ Planners take turns on each instance, so that the machine's noise falls on all a
 CPU times of one core. Prints tables, and writes expert.json and growth.svg.
 """
 
-import json
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import process_time
@@ -16,13 +14,11 @@ from typing import Annotated, Literal
 import numpy as np
 import typer
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from benchmarks.peers import PlainScp, solve_dccp
+from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.expert import Settings, own_optima, solve
-from pipeline.files import write_text
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.report.style import PAGE_WIDTH, save
@@ -37,7 +33,6 @@ NODES = (6, 11, 21, 41, 61)
 ORBITS = (0.25, 0.5, 1.0, 2.0)
 
 Work = Callable[[Scenario], object]
-Row = dict[str, float | int | str]
 
 
 def main(
@@ -50,14 +45,13 @@ def main(
     """Run all and print tables."""
     with threadpool_limits(1):
         ratios = _ratios(10, instances, dccp) + _ratios(30, max(3, instances // 4), 0)
-        _print("Time of each peer over the expert's", ratios)
+        show("Time of each peer over the expert's", ratios)
         growth, exponent = _growth()
-        _print(f"Growth with n: time ~ n^{exponent:.2f} from n = {FITTED_FROM}", growth)
+        show(f"Growth with n: time ~ n^{exponent:.2f} from n = {FITTED_FROM}", growth)
         grids = _grids()
-        _print("n = 10 on other grids and durations", grids)
-    out.mkdir(parents=True, exist_ok=True)
+        show("n = 10 on other grids and durations", grids)
     result = {"ratios": ratios, "growth": growth, "exponent": exponent, "grids": grids}
-    write_text(out / "expert.json", json.dumps(result, indent=1) + "\n")
+    write_json(out / "expert.json", result)
     save(_figure(growth, exponent), out / "growth")
 
 
@@ -93,7 +87,6 @@ def _ratio(
         expert = _time(lambda s: solve(s, settings=settings), scenario)
         pairs.append((_time(peer, scenario), expert))
     theirs, ours = np.array(pairs).T
-    low, high = np.percentile(theirs / ours, [25, 75])
     return {
         "peer": name,
         "n": n,
@@ -103,7 +96,7 @@ def _ratio(
         "expert_ms": 1e3 * float(ours.mean()),
         "ratio_of_means": float(theirs.mean() / ours.mean()),
         "median_ratio": float(np.median(theirs / ours)),
-        "quartiles": f"{low:.3g} to {high:.3g}",
+        "quartiles": quartiles(theirs / ours),
     }
 
 
@@ -133,13 +126,12 @@ def _sample(n: int, count: int, problem: Problem, head: Row) -> Row:
     solve(scenarios[0])
     times = np.array([_time(solve, s) for s in scenarios]) * 1e3
     plans = [solve(s) for s in scenarios]
-    low, high = np.percentile(times, [25, 75])
     return {
         **head,
         "instances": count,
         "mean_ms": float(times.mean()),
         "median_ms": float(np.median(times)),
-        "quartiles": f"{low:.3g} to {high:.3g}",
+        "quartiles": quartiles(times),
         "gap_percent": 100 * float(np.mean([p.certificate.optimality_gap for p in plans])),
         "convex_solves": float(np.mean([p.convex_solves for p in plans])),
         "safe": f"{sum(p.status == SOLVED for p in plans)}/{count}",
@@ -150,15 +142,6 @@ def _time(work: Work, scenario: Scenario) -> float:
     started = process_time()
     work(scenario)
     return process_time() - started
-
-
-def _print(title: str, rows: Sequence[Row]) -> None:
-    table = Table(title=title, box=None, title_justify="left", header_style="bold")
-    for name in rows[0]:
-        table.add_column(name.replace("_", " "), justify="right")
-    for row in rows:
-        table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()))
-    Console(width=max(110, int(os.environ.get("COLUMNS", 0)))).print(table, "")
 
 
 def _figure(rows: Sequence[Row], exponent: float) -> Figure:

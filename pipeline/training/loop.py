@@ -60,8 +60,15 @@ class Trained:
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
-    """A network and the loss that it is to make small."""
+class Task:
+    """A network and the loss that it is to make small.
+
+    Attributes:
+        architecture: whose loss it is.
+        network: what is trained, on the device of the batches.
+        encoding: what the batches are in.
+        collision_weight: weight of the collision penalty, where the architecture has one.
+    """
 
     architecture: Architecture
     network: nn.Module
@@ -69,6 +76,7 @@ class _Task:
     collision_weight: float
 
     def loss(self, batch: Encoded) -> Float[Tensor, ""]:
+        """The mean loss over a batch."""
         return self.architecture.loss(
             self.network, batch.inputs, batch.target, self.encoding, self.collision_weight
         )
@@ -110,7 +118,7 @@ def train(
     encoding = fit(train, recipe.interior, recipe.target)
     with _seeded(seed, where):
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
-        task = _Task(architecture, network, encoding, recipe.collision_weight)
+        task = Task(architecture, network, encoding, recipe.collision_weight)
         data = batches(train, encoding, where), batches(valid, encoding, where)
         history, best = _improve(task, recipe, *data, most, seed, on_epoch)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
@@ -118,7 +126,7 @@ def train(
 
 
 def _improve(
-    task: _Task,
+    task: Task,
     recipe: Recipe,
     train: Batches,
     valid: Batches,
@@ -133,7 +141,7 @@ def _improve(
     best, kept = 0, _copied(task.network)
     for number in range(1, epochs + 1):
         started = time.perf_counter()
-        train_loss = _pass_over(task, optimizer, train, recipe.batch_size, order)
+        train_loss = pass_over(task, optimizer, train, recipe.batch_size, order)
         valid_loss = _mean_loss(task, valid)
         _check_loss(number, train_loss, valid_loss)
         history.append(Epoch(number, train_loss, valid_loss, time.perf_counter() - started))
@@ -147,8 +155,8 @@ def _improve(
     return tuple(history), best
 
 
-def _pass_over(
-    task: _Task, optimizer: torch.optim.Optimizer, data: Batches, size: int, order: torch.Generator
+def pass_over(
+    task: Task, optimizer: torch.optim.Optimizer, data: Batches, size: int, order: torch.Generator
 ) -> float:
     """One epoch of steps in random order; its mean loss."""
     task.network.train()
@@ -163,7 +171,7 @@ def _pass_over(
 
 
 @torch.no_grad()
-def _mean_loss(task: _Task, data: Batches) -> float:
+def _mean_loss(task: Task, data: Batches) -> float:
     task.network.eval()
     total = 0.0
     for batch in data.in_order(VALIDATION_BATCH):

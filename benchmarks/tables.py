@@ -1,0 +1,38 @@
+"""What benchmarks measured, as tables on the screen and as JSON files."""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pipeline.arrays import Array
+from pipeline.files import write_text
+
+Row = dict[str, float | int | str]
+"""A line of a table, by column."""
+
+
+def show(title: str, rows: Sequence[Row]) -> None:
+    """Print a table whose columns are the keys of its rows."""
+    table = Table(title=title, box=None, pad_edge=False, title_justify="left", header_style="bold")
+    for name in rows[0]:
+        table.add_column(name.replace("_", " "), justify="right")
+    for row in rows:
+        table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()))
+    Console(width=max(110, int(os.environ.get("COLUMNS", 0)))).print(table, "")
+
+
+def quartiles(values: Array) -> str:
+    """Lower and upper quartile, in words."""
+    low, high = np.percentile(values, [25, 75])
+    return f"{low:.3g} to {high:.3g}"
+
+
+def write_json(path: Path, result: Any) -> None:
+    """Write a result for whoever plots or compares it later."""
+    write_text(path, json.dumps(result, indent=1) + "\n")

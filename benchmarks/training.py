@@ -1,0 +1,165 @@
+"""How fast a training epoch is: beside its own matrix products, and beside a plain DataLoader loop.
+
+    python -m benchmarks.training --out reports/bench
+
+Each network is trained in four ways that take turns, so that the machine's noise falls on all
+alike; times are wall-clock times, since loaders work in other processes, with torch on one
+thread. Prints a table, and writes training.json.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated
+
+import numpy as np
+import torch
+import typer
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from benchmarks.tables import Row, quartiles, show, write_json
+from pipeline.dataset.examples import Examples
+from pipeline.expert import own_optima
+from pipeline.networks.architecture import find
+from pipeline.networks.encoding import fit
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.scenario import draw
+from pipeline.training.data import Encoded, encoded
+from pipeline.training.loop import Task, pass_over
+from pipeline.training.recipes import Recipe, recipe_for
+
+SEED = 2022
+N = 10
+CPU = torch.device("cpu")
+
+ROUNDS = {"ff1": 9, "ff2": 9, "ffcol": 9, "lstm1": 5, "lstm2": 5}
+"""How often each way has its turn, by network."""
+
+OURS = "prolearn"
+STEPS = "steps alone"
+"""The steps of an epoch on batches that were cut beforehand: what no epoch can go below."""
+
+Pair = tuple[Tensor, Tensor]
+Epoch = Callable[[], object]
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Folder for training.json.")] = Path("reports/bench"),
+    instances: Annotated[int, typer.Option(help="Instances of a feed-forward epoch.")] = 8000,
+    recurrent: Annotated[int, typer.Option(help="Instances of an LSTM's epoch, slow ones.")] = 256,
+) -> None:
+    """Run all and print a table."""
+    torch.set_num_threads(1)
+    examples = _examples(max(instances, recurrent))
+    rows: list[Row] = []
+    for arch, rounds in ROUNDS.items():
+        count = recurrent if arch.startswith("lstm") else instances
+        rows += _rows(arch, _first(examples, count), rounds)
+    show("One training epoch: its time, and over that of its steps alone and of ours", rows)
+    write_json(out / "training.json", rows)
+
+
+def _examples(count: int) -> Examples:
+    """Scenarios of the reference problem with each craft's own optimum, much cheaper than plans."""
+    problem = Problem()
+    scenarios = [draw("rings", SEED, N, index, problem) for index in range(count)]
+    initial = np.stack([s.initial for s in scenarios])
+    goal = np.stack([s.goal for s in scenarios])
+    controls = np.stack([own_optima(s.initial, s.goal, problem).controls for s in scenarios])
+    return Examples(problem, initial, goal, fly(initial, controls, problem))
+
+
+def _first(examples: Examples, count: int) -> Examples:
+    fields = (examples.initial, examples.goal, examples.states)
+    return Examples(examples.problem, *(values[:count] for values in fields))
+
+
+def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
+    """Time of each way to go over the examples once."""
+    recipe = recipe_for(arch, "tuned")
+    seconds = _in_turn(_ways(arch, recipe, examples), rounds)
+    return [
+        {
+            "network": arch,
+            "instances": len(examples),
+            "batch": recipe.batch_size,
+            "epoch": name,
+            "median_s": float(np.median(times)),
+            "quartiles_s": quartiles(times),
+            "over_steps": float(np.median(times / seconds[STEPS])),
+            "quartiles": quartiles(times / seconds[STEPS]),
+            "over_ours": float(np.median(times / seconds[OURS])),
+        }
+        for name, times in seconds.items()
+    ]
+
+
+def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, Epoch]:
+    """Ways to train for an epoch, each with a network of its own."""
+    architecture = find(arch)
+    encoding = fit(examples, recipe.interior, recipe.target)
+    data, size = encoded(examples, encoding, CPU), recipe.batch_size
+    order = torch.Generator().manual_seed(SEED)
+
+    def fresh() -> tuple[Task, torch.optim.Optimizer]:
+        network = architecture.network(architecture.config, encoding, recipe.dropout)
+        adam = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
+        return Task(architecture, network, encoding, recipe.collision_weight), adam
+
+    def plain(batches: Iterable[Pair]) -> Epoch:
+        task, optimizer = fresh()
+        return lambda: _plain_epoch(task, optimizer, batches)
+
+    task, optimizer = fresh()
+    instances = Instances(data)
+    cut = [(batch.inputs, batch.target) for batch in data.in_order(size)]
+    return {
+        OURS: lambda: pass_over(task, optimizer, data, size, order),
+        STEPS: plain(cut),
+        "loader": plain(DataLoader(instances, size, shuffle=True)),
+        "loader, 2 workers": plain(DataLoader(instances, size, shuffle=True, num_workers=2)),
+    }
+
+
+class Instances(Dataset[Pair]):
+    """Instances one by one, as PyTorch's tutorial has it."""
+
+    def __init__(self, data: Encoded) -> None:
+        self.data = data
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    def __getitem__(self, index: int) -> Pair:
+        return self.data.inputs[index], self.data.target[index]
+
+
+def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Iterable[Pair]) -> float:
+    """The tutorial's loop over batches."""
+    task.network.train()
+    total = 0.0
+    for inputs, target in batches:
+        optimizer.zero_grad()
+        loss = task.loss(Encoded(inputs, target))
+        torch.autograd.backward(loss)
+        optimizer.step()
+        total += loss.item()
+    return total
+
+
+def _in_turn(ways: Mapping[str, Epoch], rounds: int) -> dict[str, np.ndarray]:
+    """Seconds of each way, round after round; one more round goes before them, to warm up."""
+    seconds = [[_time(epoch) for epoch in ways.values()] for _ in range(rounds + 1)]
+    return dict(zip(ways, np.array(seconds[1:]).T, strict=True))
+
+
+def _time(epoch: Epoch) -> float:
+    started = perf_counter()
+    epoch()
+    return perf_counter() - started
+
+
+if __name__ == "__main__":
+    typer.run(main)
