@@ -99,7 +99,7 @@ def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
 def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, Epoch]:
     """Ways to train for an epoch, each with a network of its own."""
     architecture = find(arch)
-    encoding = fit(examples, recipe.interior, recipe.target)
+    encoding = fit(examples, recipe.interior, recipe.target, recipe.scaling)
     data, size = encoded(examples, encoding, CPU), recipe.batch_size
     order = torch.Generator().manual_seed(SEED)
 

@@ -21,21 +21,29 @@ OFFSET = "offset"
 
 TARGETS = (STATES, OFFSET)
 
+COMMON = "common"
+"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix."""
+
+COMPONENT = "component"
+"""A scale for each component, so that each is near 1."""
+
+SCALINGS = (COMMON, COMPONENT)
+
 LEAST_SHARE = 1e-6
 """Least scale of a component, as a share of the largest of its kind: rounding is no signal."""
 
 
 @dataclass(frozen=True)
 class Encoding:
-    """The paper's 6 x nT matrix, craft after craft, with each component near 1.
+    """The paper's 6 x nT matrix, craft after craft, with its largest components near 1.
 
     Attributes:
         problem: orbit, time grid and collision radius of the training data.
         n: spacecraft in each training instance.
         interior: what stands in the input between initial and goal state, of INTERIORS.
         target: STATES or OFFSET.
-        input_scale: root mean square of each component of the training inputs, m and m/s.
-        target_scale: the same of the training targets.
+        input_scale: what each component of the inputs is divided by, m and m/s.
+        target_scale: the same of the targets.
     """
 
     problem: Problem
@@ -77,21 +85,37 @@ class Encoding:
         return inputs * inputs.new_tensor(self.input_scale)
 
 
-def fit(examples: ExampleSource, interior: str, target: str) -> Encoding:
+def fit(
+    examples: ExampleSource, interior: str, target: str, scaling: str = COMPONENT
+) -> Encoding:
     """The encoding whose scales come from training examples, in one pass over them.
 
+    Args:
+        examples: what is learnt from.
+        interior: of INTERIORS.
+        target: STATES or OFFSET.
+        scaling: COMMON, by the largest component's root mean square, or COMPONENT, each by its
+            own.
+
     Raises:
-        InputError: for an unknown interior or target.
+        InputError: for an unknown interior, target or scaling.
     """
     _check_name("interior", interior, tuple(INTERIORS))
+    _check_name("scaling", scaling, SCALINGS)
     count, squares = 0, np.zeros((2, 6))
     for part in examples.parts():
         given = INTERIORS[interior](part.initial, part.goal, part.problem)
         wanted = part.states - given if target == OFFSET else part.states
         squares += [np.square(states).sum(axis=(0, 1, 2)) for states in (given, wanted)]
         count += given.shape[0] * given.shape[1] * given.shape[2]
-    scales = (_component_scale(np.sqrt(square / count)) for square in squares)
+    scale = _common_scale if scaling == COMMON else _component_scale
+    scales = (scale(np.sqrt(square / count)) for square in squares)
     return Encoding(examples.problem, examples.n, interior, target, *scales)
+
+
+def _common_scale(size: Float[Array, "6"]) -> tuple[float, ...]:
+    """The largest component's root mean square, for all."""
+    return (float(size.max()) or 1.0,) * 6
 
 
 def _component_scale(size: Float[Array, "6"]) -> tuple[float, ...]:

@@ -115,7 +115,7 @@ def train(
         raise InputError(f"epochs is {most}; expected at least 1.")
     architecture, where = find(arch), training_device(device)
     check_examples(train, valid)
-    encoding = fit(train, recipe.interior, recipe.target)
+    encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
     with _seeded(seed, where):
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
         task = Task(architecture, network, encoding, recipe.collision_weight)

@@ -13,6 +13,7 @@ class Recipe:
     Attributes:
         name: of RECIPES, or any other for one of your own.
         target: what the network answers: "states", or "offset" from the input's trajectories.
+        scaling: what the components are divided by: "common" or "component".
         dropout: share of each hidden layer's outputs dropped in training.
         learning_rate: of Adam.
         batch_size: instances a step.
@@ -24,6 +25,7 @@ class Recipe:
 
     name: str
     target: str
+    scaling: str
     dropout: float
     learning_rate: float
     batch_size: int
@@ -49,6 +51,7 @@ RECIPES: Mapping[str, Recipe] = {
     "paper": Recipe(
         name="paper",
         target="states",
+        scaling="common",
         dropout=0.5,
         learning_rate=1e-3,
         batch_size=128,
@@ -57,6 +60,7 @@ RECIPES: Mapping[str, Recipe] = {
     "tuned": Recipe(
         name="tuned",
         target="offset",
+        scaling="component",
         dropout=0.0,
         learning_rate=5e-4,
         batch_size=128,

@@ -47,6 +47,21 @@ def test_each_component_of_the_training_data_is_brought_to_size_one(target):
         assert encoded.square().mean(dim=(0, 1, 2)).tolist() == pytest.approx([1.0] * 6)
 
 
+@pytest.mark.parametrize("target", ["states", "offset"])
+def test_a_common_scale_keeps_metres_and_metres_a_second_in_proportion(target):
+    data = examples()
+    encoding = fit(data, "line", target, "common")
+    inputs = encoding.inputs(data.initial, data.goal)
+    straight = INTERIORS["line"](data.initial, data.goal, PROBLEM)
+    wanted = data.states - straight if target == "offset" else data.states
+    for encoded, states in ((inputs, straight), (encoding.targets(data.states, inputs), wanted)):
+        share = encoded.numpy() / states
+        assert share.min() == pytest.approx(share.max())
+        assert encoded.square().mean(dim=(0, 1, 2)).max() == pytest.approx(1.0)
+    back = encoding.decode(encoding.targets(data.states, inputs), inputs)
+    np.testing.assert_allclose(back.numpy(), data.states, atol=1e-10)
+
+
 @pytest.mark.parametrize("interior", list(INTERIORS))
 def test_every_interior_keeps_both_ends(interior):
     data = examples()
@@ -97,5 +112,7 @@ def test_data_without_any_motion_still_has_scales():
 def test_unknown_interiors_and_targets_are_refused_by_name():
     with pytest.raises(InputError, match=r"'arc'.*line, zeros, minimum-energy"):
         fit(examples(), "arc", "states")
+    with pytest.raises(InputError, match="scaling is 'none'; expected one of common, component"):
+        fit(examples(), "line", "states", "none")
     with pytest.raises(InputError, match=r"'controls'.*states, offset"):
         Encoding(PROBLEM, 3, "line", "controls", (1.0,) * 6, (1.0,) * 6)
