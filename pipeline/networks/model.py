@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,9 @@ from pipeline.orbit.problem import Problem
 
 WEIGHTS_FILE = "weights.safetensors"
 DOCUMENT_FILE = "model.json"
+
+NO_NETWORK = (ValueError, TypeError, KeyError, RuntimeError)
+"""What an architecture raises where a configuration makes no network."""
 
 COLUMNS_AT_ONCE = 50_000
 """Columns n·T of all instances predicted together; a few hundred MB in the widest network."""
@@ -60,6 +63,26 @@ class Model:
     def n_train(self) -> int:
         """Spacecraft in each instance of its training data."""
         return self.encoding.n
+
+    def on(self, problem: Problem) -> "Model":
+        """The same weights and scales for another problem: other nodes, step or orbit.
+
+        Nothing is trained anew; whether the answers are of any use there is another question.
+
+        Raises:
+            InputError: where the weights do not fit, as those of a network that reads all 6·n·T
+                numbers at once fit one T alone.
+        """
+        encoding = replace(self.encoding, problem=problem)
+        try:
+            network = _skeleton(self.architecture, self.config, encoding)
+        except NO_NETWORK as error:
+            raise _misfit(self, problem) from error
+        weights = self.network.state_dict()
+        if _shapes(weights) != _shapes(network.state_dict()):
+            raise _misfit(self, problem)
+        network.load_state_dict(weights, assign=True)
+        return replace(self, encoding=encoding, network=network)
 
     def predict(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
@@ -126,24 +149,38 @@ def load(folder: Path) -> Model:
     """
     document = read_document(folder / DOCUMENT_FILE)
     encoding = document.encoding
-    network = _skeleton(folder, document, encoding)
+    try:
+        network = _skeleton(document.architecture, document.config, encoding)
+    except NO_NETWORK as error:
+        raise InputError(
+            f"{folder / DOCUMENT_FILE}: config is {document.config}, of which architecture "
+            f"{document.architecture!r} makes no network; train the model again."
+        ) from error
     weights = _read_weights(folder / WEIGHTS_FILE, document.weights_sha256)
     _check_weights(folder / WEIGHTS_FILE, weights, network.state_dict())
     network.load_state_dict(weights, assign=True)
     return Model(document.architecture, document.config, document.recipe, encoding, network)
 
 
-def _skeleton(folder: Path, document: ModelDocument, encoding: Encoding) -> nn.Module:
+def _skeleton(architecture: str, config: Mapping[str, Any], encoding: Encoding) -> nn.Module:
     """The network without memory for its weights, so that no file can ask for too much of it."""
-    architecture = find(document.architecture)
-    try:
-        with torch.device("meta"):
-            return architecture.network(document.config, encoding, 0.0)
-    except (ValueError, TypeError, KeyError, RuntimeError) as error:
-        raise InputError(
-            f"{folder / DOCUMENT_FILE}: config is {document.config}, of which architecture "
-            f"{document.architecture!r} makes no network; train the model again."
-        ) from error
+    found = find(architecture)
+    with torch.device("meta"):
+        return found.network(config, encoding, 0.0)
+
+
+def _shapes(weights: Mapping[str, Tensor]) -> dict[str, torch.Size]:
+    return {name: tensor.shape for name, tensor in weights.items()}
+
+
+def _misfit(model: Model, problem: Problem) -> InputError:
+    known = model.problem
+    return InputError(
+        f"the weights of the network {model.architecture}, trained with nodes {known.nodes} and "
+        f"time_step {known.time_step:.9g}, do not fit nodes {problem.nodes} and time_step "
+        f"{problem.time_step:.9g}; expected a problem that they fit: train on data of this kind, "
+        "or take a network whose size does not depend on the time grid, such as lstm1."
+    )
 
 
 def _read_weights(path: Path, digest: str) -> dict[str, Tensor]:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,6 +96,30 @@ def test_many_instances_are_predicted_as_one_by_one():
     for k in (0, count - 4, count - 3, count - 1):
         alone = model.predict(initial[k : k + 1], goal[k : k + 1])[0]
         np.testing.assert_allclose(states[k], alone, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("target", ["states", "offset"])
+def test_an_lstm_on_another_time_grid_answers_what_its_module_says_to_the_longer_sequence(target):
+    model = untrained("lstm1", target=target)
+    moved = model.on(replace(PROBLEM, nodes=7, time_step=90.0))
+    initial, goal = ends(2, 3)
+    share = np.linspace(0, 1, 7)[:, None]
+    line = initial[:, :, None] * (1 - share) + goal[:, :, None] * share  # (2, 3, 7, 6)
+    columns = torch.from_numpy((line / SCALE).reshape(2, 21, 6)).float()
+    answer = model.network(columns).double().numpy().reshape(2, 3, 7, 6) * SCALE
+    expected = answer + line if target == "offset" else answer
+    np.testing.assert_allclose(moved.predict(initial, goal), expected, rtol=1e-6, atol=1e-6)
+    assert (moved.problem.nodes, moved.problem.time_step) == (7, 90.0)
+    assert model.predict(initial, goal).shape == (2, 3, 4, 6)  # the first is as it was
+
+
+@pytest.mark.parametrize("name", ["ff1", "ff2", "ffcol"])
+def test_a_feed_forward_network_fits_other_steps_and_orbits_but_one_number_of_nodes(name):
+    model = untrained(name)
+    elsewhere = model.on(replace(PROBLEM, time_step=90.0, mean_motion=1e-3))
+    assert np.array_equal(elsewhere.predict(*ends(2, 3)), model.predict(*ends(2, 3)))
+    with pytest.raises(InputError, match=rf"{name}, trained with nodes 4 .* do not fit nodes 5 "):
+        model.on(replace(PROBLEM, nodes=5))
 
 
 def test_swarms_without_craft_are_refused():
