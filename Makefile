@@ -12,10 +12,10 @@ LSTM := lstm1,lstm2,lstmcol
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart report paper ui test lint bench clean
+.PHONY: help demo dataset train train-all evaluate warmstart transfer-times report paper ui test lint bench clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 $(BIN)/prolearn: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -34,6 +34,7 @@ demo: $(BIN)/prolearn ## the whole line at small scale: dataset, six networks, e
 	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 8
 	$(BIN)/prolearn evaluate --data data/demo --timed 5
 	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
+	$(BIN)/prolearn transfer-times --data data/demo --nodes 6,11,16 --time-step 60,240 --trials 10
 	$(BIN)/prolearn report --out reports
 	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
 
@@ -63,10 +64,13 @@ evaluate: $(BIN)/prolearn ## experiments 1 and 2
 warmstart: $(BIN)/prolearn ## experiment 3
 	$(BIN)/prolearn warmstart --data $(DATA) --resume
 
+transfer-times: $(BIN)/prolearn ## experiment 4
+	$(BIN)/prolearn transfer-times --data $(DATA) --resume
+
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports
 
-paper: dataset train-all evaluate warmstart report ## the whole paper: what is done stays done; SEEDS=3 trains each network thrice
+paper: dataset train-all evaluate warmstart transfer-times report ## the whole paper: what is done stays done; SEEDS=3 trains each network thrice
 
 ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/python -c 'from registry.store import connect; connect()'

@@ -61,6 +61,20 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
     return sorted(numbers)
 
 
+def float_list(text: str, option: str) -> Sequence[float]:
+    """Numbers written as 60 or 60,72.5,240, ascending.
+
+    Raises:
+        InputError: for anything else.
+    """
+    try:
+        return sorted({float(part) for part in text.split(",")})
+    except ValueError as error:
+        raise InputError(
+            f"{option} is {text!r}; expected numbers such as 60 or 60,72.5,240."
+        ) from error
+
+
 def name_list(text: str | None) -> Sequence[str]:
     """Names written as one,two,three."""
     return [name.strip() for name in (text or "").split(",") if name.strip()]

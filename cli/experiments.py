@@ -1,11 +1,11 @@
-"""Commands that run the paper's experiments and report on them: evaluate, warmstart, report."""
+"""Commands that run the paper's experiments, from evaluate to transfer-times, and the report."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.app import int_list, name_list
+from cli.app import float_list, int_list, name_list
 from cli.progress import progress
 
 if TYPE_CHECKING:
@@ -91,6 +91,53 @@ def warmstart(
             report=lambda done: advance(done, ""),
         )
     _done("Warm starts done", outcome)
+
+
+def transfer_times(
+    models: Models = None,
+    data: Data = "data/paper",
+    n: Annotated[int, typer.Option("--n", help="Swarm size.")] = 10,
+    nodes: Annotated[
+        str, typer.Option(help="Numbers of nodes T, at the time step of the training.")
+    ] = "6..21",
+    time_step: Annotated[
+        str | None,
+        typer.Option(
+            help="Time steps Δt in s, at the nodes of the training; by default those with the "
+            "transfer times of --nodes.",
+            show_default=False,
+        ),
+    ] = None,
+    trials: Annotated[int, typer.Option(help="Most trials of each transfer time.")] = 100,
+    resume: Resume = False,
+) -> None:
+    """Experiment 4: transfer times that no network was trained for.
+
+    The same ends with other nodes T and with other time steps Δt. Feed-forward networks have
+    weights for one T alone; at other T, LSTMs, experts and baselines take part.
+
+    Examples:
+
+        prolearn transfer-times
+        prolearn transfer-times --models ff1,lstm2 --nodes 6,11,16 --time-step 60,120,240
+    """
+    from registry.jobs.transfer_times import transfer_times as run
+
+    grids = int_list(nodes, "--nodes")
+    steps = None if time_step is None else float_list(time_step, "--time-step")
+    total = len(grids) + len(grids if steps is None else steps)
+    with progress("transfer times", total) as advance:
+        outcome = run(
+            name_list(models),
+            data,
+            n=n,
+            nodes=grids,
+            time_steps=steps,
+            trials=trials,
+            resume=resume,
+            report=lambda stage: advance(1, stage),
+        )
+    _done("Transfer times done", outcome)
 
 
 def report(

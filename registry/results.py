@@ -14,6 +14,7 @@ from pipeline.errors import InputError
 from registry.environment import environment_tags
 from registry.store import (
     EVALUATION,
+    TRANSFER_TIMES,
     WARMSTART,
     Store,
     log_metrics,
@@ -28,7 +29,11 @@ from registry.version import ModelVersion, moment
 TABLE = "table"
 """Name of the main table among a run's tables."""
 
-_COMMANDS = {EVALUATION: "prolearn evaluate", WARMSTART: "prolearn warmstart"}
+_COMMANDS = {
+    EVALUATION: "prolearn evaluate",
+    WARMSTART: "prolearn warmstart",
+    TRANSFER_TIMES: "prolearn transfer-times",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +120,16 @@ def record_warmstart(
     return _record(WARMSTART, table, params, metrics or {}, extra or {}, files, dataset)
 
 
+def record_transfer_times(
+    table: pd.DataFrame,
+    *,
+    params: Mapping[str, Any],
+    dataset: tuple[str, str] | None = None,
+) -> str:
+    """Record experiment 4; arguments and errors as in :func:`record_evaluation`."""
+    return _record(TRANSFER_TIMES, table, params, {}, {}, None, dataset)
+
+
 def latest_evaluation() -> Results:
     """The newest finished run of experiments 1 and 2.
 
@@ -128,6 +143,11 @@ def latest_evaluation() -> Results:
 def latest_warmstart() -> Results:
     """The newest finished run of experiment 3; errors as in :func:`latest_evaluation`."""
     return _latest(WARMSTART)
+
+
+def latest_transfer_times() -> Results:
+    """The newest finished run of experiment 4; errors as in :func:`latest_evaluation`."""
+    return _latest(TRANSFER_TIMES)
 
 
 def fetch_files(results: Results, folder: Path) -> Path:

@@ -27,7 +27,8 @@ DEFAULT_URI = "sqlite:///mlflow.db"
 TRAINING = "prolearn-training"
 EVALUATION = "prolearn-evaluation"
 WARMSTART = "prolearn-warmstart"
-EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART)
+TRANSFER_TIMES = "prolearn-transfer-times"
+EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES)
 
 TUNING = "prolearn-tuning"
 """Made when it is first needed."""
@@ -58,7 +59,7 @@ class Store:
     Attributes:
         uri: where it is; an SQLite file by its absolute path.
         client: MLflow's client for it.
-        experiments: ids of the three experiments by name.
+        experiments: ids of the experiments by name.
     """
 
     uri: str
@@ -72,7 +73,7 @@ def tracking_uri() -> str:
 
 
 def connect(*, create: bool = True) -> Store:
-    """The tracking store, with the three experiments in it.
+    """The tracking store, with the four experiments in it.
 
     Args:
         create: make an SQLite store that is not there yet; otherwise its absence is an error.

@@ -85,9 +85,7 @@ class Encoding:
         return inputs * inputs.new_tensor(self.input_scale)
 
 
-def fit(
-    examples: ExampleSource, interior: str, target: str, scaling: str = COMPONENT
-) -> Encoding:
+def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMPONENT) -> Encoding:
     """The encoding whose scales come from training examples, in one pass over them.
 
     Args:

@@ -30,6 +30,12 @@ CASES = {
     "odd sizes": (["evaluate", "--data", "none", "--n", "2..x"], "2..30"),
     "no dataset to warm-start on": (["warmstart", "--data", "none"], "none does not exist"),
     "no trials to warm-start": (["warmstart", "--data", "none", "--trials", "0"], "trials is 0"),
+    "no dataset for other times": (["transfer-times", "--data", "none"], "none does not exist"),
+    "odd numbers of nodes": (["transfer-times", "--data", "none", "--nodes", "6..x"], "--nodes is"),
+    "odd time steps": (
+        ["transfer-times", "--data", "none", "--time-step", "60,,90"],
+        "60,72.5,240",
+    ),
     "less than no timing": (
         ["evaluate", "--data", "none", "--n", "2", "--timed", "-1"],
         "timed is -1",

@@ -14,6 +14,7 @@ from registry.results import (
     earlier_run,
     fetch_files,
     latest_evaluation,
+    latest_transfer_times,
     latest_warmstart,
     record_evaluation,
     record_warmstart,
@@ -66,7 +67,11 @@ def test_the_newest_finished_run_counts(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("latest", "command"),
-    [(latest_evaluation, "prolearn evaluate"), (latest_warmstart, "prolearn warmstart")],
+    [
+        (latest_evaluation, "prolearn evaluate"),
+        (latest_warmstart, "prolearn warmstart"),
+        (latest_transfer_times, "prolearn transfer-times"),
+    ],
 )
 def test_without_results_the_command_that_makes_them_is_named(
     folder: Path, latest: object, command: str

@@ -1,0 +1,95 @@
+"""Experiment 4 on the test split of a dataset, recorded for the report."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from pipeline.dataset.folder import Where
+from pipeline.dataset.manifest import read_manifest
+from pipeline.errors import InputError
+from pipeline.evaluation.transfer_times import (
+    NODES,
+    EntrantsOn,
+    Variation,
+    run_transfer_times,
+    variations,
+)
+from pipeline.evaluation.trials import Entrant
+from pipeline.networks.flown import check_problem
+from pipeline.orbit.problem import Problem
+from registry.jobs.entrants import Network, networks, unlearned
+from registry.jobs.evaluate import test_scenarios
+from registry.results import Outcome, earlier_run, record_transfer_times
+from registry.store import TRANSFER_TIMES
+
+
+def transfer_times(
+    references: Sequence[str],
+    data: Where,
+    *,
+    n: int,
+    nodes: Sequence[int],
+    time_steps: Sequence[float] | None,
+    trials: int,
+    resume: bool = False,
+    report: Callable[[str], None] = lambda stage: None,
+) -> Outcome:
+    """Give the same ends other transfer times, and record what becomes of every plan.
+
+    Args:
+        references: models; none means the newest of each architecture, recipe and seed.
+        data: a solved dataset.
+        n: swarm size.
+        nodes: numbers of nodes T, at the dataset's Δt.
+        time_steps: Δt in s, at the dataset's T; None for the same transfer times.
+        trials: most scenarios.
+        resume: leave it where it was done before, with the same data, models and settings.
+        report: called with T and Δt after each of them.
+
+    Raises:
+        InputError: for unknown models, models of another problem than the dataset's, a size
+            that is not in it, or a T or Δt that no transfer has.
+        ProlearnError: where the store fails.
+    """
+    scenarios = test_scenarios(data, n, trials)
+    varied = variations(scenarios[0].problem, nodes, time_steps)
+    learned = networks(references)
+    for network in learned:
+        check_problem(network.model, scenarios[0])
+    digest = read_manifest(data).digest()
+    params = {
+        "data": str(data),
+        "dataset_digest": digest,
+        "n": n,
+        "nodes": ",".join(str(v.problem.nodes) for v in varied if v.varied == NODES),
+        "time_steps": ",".join(f"{v.problem.time_step:.9g}" for v in varied if v.varied != NODES),
+        "trials": len(scenarios),
+        "networks": ",".join(dict.fromkeys(network.label for network in learned)),
+        "models": ",".join(network.version.uri for network in learned),
+    }
+    if resume and (earlier := earlier_run(TRANSFER_TIMES, params)):
+        return Outcome(earlier, earlier=True)
+    table = run_transfer_times(
+        _entrants_on(learned), scenarios, varied, report=lambda done: report(_called(done))
+    )
+    return Outcome(record_transfer_times(table, params=params, dataset=(str(data), digest)))
+
+
+def _entrants_on(learned: Sequence[Network]) -> EntrantsOn:
+    """Experts and baselines, which plan for any problem, and the networks that fit it."""
+
+    def entrants(problem: Problem) -> list[Entrant]:
+        return unlearned() + [e for network in learned for e in _fitting(network, problem)]
+
+    return entrants
+
+
+def _fitting(network: Network, problem: Problem) -> list[Entrant]:
+    """The network as an entrant; nothing where its weights are for another T."""
+    try:
+        return [replace(network, model=network.model.on(problem)).entrant]
+    except InputError:
+        return []
+
+
+def _called(variation: Variation) -> str:
+    return f"T = {variation.problem.nodes}, Δt = {variation.problem.time_step:g} s"

@@ -1,0 +1,93 @@
+"""Experiment 4: the same ends at other transfer times."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.evaluation.baselines import BASELINES
+from pipeline.evaluation.transfer_times import NODES, TIME_STEP, run_transfer_times, variations
+from pipeline.evaluation.trials import Entrant, run_trials
+from pipeline.expert import Expert
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+
+PROBLEM = Problem()
+SCENARIOS = [draw("rings", 6, 4, k, PROBLEM) for k in range(3)]
+ENTRANTS = [Entrant(Expert()), *(Entrant(baseline) for baseline in BASELINES)]
+GRIDS = (6, 11, 21)
+
+
+def only_at_11_nodes(problem):
+    """All entrants, of which the straight line fits one T alone, as feed-forward networks do."""
+    return [e for e in ENTRANTS if e.planner.name != "straight line" or problem.nodes == 11]
+
+
+@pytest.fixture(scope="module")
+def table():
+    return run_transfer_times(only_at_11_nodes, SCENARIOS, variations(PROBLEM, GRIDS))
+
+
+def test_either_way_has_the_same_transfer_times_unless_steps_are_given():
+    found = variations(PROBLEM, GRIDS)
+    assert [(v.varied, v.problem.nodes, v.problem.time_step) for v in found] == [
+        (NODES, 6, 120.0),
+        (NODES, 11, 120.0),
+        (NODES, 21, 120.0),
+        (TIME_STEP, 11, 60.0),
+        (TIME_STEP, 11, 120.0),
+        (TIME_STEP, 11, 240.0),
+    ]
+    assert [v.problem.duration for v in found] == [600.0, 1200.0, 2400.0] * 2
+    given = variations(PROBLEM, (5,), (30.0,))
+    assert [(v.problem.nodes, v.problem.time_step) for v in given] == [(5, 120.0), (11, 30.0)]
+
+
+@pytest.mark.parametrize(("nodes", "step", "told"), [(2, 60.0, "nodes is 2"), (6, -1.0, "-1.0")])
+def test_times_that_no_transfer_has_are_refused(nodes, step, told):
+    with pytest.raises(InputError, match=told):
+        variations(PROBLEM, (nodes,), (step,))
+
+
+def test_who_fits_has_a_row_for_every_trial_of_every_transfer_time(table):
+    counts = table.groupby(["planner", "varied", "nodes", "time_step"]).trial.nunique()
+    assert set(counts) == {len(SCENARIOS)}
+    assert counts.groupby("planner").size().to_dict() == {
+        "expert": 6,
+        "straight line": 4,
+        "minimum energy": 6,
+        "own LP": 6,
+    }
+
+
+def test_at_the_problem_of_the_training_both_ways_are_experiment_1(table):
+    home = run_trials(ENTRANTS, SCENARIOS)
+    for varied in (NODES, TIME_STEP):
+        here = table[(table.varied == varied) & (table.nodes == 11) & (table.time_step == 120.0)]
+        same = here[home.columns].reset_index(drop=True)
+        pd.testing.assert_frame_equal(same, home)
+
+
+def test_every_transfer_meets_the_same_ends_within_its_own_time(table):
+    def flown(problem):
+        moved = [replace(s, problem=problem) for s in SCENARIOS]
+        return [plan.certificate.fuel for plan in Expert().plan(moved)]
+
+    for varied, nodes, step in [(NODES, 21, 120.0), (TIME_STEP, 11, 240.0)]:
+        rows = table[(table.varied == varied) & (table.nodes == nodes) & (table.time_step == step)]
+        expert = rows[rows.planner == "expert"]
+        np.testing.assert_array_equal(expert.fuel, flown(Problem(nodes=nodes, time_step=step)))
+    assert (table.boundary_error < 1e-6).all()
+
+
+def test_a_finer_grid_of_the_same_duration_needs_no_more_velocity(table):
+    """Controls held for 240 s can be held for twice 120 s as well, so the bound can only fall."""
+    coarse = table[(table.varied == TIME_STEP) & (table.time_step == 240.0)]
+    fine = table[(table.varied == NODES) & (table.nodes == 21)]
+    bound = {
+        name: rows[rows.planner == "own LP"].fuel_lower_bound.to_numpy() * step
+        for name, rows, step in (("coarse", coarse, 240.0), ("fine", fine, 120.0))
+    }
+    assert (bound["fine"] <= bound["coarse"] * (1 + 1e-9)).all()
