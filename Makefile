@@ -34,7 +34,7 @@ demo: $(BIN)/prolearn ## the whole line at small scale: dataset, six networks, e
 	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 8
 	$(BIN)/prolearn evaluate --data data/demo --timed 5
 	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
-	$(BIN)/prolearn transfer-times --data data/demo --nodes 6,11,16 --time-step 60,240 --trials 10
+	$(BIN)/prolearn transfer-times --data data/demo --nodes 6,11,21 --trials 10
 	$(BIN)/prolearn report --out reports
 	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
 

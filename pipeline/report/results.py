@@ -36,6 +36,8 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 }
 """The columns that each table must have."""
 
+COLUMNS["transfer_times"] = ("varied", "nodes", "time_step", *COLUMNS["trials"])
+
 
 @dataclass(frozen=True, eq=False)
 class Example:
@@ -68,6 +70,7 @@ class Results:
         curves: a row for each arch, recipe, training seed and epoch.
         examples: transfers to draw.
         facts: what the provenance table states, by name.
+        transfer_times: a row for each trial at each transfer time (experiment 4).
 
     Raises:
         InputError: ``trials`` is empty, or a table lacks a column of ``COLUMNS``.
@@ -79,6 +82,7 @@ class Results:
     curves: pd.DataFrame | None = None
     examples: Sequence[Example] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
+    transfer_times: pd.DataFrame | None = None
 
     def __post_init__(self) -> None:
         if self.trials.empty:

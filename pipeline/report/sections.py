@@ -5,16 +5,20 @@ from collections.abc import Mapping
 import pandas as pd
 
 from pipeline.report import figures_scaling, paper_values
+from pipeline.report.answers_times import times_answer
 from pipeline.report.blocks import Block, Picture, Section
 from pipeline.report.figures_objectives import objectives_figure
 from pipeline.report.figures_scaling import scaling_figure
+from pipeline.report.figures_times import recipes_of, times_figure
 from pipeline.report.figures_training import curves_figure
 from pipeline.report.figures_transfer import figure_transfer
 from pipeline.report.figures_warmstart import WHISKERS, warmstart_figure
 from pipeline.report.results import Results, is_empty
 from pipeline.report.style import Style, planner_of, styles
+from pipeline.report.summary_times import summarize_times
 from pipeline.report.tables import facts_table, objectives_table, training_table
 from pipeline.report.tables_scaling import scaling_tables
+from pipeline.report.tables_times import times_tables
 from pipeline.report.tables_warmstart import warmstart_tables
 
 READINGS = (
@@ -33,6 +37,7 @@ def all_sections(results: Results, summary: pd.DataFrame, n: int) -> list[Sectio
         _training(results, look),
         _experiment2(summary, look),
         _experiment3(results, look),
+        _experiment4(results, look),
         _examples(results),
         _provenance(results),
     ]
@@ -44,6 +49,8 @@ def _look(results: Results) -> dict[str, Style]:
     for table in (results.training, results.curves):
         if table is not None and not table.empty:
             names |= {str(a) for a in table["arch"]}
+    if results.transfer_times is not None and not results.transfer_times.empty:
+        names |= {str(p) for p in results.transfer_times["planner"]}
     if results.warmstarts is not None and not results.warmstarts.empty:
         names |= {planner_of(str(s)) for s in results.warmstarts["seed"]} - {"none"}
     return styles(names)
@@ -150,6 +157,44 @@ def _experiment3(results: Results, look: Mapping[str, Style]) -> Section:
             table,
         ]
     return Section(title, blocks)
+
+
+def _experiment4(results: Results, look: Mapping[str, Style]) -> Section:
+    title = "Experiment 4: other transfer times"
+    times = results.transfer_times
+    if times is None or times.empty:
+        return Section(
+            title,
+            ["No other transfer times were tried: `prolearn transfer-times` fills this section."],
+        )
+    summary = summarize_times(times)
+    several = bool((summary["seeds"] > 1).any())
+    bands = " Bands are the standard deviation between trainings." if several else ""
+    pictures = [
+        Picture(
+            f"experiment4-{recipe}" if recipe else "experiment4",
+            "Node collisions (Eq. 5), share of trials safe at all times and fuel over its bound "
+            "against the transfer time"
+            + (f"; networks of the {recipe} recipe, flown" if recipe else "")
+            + ". The dashed line is the transfer time of the training. More nodes are more "
+            "occasions to collide at one."
+            f"{bands}",
+            times_figure(summary, recipe, look),
+        )
+        for recipe in recipes_of(summary)
+    ]
+    trials = int(summary["trials"].max())
+    about = (
+        f"The paper announces this experiment and reports no results. {trials:,} test scenarios of "
+        f"n = {times['n'].iloc[0]} keep their initial and goal states, and the transfer takes "
+        "another time: with other T at the Δt of the training, or with other Δt at its T. The "
+        "networks are those trained before; none was trained anew. LSTMs read and answer one node "
+        "after the other, so they take any T. Feed-forward networks take no part at other T: "
+        "their first and last layers are 6nT numbers wide, so their weights are for one T alone. "
+        "None of the paper's networks reads Δt: with straight lines as input it predicts the same "
+        "states at any Δt, and only their flight differs."
+    )
+    return Section(title, [about, times_answer(summary), *pictures, *times_tables(summary)])
 
 
 def _examples(results: Results) -> Section:

@@ -1,6 +1,7 @@
 """The report, made from the newest results in the tracking store."""
 
 import platform
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,7 +12,13 @@ from pipeline.errors import InputError
 from pipeline.report import Example, ReportFiles, build_report
 from pipeline.report import Results as ReportResults
 from registry.environment import environment_tags
-from registry.results import Results, fetch_files, latest_evaluation, latest_warmstart
+from registry.results import (
+    Results,
+    fetch_files,
+    latest_evaluation,
+    latest_transfer_times,
+    latest_warmstart,
+)
 from registry.tables import training_table
 
 
@@ -26,7 +33,8 @@ def report(out: Path) -> ReportFiles:
     training = training_table()
     results = ReportResults(
         trials=evaluation.table,
-        warmstarts=_warmstarts(),
+        warmstarts=_table(latest_warmstart),
+        transfer_times=_table(latest_transfer_times),
         training=training.training,
         curves=training.curves,
         examples=_examples(evaluation),
@@ -35,10 +43,10 @@ def report(out: Path) -> ReportFiles:
     return build_report(results, out)
 
 
-def _warmstarts() -> pd.DataFrame | None:
-    """The newest warm starts; a report without them says which command makes them."""
+def _table(latest: Callable[[], Results]) -> pd.DataFrame | None:
+    """The newest table of an experiment; a report without it says which command makes it."""
     try:
-        return latest_warmstart().table
+        return latest().table
     except InputError:
         return None
 

@@ -34,10 +34,14 @@ def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
     assert "Evaluated before; " in run(*evaluate)
     assert "Warm starts done; " in run(*warmstart)
     assert "Warm starts done before; " in run(*warmstart)
+    times = ("transfer-times", "--data", "data", "--n", 4, "--nodes", "6,11", "--trials", 1)
+    assert "Transfer times done; " in run(*times)
+    assert "Transfer times done before; " in run(*times, "--resume")
     run("report", "--out", "report")
     page = (tmp_path / "report" / "report.html").read_text()
     for words in ("Experiment 1", "Experiment 2", "Experiment 3", "FF1", "LSTM1", "Expert"):
         assert words in page
+    assert "Do networks trained for 20 min (T = 11, Δt = 120 s) serve other transfer times?" in page
     write_scenario(tmp_path / "s.json", draw("rings", 0, 4, 99, Problem()))
     run("plan", "s.json", "--planner", "lstm1", "--out", "p.json")
     plan = json.loads((tmp_path / "p.json").read_text())

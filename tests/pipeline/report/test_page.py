@@ -8,6 +8,8 @@ import pytest
 
 from pipeline.report import Results, build_report
 
+EXPERIMENTS = ("prolearn warmstart", "prolearn transfer-times")
+
 
 @pytest.fixture(scope="module")
 def cache():
@@ -50,7 +52,7 @@ def test_the_contents_lead_to_the_sections(report):
     page = References()
     page.feed(report.html.read_text())
     anchors = [v[1:] for v in page.found if v.startswith("#")]
-    assert len(anchors) == 6
+    assert len(anchors) == 7
     assert set(anchors) <= page.ids
 
 
@@ -99,7 +101,7 @@ def test_the_same_results_give_the_same_bytes(trials, warmstarts, example, tmp_p
 def test_what_is_missing_says_which_command_fills_it(trials_at, tmp_path):
     files = build_report(Results(trials_at(6)), tmp_path)
     text = files.markdown.read_text()
-    for command in ("prolearn train", "prolearn evaluate --n 2..30", "prolearn warmstart"):
+    for command in ("prolearn train", "prolearn evaluate --n 2..30", *EXPERIMENTS):
         assert f"`{command}`" in text
     assert "No trial has n = 10; this section uses n = 6" in text
     assert [p.name for p in files.figures] == ["experiment1.svg", "experiment1.png"]

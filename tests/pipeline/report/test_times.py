@@ -1,0 +1,180 @@
+"""Experiment 4 in the report: planted numbers at three transfer times either way."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.report import Results, build_report
+from pipeline.report.answers_times import times_answer
+from pipeline.report.figures_times import recipes_of, times_figure
+from pipeline.report.style import styles
+from pipeline.report.summary_times import Training, of_way, summarize_times, trained_on
+from pipeline.report.tables_times import times_tables
+
+GRIDS = {6: 10, 11: 20, 21: 40}
+STEPS = {60.0: 10, 120.0: 20, 240.0: 40}
+"""Minutes by T at 120 s, and by Δt at T = 11."""
+
+
+@pytest.fixture
+def times_at(rows):
+    """The LSTM's fuel over bound and safe trials of 4 by minutes; the others are constant."""
+
+    def made(fuel, safe, grids=tuple(GRIDS), steps=tuple(STEPS)):
+        def at(varied, nodes, step, minutes):
+            here = [
+                *rows("expert", "", "plan", 10, [0] * 4, [1.0] * 4, [True] * 4),
+                *rows("minimum energy", "", "plan", 10, [1] * 4, [1.3] * 4, [True, *[False] * 3]),
+            ]
+            kept = [k < safe[minutes] for k in range(4)]
+            for reading in ("predicted", "flown"):
+                here += rows("lstm1", "tuned", reading, 10, [2] * 4, [fuel[minutes]] * 4, kept)
+                if nodes == 11:
+                    here += rows("ff1", "paper", reading, 10, [3] * 4, [9.0] * 4, [False] * 4)
+            return [row | {"varied": varied, "nodes": nodes, "time_step": step} for row in here]
+
+        return pd.DataFrame(
+            [row for T in grids for row in at("nodes", T, 120.0, GRIDS[T])]
+            + [row for step in steps for row in at("time_step", 11, step, STEPS[step])]
+        )
+
+    return made
+
+
+@pytest.fixture
+def times(times_at):
+    return times_at({10: 1.25, 20: 1.2, 40: 3.5}, {10: 4, 20: 4, 40: 2})
+
+
+def cells(table):
+    lines = [
+        [c.strip() for c in line.strip("|").split("|")] for line in table.markdown().splitlines()
+    ]
+    return lines[0], lines[2:]
+
+
+def test_the_training_is_where_the_two_ways_meet(times):
+    assert trained_on(times) == Training(nodes=11, time_step=120.0)
+    assert trained_on(times).minutes == 20
+
+
+def test_planners_keep_the_order_of_the_other_tables_though_some_fit_one_time_alone(times):
+    summary = summarize_times(times)
+    order = list(dict.fromkeys(summary["planner"]))
+    assert order == ["expert", "minimum energy", "ff1", "lstm1"]
+    assert (summary["trials"] == 4).all()
+    ff1 = summary[(summary.planner == "ff1") & (summary.reading == "flown")]
+    assert list(zip(ff1.varied, ff1.minutes, strict=True)) == [
+        ("nodes", 20),
+        ("time_step", 10),
+        ("time_step", 20),
+        ("time_step", 40),
+    ]
+
+
+def test_tables_have_both_ways_and_dashes_where_a_network_does_not_fit(times):
+    collisions, safe, fuel = times_tables(summarize_times(times))
+    header, body = cells(fuel)
+    assert header[3:] == [
+        "10 min, T = 6",
+        "20 min, T = 11",
+        "40 min, T = 21",
+        "10 min, Δt = 60 s",
+        "20 min, Δt = 120 s",
+        "40 min, Δt = 240 s",
+    ]
+    by_row = {tuple(row[:3]): row[3:] for row in body}
+    assert by_row["LSTM1", "tuned", "flown"] == ["1.250", "1.200", "3.500"] * 2
+    assert by_row["FF1", "paper", "flown"] == ["–", "9.000", "–", "9.000", "9.000", "9.000"]
+    assert "predicted" not in {row[2] for row in cells(safe)[1]}
+    assert ["Expert", "", "plan", *["0"] * 6] in cells(collisions)[1]
+
+
+def test_a_figure_has_both_ways_side_by_side_and_marks_the_training(times):
+    summary = summarize_times(times)
+    look = styles(summary["planner"])
+    assert recipes_of(summary) == ["paper", "tuned"]
+    figure = times_figure(summary, "tuned", look)
+    assert len(figure.axes) == 6
+    fuel = figure.axes[4:]
+    assert [ax.get_xlabel() for ax in fuel] == ["transfer time (min)"] * 2
+    for ax in fuel:
+        drawn = {line.get_color(): line.get_xydata().tolist() for line in ax.get_lines()}
+        assert drawn[look["lstm1"].colour] == [[10, 1.25], [20, 1.2], [40, 3.5]]
+        assert [20, 20] in [list(line.get_xdata()) for line in ax.get_lines()]
+    assert "FF1" not in [t.get_text() for t in figure.legends[0].get_texts()]
+    paper = times_figure(summary, "paper", look).axes[4]
+    (alone,) = (x for x in paper.get_lines() if x.get_color() == look["ff1"].colour)
+    assert alone.get_xydata().tolist() == [[20, 9.0]]
+
+
+def test_the_answer_says_where_quality_is_kept_and_what_a_free_transfer_does(times):
+    text = times_answer(summarize_times(times))
+    assert text.startswith("**Do networks trained for 20 min (T = 11, Δt = 120 s) serve other")
+    assert (
+        "With other T the network that is safest on average, LSTM1 (tuned recipe), keeps its "
+        "quality only from 10 to 20 min: flown, it is safe in at least 50 % of the trials (at "
+        "40 min) and burns at most 3.500 times the bound (at 40 min), against 100 % and 1.200 at "
+        "20 min."
+    ) in text
+    assert "minimum-energy transfer, which needs no training, is safe in at least 25 %" in text
+
+
+@pytest.mark.parametrize(
+    ("fuel", "safe", "where"),
+    [
+        ({10: 1.3, 20: 1.2, 40: 1.2}, {10: 4, 20: 4, 40: 4}, "at every time tried"),
+        ({10: 1.4, 20: 1.2, 40: 1.4}, {10: 4, 20: 4, 40: 4}, "at no other time tried"),
+        ({10: 1.2, 20: 1.2, 40: 1.2}, {10: 0, 20: 4, 40: 4}, "only from 20 to 40 min"),
+        # 2 of 4 is within two standard errors of 3 of 4.
+        ({10: 1.2, 20: 1.2, 40: 1.2}, {10: 2, 20: 3, 40: 3}, "at every time tried"),
+    ],
+)
+def test_quality_is_judged_by_fuel_and_by_safety_beyond_chance(times_at, fuel, safe, where):
+    text = times_answer(summarize_times(times_at(fuel, safe)))
+    assert text.count(f"keeps its quality {where}:") == 2
+
+
+def test_a_way_without_the_trainings_own_time_borrows_it_from_the_other(times_at):
+    table = times_at({10: 1.2, 20: 1.2, 40: 1.2}, {10: 4, 20: 4, 40: 4}, steps=(60.0, 240.0))
+    summary = summarize_times(table)
+    minutes = of_way(summary, "time_step")["minutes"]
+    assert set(minutes) == {10, 20, 40}
+    assert times_answer(summary).count("at every time tried") == 2
+
+
+def test_without_networks_the_answer_and_one_figure_are_still_there(times):
+    summary = summarize_times(times[times.planner.isin(["expert", "minimum energy"])])
+    assert recipes_of(summary) == [""]
+    assert times_answer(summary).count("no network took part.") == 2
+    assert len(times_figure(summary, "", styles(summary["planner"])).axes) == 6
+
+
+def test_several_trainings_show_their_average_and_spread(times):
+    again = times[times.planner == "lstm1"].assign(training_seed=1)
+    summary = summarize_times(pd.concat([times, again.assign(fuel=again.fuel + 2)]))
+    _, body = cells(times_tables(summary)[2])
+    flown = {tuple(row[:3]): row[3:] for row in body}
+    assert flown["LSTM1", "tuned", "flown"][0] == "2.250 ± 1.414"  # 1.25 and 3.25
+    assert flown["Expert", "", "plan"][0] == "1.000"
+    (band,) = times_figure(summary, "tuned", styles(summary["planner"])).axes[4].collections
+    low, high = band.get_datalim(band.axes.transData).intervaly
+    assert (low, high) == pytest.approx((2.2 - 2**0.5, 4.5 + 2**0.5))
+
+
+def test_the_report_has_the_section_with_figures_and_tables(trials, times, tmp_path):
+    files = build_report(Results(trials, transfer_times=times), tmp_path)
+    text = files.markdown.read_text()
+    section = text.split("## Experiment 4: other transfer times")[1].split("\n## ")[0]
+    assert "6nT numbers wide" in section
+    assert {"experiment4-paper", "experiment4-tuned"} <= {p.stem for p in files.figures}
+    by_name = {p.stem: pd.read_csv(p, keep_default_na=False) for p in files.tables}
+    safe = by_name["experiment4-safe"].set_index("planner")
+    assert float(safe.loc["lstm1", "40 min, T = 21"]) == 0.5
+    assert np.isnan(pd.to_numeric(safe.loc["ff1", "40 min, T = 21"]))
+
+
+def test_a_table_of_another_shape_is_refused(trials, times):
+    with pytest.raises(InputError, match=r"'transfer_times' lacks the columns varied"):
+        Results(trials, transfer_times=times.drop(columns="varied"))
