@@ -1,5 +1,6 @@
 """What a run was made with: versions, platform and commit of the code."""
 
+import os
 import platform
 import subprocess
 from importlib.metadata import version
@@ -17,6 +18,7 @@ def environment_tags() -> dict[str, str]:
     """Versions, platform and, where the code is in a git checkout, its commit."""
     tags = {f"{name}_version": version(name) for name in PACKAGES}
     tags |= {"python_version": platform.python_version(), "platform": platform.platform()}
+    tags["cores"] = str(os.cpu_count())
     commit = git_commit()
     return tags | ({"git_commit": commit} if commit else {})
 

@@ -47,6 +47,7 @@ class Results:
         extra: further tables by name.
         params: parameters of the run.
         metrics: metrics of the run.
+        tags: what it was made with, such as ``git_commit``.
     """
 
     run_id: str
@@ -55,6 +56,7 @@ class Results:
     extra: Mapping[str, pd.DataFrame]
     params: Mapping[str, str]
     metrics: Mapping[str, float]
+    tags: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -254,6 +256,7 @@ def _latest(experiment: str) -> Results:
             extra=tables,
             params=dict(run.data.params),
             metrics=dict(run.data.metrics),
+            tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
         )
 
 

@@ -1,6 +1,5 @@
 """The report, made from the newest results in the tracking store."""
 
-import platform
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,7 +10,6 @@ import pandas as pd
 from pipeline.errors import InputError
 from pipeline.report import Example, ReportFiles, build_report
 from pipeline.report import Results as ReportResults
-from registry.environment import environment_tags
 from registry.results import (
     Results,
     fetch_files,
@@ -70,14 +68,14 @@ def _read_example(path: Path) -> Example:
 
 
 def _facts(evaluation: Results) -> dict[str, str]:
-    tags = environment_tags()
+    tags = evaluation.tags
     return {
         "Evaluation run": evaluation.run_id,
         "Evaluated": evaluation.created.strftime("%Y-%m-%d %H:%M UTC"),
         "Dataset": evaluation.params.get("data", ""),
         "Dataset digest": evaluation.params.get("dataset_digest", ""),
         "Swarm sizes": evaluation.params.get("sizes", ""),
-        "Code": tags.get("git_commit", tags["prolearn_version"]),
-        "Machine": f"{platform.machine()}, {platform.system()}, Python {tags['python_version']}",
-        "torch": tags["torch_version"],
+        "Code": tags.get("git_commit", tags.get("prolearn_version", "")),
+        "Machine": f"{tags.get('platform', '')}, {tags.get('cores', '')} cores",
+        "Python, torch": f"{tags.get('python_version', '')}, {tags.get('torch_version', '')}",
     }
