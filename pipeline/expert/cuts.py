@@ -131,17 +131,37 @@ def half_spaces(
         separation: what to ask for, m.
         shift: added to each gap before its direction is taken, m: passes on another side.
     """
+    gap = gaps(cuts, states, controls, problem) + shift
+    k = cuts.interval
+    normal = _directions(gap, states[cuts.first, k, 3:] - states[cuts.second, k, 3:])
+    return half_spaces_along(cuts, normal, states[:, 0], problem, separation)
+
+
+def half_spaces_along(
+    cuts: Cuts,
+    normal: Float[Array, "k 3"],
+    initial: Float[Array, "n 6"],
+    problem: Problem,
+    separation: Float[Array, "k"] | float,
+) -> HalfSpaces:
+    """Cuts with given directions: normal · (pᵢ - pⱼ) ≥ separation there and then.
+
+    Args:
+        cuts: pairs and times.
+        normal: direction of each cut.
+        initial: initial states, m and m/s.
+        problem: the problem.
+        separation: what to ask for, m.
+    """
     maps = transfer_maps(problem)
     A, B = cw_matrices(problem.mean_motion, cuts.offset)
     A, B = A[:, :3], B[:, :3]
     i, j, k = cuts.first, cuts.second, cuts.interval
-    gap = gaps(cuts, states, controls, problem)
-    normal = _directions(gap + shift, states[i, k, 3:] - states[j, k, 3:])
     to_state = np.einsum("ki,kij->kj", normal, A)
     row = np.einsum("kj,kjm->km", to_state, maps.reach[k])
     columns = 3 * k[:, None] + np.arange(3)
     row[np.arange(len(k))[:, None], columns] += np.einsum("ki,kij->kj", normal, B)
-    start = states[i, 0] - states[j, 0]
+    start = initial[i] - initial[j]
     free = np.einsum("kj,kjl,kl->k", to_state, maps.drift[k], start)
     return HalfSpaces(row, separation - free)
 
