@@ -63,7 +63,7 @@ def main(
     instances: Annotated[int, typer.Option(help="Instances 0, 1, ... of the draw.")] = 100,
     n: Annotated[int, typer.Option(help="Swarm size.")] = 10,
     seed: Annotated[int, typer.Option(help="Root seed of the draw.")] = 0,
-    programs: Annotated[int, typer.Option(help="Programs that a cluster may take.")] = 900,
+    programs: Annotated[int, typer.Option(help="Programs that a cluster may take.")] = 300,
 ) -> None:
     """Compare the gap of the expert's best plans with the floor under any safe plan's."""
     started = process_time()
