@@ -11,9 +11,9 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from pipeline.report import paper_values
 from pipeline.report.axes import fit_scale
+from pipeline.report.lines import draw_lines, planner_handles
 from pipeline.report.results import FLOWN, PLAN, PREDICTED
-from pipeline.report.style import PAGE_WIDTH, Style, in_order, in_style, is_network, name_of
-from pipeline.report.summary import SPREAD
+from pipeline.report.style import PAGE_WIDTH, Style, in_order, in_style, is_network
 
 Points = Mapping[int, Mapping[str, float]]
 """What the paper reports: by n, then by planner."""
@@ -87,36 +87,17 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
         ax.set_xlabel("spacecraft n")
     _scale(panels[0, 0], rows, what)
     shown = pd.concat([others, networks[networks["reading"].isin(readings)]])
-    handles = _legend(in_order(shown["planner"]), look, what.paper is not None)
+    handles = planner_handles(shown["planner"], look)
+    if what.paper is not None:
+        handles.append(_paper_handle())
     figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=3)
     return figure
 
 
 def _panel(ax: Axes, rows: pd.DataFrame, what: Quantity, look: Mapping[str, Style]) -> None:
-    planners = in_order(rows["planner"])
-    for k, planner in enumerate(planners):
-        line = rows[rows["planner"] == planner].drop_duplicates("n").sort_values("n")
-        style = look[planner]
-        ax.plot(
-            line["n"],
-            line[what.value],
-            color=style.colour,
-            marker=style.marker,
-            linestyle=style.line,
-            markevery=_every(len(line), k),
-        )
-        spread = SPREAD.get(what.value)
-        if spread and line[spread].notna().any():
-            low, high = line[what.value] - line[spread], line[what.value] + line[spread]
-            ax.fill_between(line["n"], low, high, color=style.colour, alpha=0.2, linewidth=0)
+    draw_lines(ax, rows, "n", what.value, look)
     for n, quoted in (what.paper or {}).items():
-        _paper_points(ax, n, quoted, planners, look)
-
-
-def _every(points: int, k: int) -> tuple[int, int]:
-    """Which points carry a marker: some eight, not the same ones on neighbouring lines."""
-    step = max(1, points // 8)
-    return k % step, step
+        _paper_points(ax, n, quoted, in_order(rows["planner"]), look)
 
 
 def _paper_points(
@@ -161,28 +142,13 @@ def _size(rows: int, columns: int) -> tuple[float, float]:
     return (PAGE_WIDTH if columns > 1 else 0.75 * PAGE_WIDTH), 1.1 + 2.3 * rows
 
 
-def _legend(planners: Sequence[str], look: Mapping[str, Style], paper: bool) -> list[Line2D]:
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=look[p].colour,
-            marker=look[p].marker,
-            linestyle=look[p].line,
-            label=name_of(p),
-        )
-        for p in planners
-    ]
-    if paper:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                linestyle="none",
-                marker="o",
-                markerfacecolor="white",
-                markeredgecolor="#4d4d4d",
-                label="hollow: in the paper",
-            )
-        )
-    return handles
+def _paper_handle() -> Line2D:
+    return Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="o",
+        markerfacecolor="white",
+        markeredgecolor="#4d4d4d",
+        label="hollow: in the paper",
+    )

@@ -5,13 +5,12 @@ from collections.abc import Mapping
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from pipeline.report.axes import fit_scale
+from pipeline.report.lines import draw_lines, planner_handles
 from pipeline.report.results import PREDICTED
-from pipeline.report.style import PAGE_WIDTH, Style, in_order, in_style, is_network, name_of
-from pipeline.report.summary import SPREAD
+from pipeline.report.style import PAGE_WIDTH, Style, in_style, is_network
 from pipeline.report.summary_times import WAYS, of_way, trained_on
 
 SAFE = "safe_share"
@@ -50,7 +49,7 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
         for ax, way in zip(line, WAYS, strict=True):
             rows = of_way(shown, way)
             ax.axvline(trained.minutes, color="#4d4d4d", linewidth=0.8, linestyle=(0, (4, 3)))
-            _panel(ax, rows, value, look)
+            draw_lines(ax, rows, "minutes", value, look)
         line[0].set_ylabel(label)
         _scale(line[0], shown, value)
     panels[0, 0].set_title(f"other T, Δt = {trained.time_step:g} s")
@@ -58,28 +57,9 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
     for ax in panels[-1]:
         ax.xaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 2, 5, 10]))
         ax.set_xlabel("transfer time (min)")
-    handles = [_handle(planner, look) for planner in in_order(shown["planner"])]
+    handles = planner_handles(shown["planner"], look)
     figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=3)
     return figure
-
-
-def _panel(ax: Axes, rows: pd.DataFrame, value: str, look: Mapping[str, Style]) -> None:
-    for k, planner in enumerate(in_order(rows["planner"])):
-        line = rows[rows["planner"] == planner].drop_duplicates("minutes").sort_values("minutes")
-        style = look[planner]
-        step = max(1, len(line) // 8)
-        ax.plot(
-            line["minutes"],
-            line[value],
-            color=style.colour,
-            marker=style.marker,
-            linestyle=style.line,
-            markevery=(k % step, step),  # not the same points on neighbouring lines
-        )
-        spread = line[SPREAD[value]]
-        if spread.notna().any():
-            low, high = line[value] - spread, line[value] + spread
-            ax.fill_between(line["minutes"], low, high, color=style.colour, alpha=0.2, linewidth=0)
 
 
 def _scale(ax: Axes, rows: pd.DataFrame, value: str) -> None:
@@ -88,15 +68,3 @@ def _scale(ax: Axes, rows: pd.DataFrame, value: str) -> None:
         ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     else:
         fit_scale(ax, "y", rows[value])
-
-
-def _handle(planner: str, look: Mapping[str, Style]) -> Line2D:
-    style = look[planner]
-    return Line2D(
-        [],
-        [],
-        color=style.colour,
-        marker=style.marker,
-        linestyle=style.line,
-        label=name_of(planner),
-    )

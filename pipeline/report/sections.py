@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from pipeline.report import figures_scaling, paper_values
+from pipeline.report.answers_paper import paper_comparison
 from pipeline.report.answers_times import times_answer
 from pipeline.report.blocks import Block, Picture, Section
 from pipeline.report.figures_objectives import objectives_figure
@@ -63,6 +64,8 @@ def _experiment1(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Se
             f"No trial has n = {paper_values.NETWORK_SIZE}; this section uses n = {n}, the nearest "
             "size evaluated, so the paper's own numbers do not stand beside ours."
         )
+    elif comparison := paper_comparison(summary[summary["n"] == n]):
+        blocks.append(comparison)
     caption = (
         f"Average collisions and fuel of each planner at n = {n} (the paper's Figures 2 and 3). "
         "Experts and baselines in black, grey and dark tones, feed-forward networks in cool and "
