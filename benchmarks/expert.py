@@ -21,7 +21,7 @@ from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.expert import Settings, own_optima, solve
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
-from pipeline.report.style import PAGE_WIDTH, save
+from pipeline.report.figures.style import PAGE_WIDTH, save
 from pipeline.scenario import Scenario, draw
 
 SEED = 2022

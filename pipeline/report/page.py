@@ -8,13 +8,13 @@ from pathlib import Path
 import jinja2
 
 from pipeline.files import write_text
-from pipeline.report.answers import answers
+from pipeline.report.answers.questions import answers
 from pipeline.report.blocks import Block, Picture, Section, Table
+from pipeline.report.figures.style import save
 from pipeline.report.html import html_page
 from pipeline.report.results import Results
 from pipeline.report.sections import all_sections
-from pipeline.report.style import save
-from pipeline.report.summary import reference_size, summarize
+from pipeline.report.summary.trials import reference_size, summarize
 
 TITLE = "Learned swarm transfers between passive relative orbits"
 

@@ -4,23 +4,27 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from pipeline.report import figures_scaling, paper_values
-from pipeline.report.answers_paper import paper_comparison
-from pipeline.report.answers_times import times_answer
+from pipeline.report import paper_values
+from pipeline.report.answers.paper import paper_comparison
+from pipeline.report.answers.times import times_answer
 from pipeline.report.blocks import Block, Picture, Section
-from pipeline.report.figures_objectives import objectives_figure
-from pipeline.report.figures_scaling import scaling_figure
-from pipeline.report.figures_times import recipes_of, times_figure
-from pipeline.report.figures_training import curves_figure
-from pipeline.report.figures_transfer import figure_transfer
-from pipeline.report.figures_warmstart import WHISKERS, warmstart_figure
+from pipeline.report.figures import scaling as figures_scaling
+from pipeline.report.figures.objectives import objectives_figure
+from pipeline.report.figures.scaling import scaling_figure
+from pipeline.report.figures.style import Style, styles
+from pipeline.report.figures.times import recipes_of, times_figure
+from pipeline.report.figures.training import curves_figure
+from pipeline.report.figures.transfer import figure_transfer
+from pipeline.report.figures.warmstart import WHISKERS, warmstart_figure
+from pipeline.report.planners import planner_of
 from pipeline.report.results import Results, is_empty
-from pipeline.report.style import Style, planner_of, styles
-from pipeline.report.summary_times import summarize_times
-from pipeline.report.tables import facts_table, objectives_table, training_table
-from pipeline.report.tables_scaling import scaling_tables
-from pipeline.report.tables_times import times_tables
-from pipeline.report.tables_warmstart import warmstart_tables
+from pipeline.report.summary.times import summarize_times
+from pipeline.report.tables.objectives import objectives_table
+from pipeline.report.tables.provenance import facts_table
+from pipeline.report.tables.scaling import scaling_tables
+from pipeline.report.tables.times import times_tables
+from pipeline.report.tables.training import training_table
+from pipeline.report.tables.warmstart import warmstart_tables
 
 READINGS = (
     "A network is read twice. *As predicted* is the paper's reading: its raw states, which need "

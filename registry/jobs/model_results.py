@@ -6,11 +6,11 @@ from tempfile import TemporaryDirectory
 import pandas as pd
 
 from pipeline.dataset.folder import Where
-from pipeline.report.figures_scaling import COLLISIONS, FUEL, SAFE, scaling_figure
-from pipeline.report.figures_transfer import figure_transfer
+from pipeline.report.figures.scaling import COLLISIONS, FUEL, SAFE, scaling_figure
+from pipeline.report.figures.style import save, styles
+from pipeline.report.figures.transfer import figure_transfer
 from pipeline.report.results import PREDICTED
-from pipeline.report.style import save, styles
-from pipeline.report.summary import summarize
+from pipeline.report.summary.trials import summarize
 from pipeline.scenario import Scenario
 from registry.jobs.entrants import Network, unlearned
 from registry.jobs.example import example_transfer

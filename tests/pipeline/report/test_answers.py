@@ -1,7 +1,7 @@
 import pandas as pd
 
-from pipeline.report.answers import answers
-from pipeline.report.summary import summarize
+from pipeline.report.answers.questions import answers
+from pipeline.report.summary.trials import summarize
 
 
 def test_the_first_question_is_answered_by_the_safest_network(trials):

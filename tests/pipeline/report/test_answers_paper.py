@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from pipeline.report.answers_paper import paper_comparison
-from pipeline.report.summary import summarize
+from pipeline.report.answers.paper import paper_comparison
+from pipeline.report.summary.trials import summarize
 
 
 def table(rows, planner, recipe, reading, collisions, fuel):

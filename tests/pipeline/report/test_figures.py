@@ -5,13 +5,14 @@ import pytest
 from matplotlib.figure import Figure
 
 from pipeline.report import Example, figure_transfer
-from pipeline.report.axes import fit_scale
-from pipeline.report.figures_objectives import objectives_figure
-from pipeline.report.figures_scaling import COLLISIONS, FUEL, scaling_figure
-from pipeline.report.figures_transfer import _orbits, within
-from pipeline.report.figures_warmstart import warmstart_figure
-from pipeline.report.style import BASELINES, EXPERTS, FEED_FORWARD, KNOWN, RECURRENT, styles
-from pipeline.report.summary import summarize
+from pipeline.report.figures.axes import fit_scale
+from pipeline.report.figures.objectives import objectives_figure
+from pipeline.report.figures.scaling import COLLISIONS, FUEL, scaling_figure
+from pipeline.report.figures.style import KNOWN, styles
+from pipeline.report.figures.transfer import _orbits, within
+from pipeline.report.figures.warmstart import warmstart_figure
+from pipeline.report.planners import BASELINES, EXPERTS, FEED_FORWARD, RECURRENT
+from pipeline.report.summary.trials import summarize
 
 
 def lines_of(ax, colour):

@@ -4,8 +4,8 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.report import Results
-from pipeline.report.summary import reference_size, summarize
-from pipeline.report.summary_warmstart import summarize_warmstarts
+from pipeline.report.summary.trials import reference_size, summarize
+from pipeline.report.summary.warmstart import summarize_warmstarts
 
 
 def row(table, **keys):

@@ -3,10 +3,11 @@ import pytest
 
 from pipeline.report import paper_values
 from pipeline.report.numbers import count, error, number, ratio, share
-from pipeline.report.summary import summarize
-from pipeline.report.tables import objectives_table, training_table
-from pipeline.report.tables_scaling import scaling_tables
-from pipeline.report.tables_warmstart import warmstart_tables
+from pipeline.report.summary.trials import summarize
+from pipeline.report.tables.objectives import objectives_table
+from pipeline.report.tables.scaling import scaling_tables
+from pipeline.report.tables.training import training_table
+from pipeline.report.tables.warmstart import warmstart_tables
 
 
 def cells(table):

@@ -6,11 +6,11 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.report import Results, build_report
-from pipeline.report.answers_times import times_answer
-from pipeline.report.figures_times import recipes_of, times_figure
-from pipeline.report.style import styles
-from pipeline.report.summary_times import Training, of_way, summarize_times, trained_on
-from pipeline.report.tables_times import times_tables
+from pipeline.report.answers.times import times_answer
+from pipeline.report.figures.style import styles
+from pipeline.report.figures.times import recipes_of, times_figure
+from pipeline.report.summary.times import Training, of_way, summarize_times, trained_on
+from pipeline.report.tables.times import times_tables
 
 GRIDS = {6: 10, 11: 20, 21: 40}
 STEPS = {60.0: 10, 120.0: 20, 240.0: 40}

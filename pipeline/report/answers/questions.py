@@ -7,8 +7,8 @@ import pandas as pd
 
 from pipeline.report.numbers import number, ratio, share
 from pipeline.report.paper_values import NETWORK_SIZE
+from pipeline.report.planners import FEED_FORWARD, RECURRENT, is_network, name_of
 from pipeline.report.results import FLOWN, PREDICTED
-from pipeline.report.style import FEED_FORWARD, RECURRENT, is_network, name_of
 
 SAFE = 0.99
 """Share of trials without a conflict from which a planner is called safe."""

@@ -3,8 +3,8 @@
 import pandas as pd
 
 from pipeline.report.paper_values import NETWORK_SIZE
+from pipeline.report.planners import in_order
 from pipeline.report.results import FLOWN, PLAN, PREDICTED
-from pipeline.report.style import in_order
 
 GROUP = ["planner", "recipe", "reading", "n"]
 """What a row of the summary stands for."""

@@ -8,16 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from pipeline.report.axes import fit_scale
-from pipeline.report.style import (
-    FEED_FORWARD,
-    PAGE_WIDTH,
-    RECURRENT,
-    Style,
-    in_order,
-    in_style,
-    name_of,
-)
+from pipeline.report.figures.axes import fit_scale
+from pipeline.report.figures.style import PAGE_WIDTH, Style, in_style
+from pipeline.report.planners import FEED_FORWARD, RECURRENT, in_order, name_of
 
 
 @in_style

@@ -7,9 +7,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.report.axes import fit_scale
-from pipeline.report.style import PAGE_WIDTH, Style, in_style, label_name, planner_of
-from pipeline.report.summary_warmstart import seeds_in_order
+from pipeline.report.figures.axes import fit_scale
+from pipeline.report.figures.style import PAGE_WIDTH, Style, in_style
+from pipeline.report.planners import label_name, planner_of
+from pipeline.report.summary.warmstart import seeds_in_order
 
 WHISKERS = (5, 95)
 """Percentiles that the whiskers reach to."""

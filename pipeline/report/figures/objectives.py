@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pipeline.report import paper_values
-from pipeline.report.axes import fit_scale
+from pipeline.report.figures.axes import fit_scale
+from pipeline.report.figures.style import PAGE_WIDTH, Style, in_style
+from pipeline.report.planners import EXPERTS, in_order, name_of
 from pipeline.report.results import PREDICTED
-from pipeline.report.style import EXPERTS, PAGE_WIDTH, Style, in_order, in_style, name_of
-from pipeline.report.summary import SPREAD
+from pipeline.report.summary.trials import SPREAD
 
 RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}
 ROW_HEIGHT = 0.3

@@ -5,8 +5,8 @@ from typing import Any
 import pandas as pd
 
 from pipeline.report.blocks import Table
-from pipeline.report.summary_times import WAYS
-from pipeline.report.tables_against import Against, tables_against
+from pipeline.report.summary.times import WAYS
+from pipeline.report.tables.against import Against, tables_against
 
 PRINTED_MINUTES = (10, 14, 20, 30, 40)
 """Transfer times that the page shows where they were tried; the CSV files have all."""

@@ -7,10 +7,10 @@ import pandas as pd
 
 from pipeline.report.blocks import Column, Table
 from pipeline.report.numbers import number, ratio, share
+from pipeline.report.planners import name_of
 from pipeline.report.results import PREDICTED
-from pipeline.report.style import name_of
-from pipeline.report.summary import SPREAD
-from pipeline.report.tables import spread_note
+from pipeline.report.summary.trials import SPREAD
+from pipeline.report.tables.spread import spread_note
 
 PLANNER = ["planner", "recipe", "reading"]
 

@@ -7,9 +7,9 @@ from typing import Any
 import pandas as pd
 
 from pipeline.report.numbers import ratio, share
+from pipeline.report.planners import is_network, name_of
 from pipeline.report.results import PREDICTED
-from pipeline.report.style import is_network, name_of
-from pipeline.report.summary_times import WAYS, Training, of_way, trained_on
+from pipeline.report.summary.times import WAYS, Training, of_way, trained_on
 
 Row = Mapping[Any, Any]
 Rows = Sequence[Row]

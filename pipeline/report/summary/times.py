@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pipeline.report.summary import summarize
+from pipeline.report.summary.trials import summarize
 
 WAYS = ("nodes", "time_step")
 """The two ways to another transfer time: other T, other Δt."""

@@ -7,11 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from pipeline.report.axes import fit_scale
-from pipeline.report.lines import draw_lines, planner_handles
+from pipeline.report.figures.axes import fit_scale
+from pipeline.report.figures.lines import draw_lines, planner_handles
+from pipeline.report.figures.style import PAGE_WIDTH, Style, in_style
+from pipeline.report.planners import is_network
 from pipeline.report.results import PREDICTED
-from pipeline.report.style import PAGE_WIDTH, Style, in_style, is_network
-from pipeline.report.summary_times import WAYS, of_way, trained_on
+from pipeline.report.summary.times import WAYS, of_way, trained_on
 
 SAFE = "safe_share"
 

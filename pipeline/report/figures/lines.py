@@ -6,8 +6,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from pipeline.report.style import Style, in_order, name_of
-from pipeline.report.summary import SPREAD
+from pipeline.report.figures.style import Style
+from pipeline.report.planners import in_order, name_of
+from pipeline.report.summary.trials import SPREAD
 
 
 def draw_lines(

@@ -4,9 +4,9 @@ import pandas as pd
 
 from pipeline.report.blocks import Column, Table
 from pipeline.report.numbers import number, ratio, share
-from pipeline.report.style import label_name
-from pipeline.report.summary_warmstart import summarize_warmstarts
-from pipeline.report.tables import spread_note
+from pipeline.report.planners import label_name
+from pipeline.report.summary.warmstart import summarize_warmstarts
+from pipeline.report.tables.spread import spread_note
 
 
 def warmstart_tables(warmstarts: pd.DataFrame) -> list[Table]:

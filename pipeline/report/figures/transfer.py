@@ -10,15 +10,15 @@ from matplotlib.lines import Line2D
 from pipeline.arrays import Array
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.separation import pairs
-from pipeline.report.results import Example
-from pipeline.report.style import (
+from pipeline.report.figures.style import (
     CONFLICT_COLOUR,
     GOAL_COLOUR,
     INITIAL_COLOUR,
     PAGE_WIDTH,
     in_style,
-    label_name,
 )
+from pipeline.report.planners import label_name
+from pipeline.report.results import Example
 
 COLUMNS = 3
 ORBIT_POINTS = 121

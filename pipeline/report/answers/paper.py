@@ -7,8 +7,8 @@ import pandas as pd
 
 from pipeline.report.numbers import number
 from pipeline.report.paper_values import OBJECTIVES
+from pipeline.report.planners import is_network, name_of
 from pipeline.report.results import FLOWN, PREDICTED
-from pipeline.report.style import is_network, name_of
 
 NEAR = 2.0
 """Factor either way within which a number is called near the paper's."""

@@ -10,10 +10,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from pipeline.report import paper_values
-from pipeline.report.axes import fit_scale
-from pipeline.report.lines import draw_lines, planner_handles
+from pipeline.report.figures.axes import fit_scale
+from pipeline.report.figures.lines import draw_lines, planner_handles
+from pipeline.report.figures.style import PAGE_WIDTH, Style, in_style
+from pipeline.report.planners import in_order, is_network
 from pipeline.report.results import FLOWN, PLAN, PREDICTED
-from pipeline.report.style import PAGE_WIDTH, Style, in_order, in_style, is_network
 
 Points = Mapping[int, Mapping[str, float]]
 """What the paper reports: by n, then by planner."""

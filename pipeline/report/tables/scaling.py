@@ -3,7 +3,7 @@
 import pandas as pd
 
 from pipeline.report.blocks import Table
-from pipeline.report.tables_against import Against, tables_against
+from pipeline.report.tables.against import Against, tables_against
 
 PRINTED_SIZES = (2, 5, 10, 20, 30)
 """Swarm sizes that the page shows where they were evaluated; the CSV files have all."""

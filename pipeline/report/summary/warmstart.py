@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from pipeline.report.style import in_order, planner_of
-from pipeline.report.summary import as_share
+from pipeline.report.planners import in_order, planner_of
+from pipeline.report.summary.trials import as_share
 
 GROUP = ["n", "rule", "seed"]
 """What a row of the summary stands for."""

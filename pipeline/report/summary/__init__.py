@@ -1,0 +1,1 @@
+"""Trials averaged: what tables, figures and sentences are made from."""

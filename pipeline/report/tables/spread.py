@@ -1,0 +1,14 @@
+"""What ± means in a table."""
+
+import pandas as pd
+
+
+def spread_note(frame: pd.DataFrame) -> str:
+    """What ± means, where a table has averages over several trainings (column ``seeds``)."""
+    most = int(frame["seeds"].max())
+    if most < 2:
+        return ""
+    return (
+        f" Networks trained with several seeds (up to {most}) show the average of their trainings "
+        "± the standard deviation between them."
+    )
