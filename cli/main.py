@@ -3,10 +3,16 @@
 Commands import what they need when they run, so that help is instant.
 """
 
+import os
+
 import typer
 
 from cli import dataset, experiments, models, plan, train, tune
 from cli.app import Group
+
+# Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
+# wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 app = typer.Typer(
     name="prolearn",
