@@ -76,6 +76,6 @@ def _facts(evaluation: Results) -> dict[str, str]:
         "Dataset digest": evaluation.params.get("dataset_digest", ""),
         "Swarm sizes": evaluation.params.get("sizes", ""),
         "Code": tags.get("git_commit", tags.get("prolearn_version", "")),
-        "Machine": f"{tags.get('platform', '')}, {tags.get('cores', '')} cores",
+        "Machine": f"{tags.get('platform', '').partition('-')[0]}, {tags.get('cores', '')} cores",
         "Python, torch": f"{tags.get('python_version', '')}, {tags.get('torch_version', '')}",
     }
