@@ -27,9 +27,6 @@ from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import gap_of
 from pipeline.scenario import Scenario
 
-MARGIN = 0.05
-"""Separation asked for beyond the collision radius, m, so that small shifts stay safe."""
-
 LOOK_AHEAD = 0.5
 """Pairs that pass within this of the collision radius are cut before they violate it, m."""
 
@@ -167,7 +164,7 @@ class Search:
             self.aim_states,
             self.aim_controls,
             self.problem,
-            self.radius + MARGIN,
+            self.radius + self.settings.margin,
             self.shift,
         )
         self.shift = 0.0  # for the first program alone
@@ -222,7 +219,7 @@ class Search:
         A cut held the pair to the separation along its old normal; along the new one the pair is
         further apart, by a surplus that is worth the cut's multiplier.
         """
-        surplus = self._distances(self.states, self.controls) - (self.radius + MARGIN)
+        surplus = self._distances(self.states, self.controls) - (self.radius + self.settings.margin)
         worth = self.price * np.maximum(surplus, 0.0)
         return np.bincount(self.labels[self.cuts.first], worth, self.scenario.n)
 

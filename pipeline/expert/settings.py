@@ -14,6 +14,8 @@ class Settings:
         gap_tolerance: a cluster whose optimality gap is at most this is done.
         improvement: a cluster that gains no more than this share of its fuel is done.
         starts: searches, each begun by passing on other sides, of which the best is kept.
+        margin: separation asked for beyond the collision radius, m, so that small shifts stay
+            safe; the smaller, the less fuel and the more rounds.
         max_rounds: rounds of programs that a search may take.
         solver: the subproblem by Clarabel directly, or by its readable form in cvxpy.
     """
@@ -23,11 +25,12 @@ class Settings:
     gap_tolerance: float = 1e-3
     improvement: float = 1e-3
     starts: int = 1
+    margin: float = 0.05
     max_rounds: int = 60
     solver: Literal["clarabel", "cvxpy"] = "clarabel"
 
 
-BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8)
+BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8, margin=0.005)
 """For the least fuel, at some twenty times the time."""
 
 FIRST_SAFE = Settings(stop="first-safe")
