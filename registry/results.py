@@ -84,7 +84,8 @@ def earlier_run(experiment: str, params: Mapping[str, Any]) -> str | None:
     return str(run.info.run_id) if same else None
 
 
-def record_evaluation(
+def record(
+    experiment: str,
     table: pd.DataFrame,
     *,
     params: Mapping[str, Any],
@@ -93,9 +94,10 @@ def record_evaluation(
     files: Path | None = None,
     dataset: tuple[str, str] | None = None,
 ) -> str:
-    """Record experiments 1 and 2 and return the id of their run.
+    """Record what came of an experiment and return the id of its run.
 
     Args:
+        experiment: EVALUATION, WARMSTART or TRANSFER_TIMES.
         table: a row for each trial.
         params: settings.
         metrics: summaries.
@@ -106,50 +108,49 @@ def record_evaluation(
     Raises:
         ProlearnError: where the store fails.
     """
-    return _record(EVALUATION, table, params, metrics or {}, extra or {}, files, dataset)
+    name = experiment.removeprefix("prolearn-")
+    with (
+        opened() as store,
+        recorded_run(store, experiment, name, environment_tags()) as run_id,
+        TemporaryDirectory(prefix="prolearn-") as scratch,
+    ):
+        log_params(store, run_id, params)
+        log_metrics(store, run_id, metrics_now(metrics or {}))
+        if dataset is not None:
+            store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
+        for key, frame in {TABLE: table, **(extra or {})}.items():
+            frame.to_parquet(Path(scratch) / f"{key}.parquet", index=False)
+        store.client.log_artifacts(run_id, scratch, "tables")
+        if files is not None:
+            store.client.log_artifacts(run_id, str(files), "files")
+        return run_id
 
 
-def record_warmstart(
-    table: pd.DataFrame,
-    *,
-    params: Mapping[str, Any],
-    metrics: Mapping[str, SupportsFloat] | None = None,
-    extra: Mapping[str, pd.DataFrame] | None = None,
-    files: Path | None = None,
-    dataset: tuple[str, str] | None = None,
-) -> str:
-    """Record experiment 3; arguments and errors as in :func:`record_evaluation`."""
-    return _record(WARMSTART, table, params, metrics or {}, extra or {}, files, dataset)
-
-
-def record_transfer_times(
-    table: pd.DataFrame,
-    *,
-    params: Mapping[str, Any],
-    dataset: tuple[str, str] | None = None,
-) -> str:
-    """Record experiment 4; arguments and errors as in :func:`record_evaluation`."""
-    return _record(TRANSFER_TIMES, table, params, {}, {}, None, dataset)
-
-
-def latest_evaluation() -> Results:
-    """The newest finished run of experiments 1 and 2.
+def latest(experiment: str) -> Results:
+    """The newest finished run of an experiment.
 
     Raises:
         InputError: where there is none; it names the command that makes one.
         ProlearnError: where the store fails.
     """
-    return _latest(EVALUATION)
-
-
-def latest_warmstart() -> Results:
-    """The newest finished run of experiment 3; errors as in :func:`latest_evaluation`."""
-    return _latest(WARMSTART)
-
-
-def latest_transfer_times() -> Results:
-    """The newest finished run of experiment 4; errors as in :func:`latest_evaluation`."""
-    return _latest(TRANSFER_TIMES)
+    with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
+        run = _newest(store, experiment)
+        if run is None:
+            raise InputError(
+                f"There is no finished run of {experiment} in the tracking store; expected one: "
+                f"run `{_COMMANDS[experiment]}` first."
+            )
+        folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
+        tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
+        return Results(
+            run_id=run.info.run_id,
+            created=moment(run.info.start_time),
+            table=tables.pop(TABLE),
+            extra=tables,
+            params=dict(run.data.params),
+            metrics=dict(run.data.metrics),
+            tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
+        )
 
 
 def fetch_files(results: Results, folder: Path) -> Path:
@@ -210,54 +211,6 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
     with opened(create=False) as store:
         history = store.client.get_metric_history(version.run_id, name)
     return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
-
-
-def _record(
-    experiment: str,
-    table: pd.DataFrame,
-    params: Mapping[str, Any],
-    metrics: Mapping[str, SupportsFloat],
-    extra: Mapping[str, pd.DataFrame],
-    files: Path | None,
-    dataset: tuple[str, str] | None,
-) -> str:
-    name = experiment.removeprefix("prolearn-")
-    with (
-        opened() as store,
-        recorded_run(store, experiment, name, environment_tags()) as run_id,
-        TemporaryDirectory(prefix="prolearn-") as scratch,
-    ):
-        log_params(store, run_id, params)
-        log_metrics(store, run_id, metrics_now(metrics))
-        if dataset is not None:
-            store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
-        for key, frame in {TABLE: table, **extra}.items():
-            frame.to_parquet(Path(scratch) / f"{key}.parquet", index=False)
-        store.client.log_artifacts(run_id, scratch, "tables")
-        if files is not None:
-            store.client.log_artifacts(run_id, str(files), "files")
-        return run_id
-
-
-def _latest(experiment: str) -> Results:
-    with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
-        run = _newest(store, experiment)
-        if run is None:
-            raise InputError(
-                f"There is no finished run of {experiment} in the tracking store; expected one: "
-                f"run `{_COMMANDS[experiment]}` first."
-            )
-        folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
-        tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
-        return Results(
-            run_id=run.info.run_id,
-            created=moment(run.info.start_time),
-            table=tables.pop(TABLE),
-            extra=tables,
-            params=dict(run.data.params),
-            metrics=dict(run.data.metrics),
-            tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
-        )
 
 
 def _newest(store: Store, experiment: str) -> Any:

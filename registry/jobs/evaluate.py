@@ -19,7 +19,7 @@ from pipeline.scenario import Scenario
 from registry.jobs.entrants import networks, unlearned
 from registry.jobs.example import example_transfer, label_of
 from registry.jobs.model_results import add_to_model
-from registry.results import Outcome, earlier_run, record_evaluation
+from registry.results import Outcome, earlier_run, record
 from registry.store import EVALUATION
 
 
@@ -107,6 +107,6 @@ def _record(
             collision_radius=np.array(example.collision_radius),
             **tracks,
         )
-        return record_evaluation(
-            table, params=params, files=Path(scratch), dataset=(str(data), digest)
+        return record(
+            EVALUATION, table, params=params, files=Path(scratch), dataset=(str(data), digest)
         )

@@ -6,13 +6,15 @@ from tempfile import TemporaryDirectory
 import pandas as pd
 
 from pipeline.dataset.folder import Where
+from pipeline.evaluation.trials import Entrant
+from pipeline.expert import Expert
 from pipeline.report.figures.scaling import COLLISIONS, FUEL, SAFE, scaling_figure
 from pipeline.report.figures.style import save, styles
 from pipeline.report.figures.transfer import figure_transfer
 from pipeline.report.results import PREDICTED
 from pipeline.report.summary.trials import summarize
 from pipeline.scenario import Scenario
-from registry.jobs.entrants import Network, unlearned
+from registry.jobs.entrants import Network
 from registry.jobs.example import example_transfer
 from registry.results import ModelResults, add_model_results
 
@@ -80,6 +82,5 @@ def _draw(folder: Path, summary: pd.DataFrame, network: Network, scenario: Scena
     look = styles(summary["planner"])
     for name, quantity in (("collisions", COLLISIONS), ("fuel", FUEL), ("safe", SAFE)):
         save(scaling_figure(summary, quantity, look), folder / name, [".png"])
-    expert = next(e for e in unlearned() if e.planner.name == EXPERT)
-    example = example_transfer(scenario, [expert, network.entrant])
+    example = example_transfer(scenario, [Entrant(Expert()), network.entrant])
     save(figure_transfer(example), folder / "transfer", [".png"])

@@ -1,6 +1,5 @@
 """The report, made from the newest results in the tracking store."""
 
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -10,13 +9,8 @@ import pandas as pd
 from pipeline.errors import InputError
 from pipeline.report import Example, ReportFiles, build_report
 from pipeline.report import Results as ReportResults
-from registry.results import (
-    Results,
-    fetch_files,
-    latest_evaluation,
-    latest_transfer_times,
-    latest_warmstart,
-)
+from registry.results import Results, fetch_files, latest
+from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART
 from registry.tables import training_table
 
 
@@ -27,12 +21,12 @@ def report(out: Path) -> ReportFiles:
         InputError: where nothing was evaluated yet.
         ProlearnError: where the store fails.
     """
-    evaluation = latest_evaluation()
+    evaluation = latest(EVALUATION)
     training = training_table()
     results = ReportResults(
         trials=evaluation.table,
-        warmstarts=_table(latest_warmstart),
-        transfer_times=_table(latest_transfer_times),
+        warmstarts=_table(WARMSTART),
+        transfer_times=_table(TRANSFER_TIMES),
         training=training.training,
         curves=training.curves,
         examples=_examples(evaluation),
@@ -41,10 +35,10 @@ def report(out: Path) -> ReportFiles:
     return build_report(results, out)
 
 
-def _table(latest: Callable[[], Results]) -> pd.DataFrame | None:
+def _table(experiment: str) -> pd.DataFrame | None:
     """The newest table of an experiment; a report without it says which command makes it."""
     try:
-        return latest().table
+        return latest(experiment).table
     except InputError:
         return None
 

@@ -18,7 +18,7 @@ from pipeline.networks.flown import check_problem
 from pipeline.orbit.problem import Problem
 from registry.jobs.entrants import Network, networks, unlearned
 from registry.jobs.evaluate import test_scenarios
-from registry.results import Outcome, earlier_run, record_transfer_times
+from registry.results import Outcome, earlier_run, record
 from registry.store import TRANSFER_TIMES
 
 
@@ -71,7 +71,7 @@ def transfer_times(
     table = run_transfer_times(
         _entrants_on(learned), scenarios, varied, report=lambda done: report(_called(done))
     )
-    return Outcome(record_transfer_times(table, params=params, dataset=(str(data), digest)))
+    return Outcome(record(TRANSFER_TIMES, table, params=params, dataset=(str(data), digest)))
 
 
 def _entrants_on(learned: Sequence[Network]) -> EntrantsOn:

@@ -9,7 +9,7 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.evaluation.warmstart import run_warmstarts
 from registry.jobs.entrants import networks
 from registry.jobs.evaluate import test_scenarios
-from registry.results import Outcome, earlier_run, record_warmstart
+from registry.results import Outcome, earlier_run, record
 from registry.store import WARMSTART
 
 
@@ -53,4 +53,4 @@ def warmstart(
     tables = [run_warmstarts(predictors, scenarios[n], report=lambda: report(1)) for n in sizes]
     used = (str(data), digest)
     table = pd.concat(tables, ignore_index=True)
-    return Outcome(record_warmstart(table, params=params, dataset=used))
+    return Outcome(record(WARMSTART, table, params=params, dataset=used))

@@ -13,13 +13,10 @@ from registry.results import (
     add_model_results,
     earlier_run,
     fetch_files,
-    latest_evaluation,
-    latest_transfer_times,
-    latest_warmstart,
-    record_evaluation,
-    record_warmstart,
+    latest,
+    record,
 )
-from registry.store import EVALUATION, connect, recorded_run
+from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART, connect, recorded_run
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
 
@@ -36,14 +33,15 @@ TRIALS = pd.DataFrame(
 
 def test_an_evaluation_comes_back_as_it_went_in(folder: Path) -> None:
     by_n = pd.DataFrame({"n": [2, 3], "fuel": [0.01, 0.02]})
-    run_id = record_evaluation(
+    run_id = record(
+        EVALUATION,
         TRIALS,
         params={"sizes": "2..30", "trials": 100},
         metrics={"n10_expert_fuel_mean": 0.0494},
         extra={"by_n": by_n},
     )
 
-    found = latest_evaluation()
+    found = latest(EVALUATION)
 
     assert found.run_id == run_id
     pd.testing.assert_frame_equal(found.table, TRIALS)
@@ -53,32 +51,31 @@ def test_an_evaluation_comes_back_as_it_went_in(folder: Path) -> None:
 
 
 def test_the_newest_finished_run_counts(folder: Path) -> None:
-    record_warmstart(TRIALS.head(1), params={})
-    newest = record_warmstart(TRIALS, params={})
+    record(WARMSTART, TRIALS.head(1), params={})
+    newest = record(WARMSTART, TRIALS, params={})
     store = connect()
     with pytest.raises(KeyboardInterrupt), recorded_run(store, "prolearn-warmstart", "x", {}):
         raise KeyboardInterrupt
 
-    found = latest_warmstart()
+    found = latest(WARMSTART)
 
     assert found.run_id == newest
     assert len(found.table) == 2
 
 
 @pytest.mark.parametrize(
-    ("latest", "command"),
+    ("experiment", "command"),
     [
-        (latest_evaluation, "prolearn evaluate"),
-        (latest_warmstart, "prolearn warmstart"),
-        (latest_transfer_times, "prolearn transfer-times"),
+        (EVALUATION, "prolearn evaluate"),
+        (WARMSTART, "prolearn warmstart"),
+        (TRANSFER_TIMES, "prolearn transfer-times"),
     ],
 )
 def test_without_results_the_command_that_makes_them_is_named(
-    folder: Path, latest: object, command: str
+    folder: Path, experiment: str, command: str
 ) -> None:
-    assert callable(latest)
     with pytest.raises(InputError, match=f"run `{command}` first"):
-        latest()
+        latest(experiment)
 
 
 def test_a_run_that_breaks_off_is_marked_as_failed(folder: Path) -> None:
@@ -91,9 +88,9 @@ def test_a_run_that_breaks_off_is_marked_as_failed(folder: Path) -> None:
 def test_files_of_a_run_are_fetched_with_their_folders(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "made" / "figures").mkdir(parents=True)
     (tmp_path / "made" / "figures" / "fuel.svg").write_text("<svg/>")
-    record_evaluation(TRIALS, params={}, files=tmp_path / "made")
+    record(EVALUATION, TRIALS, params={}, files=tmp_path / "made")
 
-    fetched = fetch_files(latest_evaluation(), tmp_path / "fetched")
+    fetched = fetch_files(latest(EVALUATION), tmp_path / "fetched")
 
     assert (fetched / "figures" / "fuel.svg").read_text() == "<svg/>"
 
@@ -101,8 +98,8 @@ def test_files_of_a_run_are_fetched_with_their_folders(folder: Path, tmp_path: P
 def test_more_parameters_and_metrics_than_one_request_takes_all_arrive(folder: Path) -> None:
     params = {f"p{k}": k for k in range(230)}
     metrics = {f"m{k}": float(k) for k in range(1200)}
-    record_evaluation(TRIALS, params=params, metrics=metrics)
-    found = latest_evaluation()
+    record(EVALUATION, TRIALS, params=params, metrics=metrics)
+    found = latest(EVALUATION)
     assert found.params == {k: str(v) for k, v in params.items()}
     assert found.metrics == metrics
 
@@ -139,11 +136,11 @@ def test_metrics_by_swarm_size_become_a_curve_over_n(
 
 def test_an_experiment_was_done_earlier_only_with_the_same_parameters(folder: Path) -> None:
     assert earlier_run(EVALUATION, {"trials": 100}) is None
-    run_id = record_evaluation(TRIALS, params={"trials": 100, "sizes": "10"})
+    run_id = record(EVALUATION, TRIALS, params={"trials": 100, "sizes": "10"})
 
     assert earlier_run(EVALUATION, {"sizes": "10", "trials": 100}) == run_id
     assert earlier_run(EVALUATION, {"sizes": "10", "trials": 99}) is None
     assert earlier_run(EVALUATION, {"sizes": "10"}) is None
-    record_evaluation(TRIALS, params={"trials": 5, "sizes": "10"})
+    record(EVALUATION, TRIALS, params={"trials": 5, "sizes": "10"})
     # the report shows the newest results, so older ones do not count as done
     assert earlier_run(EVALUATION, {"sizes": "10", "trials": 100}) is None

@@ -17,7 +17,8 @@ from pipeline.networks.model import load as load_network
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.models import load, resolve
-from registry.results import latest_evaluation, record_evaluation
+from registry.results import latest, record
+from registry.store import EVALUATION
 from registry.training import DatasetInfo, record_training
 
 
@@ -91,8 +92,8 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     states = mlflow.pyfunc.load_model(version.uri).predict({"initial": initial, "goal": goal})
     np.testing.assert_array_equal(states, wanted)
     table = pd.DataFrame({"n": [2, 3]})
-    record_evaluation(table, params={})
-    pd.testing.assert_frame_equal(latest_evaluation().table, table)
+    record(EVALUATION, table, params={})
+    pd.testing.assert_frame_equal(latest(EVALUATION).table, table)
     assert (folder / "behind").is_dir() and not (folder / "mlruns").exists()
 
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")  # a few seconds less

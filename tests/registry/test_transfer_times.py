@@ -12,7 +12,8 @@ from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.jobs.evaluate import evaluate
 from registry.jobs.transfer_times import transfer_times
-from registry.results import Outcome, latest_evaluation, latest_transfer_times
+from registry.results import Outcome, latest
+from registry.store import EVALUATION, TRANSFER_TIMES
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
@@ -33,7 +34,7 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
     said: list[str] = []
     asked: dict[str, Any] = {"n": CRAFT, "nodes": (6, 11), "time_steps": (60.0, 240.0)}
     done = transfer_times([], solved, **asked, trials=2, report=said.append)
-    found = latest_transfer_times()
+    found = latest(TRANSFER_TIMES)
     assert done == Outcome(found.run_id)
     again = transfer_times([], solved, **asked, trials=2, resume=True)
     assert again == Outcome(found.run_id, earlier=True)
@@ -56,7 +57,7 @@ def test_at_the_problem_of_the_training_networks_do_as_in_experiment_1(
 ) -> None:
     evaluate([], solved, sizes=(CRAFT,), trials=2, timed=0)
     transfer_times([], solved, n=CRAFT, nodes=(11,), time_steps=None, trials=2)
-    home, table = latest_evaluation().table, latest_transfer_times().table
+    home, table = latest(EVALUATION).table, latest(TRANSFER_TIMES).table
     for varied in ("nodes", "time_step"):
         rows = table[table.varied == varied][home.columns].reset_index(drop=True)
         pd.testing.assert_frame_equal(rows, home)
