@@ -73,10 +73,10 @@ def evaluate(
         tables.append(run_trials(entrants, scenarios[n], timed=min(timed, len(scenarios[n]))))
     table = pd.concat(tables, ignore_index=True)
     drawn = scenarios[min(chosen, key=lambda n: abs(n - 10))][0]
-    run_id = _record(table, params, example_transfer(drawn, entrants), data, digest)
     for network in learned:
         add_to_model(network, table, drawn, data, digest)
-    return Outcome(run_id)
+    # Last, since a finished run is what ``resume`` looks for.
+    return Outcome(_record(table, params, example_transfer(drawn, entrants), data, digest))
 
 
 def test_scenarios(data: Where, n: int, trials: int | None = None) -> list[Scenario]:

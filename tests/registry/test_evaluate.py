@@ -1,0 +1,42 @@
+"""Experiments 1 and 2, interrupted and resumed."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import registry.jobs.evaluate as job
+from pipeline.training.loop import Trained
+from pipeline.training.recipes import Recipe
+from registry.models import list_versions
+from registry.training import DatasetInfo, record_training
+
+CRAFT = 3
+
+
+def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
+    folder: Path,
+    trained: Trained,
+    trained_lstm: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
+    solved: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for one in (trained, trained_lstm):
+        record_training(one, recipe=recipe, seed=0, dataset=dataset)
+    add, asked = job.add_to_model, {"sizes": (CRAFT,), "trials": 1, "timed": 0, "resume": True}
+
+    def first_only(network: Any, *rest: Any) -> None:
+        if network.name != "ff1":
+            raise KeyboardInterrupt
+        add(network, *rest)
+
+    monkeypatch.setattr(job, "add_to_model", first_only)
+    with pytest.raises(KeyboardInterrupt):
+        job.evaluate([], solved, **asked)
+    monkeypatch.setattr(job, "add_to_model", add)
+
+    assert not job.evaluate([], solved, **asked).earlier
+    assert all("exp1_flown_collisions" in version.metrics for version in list_versions())
+    assert job.evaluate([], solved, **asked).earlier
