@@ -81,7 +81,7 @@ def sample(
 ) -> None:
     """Draw scenarios into a dataset folder.
 
-    Scenario k depends on seed, n and k alone. Several sizes may share a folder.
+    Scenario k of a split depends on seed, n, split and k alone. Several sizes may share a folder.
 
     Example:
 

@@ -15,9 +15,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pipeline.dataset.folder import Folder, Where, open_folder
-from pipeline.dataset.schema import SCHEMA, SPLITS
+from pipeline.dataset.schema import SCHEMA, metadata
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
+from pipeline.scenario import SPLITS
+from pipeline.scenario.families import SEEDS
 
 NAME = "_manifest.json"
 SCENARIOS, TIMINGS = "_scenarios/", "_timings/"
@@ -31,7 +33,7 @@ class Sample:
         family: family of scenarios.
         seed: root seed.
         count: how many.
-        shares: shares of train, valid and test, in order of the index.
+        shares: shares of train, valid and test, whose rows follow each other in this order.
         shard_rows: instances in a shard.
     """
 
@@ -45,8 +47,8 @@ class Sample:
         """Refuse what cannot be sampled."""
         if self.count < 1:
             raise InputError(f"count is {self.count}; expected at least one scenario.")
-        if self.seed < 0:
-            raise InputError(f"seed is {self.seed}; expected 0 or more.")
+        if not 0 <= self.seed < SEEDS:
+            raise InputError(f"seed is {self.seed}; expected 0 to {SEEDS - 1}.")
         if self.shard_rows < 1:
             raise InputError(f"shard_rows is {self.shard_rows}; expected at least 1.")
         if min(self.shares) < 0 or abs(sum(self.shares) - 1) > 1e-9:
@@ -60,24 +62,33 @@ class Sample:
         """Number of shards."""
         return -(-self.count // self.shard_rows)
 
-    def split_of(self, index: int) -> str:
-        """The split of a scenario: by its index, so that it does not depend on the others."""
-        train = round(self.count * self.shares[0])
-        valid = train + round(self.count * self.shares[1])
-        return SPLITS[(index >= train) + (index >= valid)]
+    def rows_of(self, split: str) -> range:
+        """The rows of a split."""
+        train, valid = (round(self.count * share) for share in self.shares[:2])
+        ends = (0, train, min(train + valid, self.count), self.count)
+        k = SPLITS.index(split)
+        return range(ends[k], ends[k + 1])
+
+    def drawn_as(self, row: int) -> tuple[str, int]:
+        """The split of a row's scenario, and its index there."""
+        for split in SPLITS:
+            rows = self.rows_of(split)
+            if row in rows:
+                return split, row - rows.start
+        raise ValueError(f"row {row} of {self.count}")
 
     def splits_of(self, shard: int) -> set[str]:
-        """The splits that a shard has rows of, which are in order of the index."""
-        rows = self.indices(shard)
-        first, last = (SPLITS.index(self.split_of(k)) for k in (rows[0], rows[-1]))
-        return set(SPLITS[first : last + 1])
+        """The splits that a shard has rows of."""
+        rows = self.rows(shard)
+        first, last = (SPLITS.index(self.drawn_as(row)[0]) for row in (rows[0], rows[-1]))
+        return {split for split in SPLITS[first : last + 1] if self.rows_of(split)}
 
     def origin(self) -> dict[str, Any]:
         """What the metadata of shards says about where their scenarios come from."""
         return {"seed": self.seed, "family": self.family}
 
-    def indices(self, shard: int) -> range:
-        """Indices of the scenarios in a shard."""
+    def rows(self, shard: int) -> range:
+        """The rows of a shard, counted over the whole sample."""
         first = shard * self.shard_rows
         return range(first, min(first + self.shard_rows, self.count))
 
@@ -90,12 +101,16 @@ class Manifest:
         problem: the problem that all its instances share.
         samples: how each swarm size is drawn.
         solve: settings of the expert, or nothing before the first solve.
+        sampled_with: versions that the scenarios were drawn with.
+        solved_with: versions that they are solved with, or nothing before the first solve.
         shards: SHA-256 digest of each finished shard, by path inside the folder.
     """
 
     problem: Problem
     samples: Mapping[int, Sample] = field(default_factory=dict)
     solve: Mapping[str, Any] = field(default_factory=dict)
+    sampled_with: Mapping[str, str] = field(default_factory=dict)
+    solved_with: Mapping[str, str] = field(default_factory=dict)
     shards: Mapping[str, str] = field(default_factory=dict)
 
     def scenario_shards(self) -> list[tuple[int, int, str]]:
@@ -110,9 +125,19 @@ class Manifest:
         """Path of every solved shard, and of the scenario shard that it comes from."""
         return {shard_name(n, k): path for n, k, path in self.scenario_shards()}
 
-    def digest(self) -> str:
-        """Digest of the solved data: the same bytes in the same shards, the same digest."""
-        solved = {p: d for p, d in self.shards.items() if not p.startswith("_")}
+    def scenario_metadata(self, n: int) -> dict[bytes, bytes]:
+        """The schema metadata of the scenario shards of a swarm size."""
+        return metadata(self.problem, self.samples[n].origin(), self.sampled_with)
+
+    def solved_metadata(self, n: int) -> dict[bytes, bytes]:
+        """The schema metadata of the solved shards of a swarm size."""
+        settings = self.samples[n].origin() | dict(self.solve)
+        return metadata(self.problem, settings, self.solved_with)
+
+    def digest(self, n: int | None = None) -> str:
+        """Digest of the solved data, or of one swarm size: the same bytes, the same digest."""
+        top = "n=" if n is None else f"n={n}/"
+        solved = {p: d for p, d in self.shards.items() if p.startswith(top)}
         return hashlib.sha256(json.dumps(solved, sort_keys=True).encode()).hexdigest()
 
 
@@ -139,13 +164,19 @@ def read_manifest(where: Where | Folder) -> Manifest:
     try:
         document = json.loads(folder.read(NAME))
         if document["schema"] != SCHEMA:
-            raise InputError(f"{folder} has schema {document['schema']}; expected {SCHEMA}.")
+            raise InputError(
+                f"{folder} has schema {document['schema']}, of another version of prolearn; "
+                f"expected {SCHEMA}: make the dataset anew in another folder, or remove this one."
+            )
         samples = {
             int(n): Sample(**{**s, "shares": tuple(s["shares"])})
             for n, s in document["samples"].items()
         }
         problem = Problem(**document["problem"])
-        return Manifest(problem, samples, document["solve"], document["shards"])
+        made = document["made_with"]
+        return Manifest(
+            problem, samples, document["solve"], made["sample"], made["solve"], document["shards"]
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{NAME} in {folder} is damaged ({error!r}); delete it and give the command that made "
@@ -160,6 +191,7 @@ def write_manifest(folder: Folder, manifest: Manifest) -> None:
         "problem": asdict(manifest.problem),
         "samples": {str(n): asdict(s) for n, s in sorted(manifest.samples.items())},
         "solve": dict(manifest.solve),
+        "made_with": {"sample": dict(manifest.sampled_with), "solve": dict(manifest.solved_with)},
         "shards": dict(sorted(manifest.shards.items())),
     }
     folder.publish(NAME, (json.dumps(document, indent=1) + "\n").encode())

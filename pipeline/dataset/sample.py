@@ -17,13 +17,18 @@ from pipeline.dataset.manifest import (
     read_manifest,
     refuse_change,
 )
-from pipeline.dataset.schema import metadata, scenario_table
+from pipeline.dataset.schema import scenario_table
 from pipeline.dataset.shards import digest_of, encode
 from pipeline.dataset.watch import SILENT, Watch
+from pipeline.dataset.worker import check_worker
 from pipeline.dataset.workers import Workers
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
+from pipeline.provenance import made_with, refuse_other_versions
 from pipeline.scenario import draw
+
+DECIDED_BY = ("orbit", "scenario"), ("numpy", "scipy", "pyarrow")
+"""Code of ours and packages that the bytes of scenarios depend on."""
 
 OURS = re.compile(
     rf"{NAME}|{LOCK}|{WRITER}|_foreign/.*|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet"
@@ -40,11 +45,13 @@ class Draw:
     shard: int
     sample: Sample
     problem: Problem
+    metadata: dict[bytes, bytes]
+    versions: Mapping[str, str]
 
     @property
-    def indices(self) -> range:
-        """Indices of its scenarios."""
-        return self.sample.indices(self.shard)
+    def rows(self) -> range:
+        """Its rows, counted over the whole sample."""
+        return self.sample.rows(self.shard)
 
 
 def sample(
@@ -76,7 +83,7 @@ def sample(
         ledger = Ledger(folder, _begun(folder, samples, problem))
         ledger.commit()
         tasks = list(missing_scenarios(ledger))
-        watch.expect(sum(len(task.indices) for task in tasks))
+        watch.expect(sum(len(task.rows) for task in tasks))
         draw_scenarios(ledger, tasks, workers, watch)
     return ledger.manifest
 
@@ -86,7 +93,8 @@ def missing_scenarios(ledger: Ledger) -> Iterator[Draw]:
     manifest = ledger.manifest
     for n, shard, name in manifest.scenario_shards():
         if not ledger.is_sound(name):
-            yield Draw(name, n, shard, manifest.samples[n], manifest.problem)
+            one, meta = manifest.samples[n], manifest.scenario_metadata(n)
+            yield Draw(name, n, shard, one, manifest.problem, meta, manifest.sampled_with)
 
 
 def draw_scenarios(ledger: Ledger, tasks: list[Draw], workers: Workers, watch: Watch) -> None:
@@ -98,7 +106,7 @@ def draw_scenarios(ledger: Ledger, tasks: list[Draw], workers: Workers, watch: W
             if known.get(task.name, "") not in ("", digest_of(content)):
                 ledger.disown([task.name.removeprefix(SCENARIOS)])
             ledger.publish(task.name, content)
-            watch.done(len(task.indices))
+            watch.done(len(task.rows))
 
 
 def _refuse_foreign(folder: Folder) -> None:
@@ -114,18 +122,20 @@ def _refuse_foreign(folder: Folder) -> None:
 
 def _begun(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
     """The manifest that the folder has or gets, where its settings agree with these."""
+    versions = made_with(*DECIDED_BY)
     if not folder.exists(NAME):
-        return Manifest(problem, dict(samples))
+        return Manifest(problem, dict(samples), sampled_with=versions)
     manifest = read_manifest(folder)
     refuse_change(str(folder), asdict(manifest.problem), asdict(problem))
     for n, one in samples.items():
         if n in manifest.samples:
             refuse_change(f"{folder} at n={n}", asdict(manifest.samples[n]), asdict(one))
+    refuse_other_versions(f"{folder} was sampled", manifest.sampled_with, versions)
     return replace(manifest, samples={**manifest.samples, **samples})
 
 
 def _drawn(task: Draw, _: bytes) -> bytes:
-    one, problem = task.sample, task.problem
-    scenarios = [draw(one.family, one.seed, task.n, k, problem) for k in task.indices]
-    meta = metadata(problem, one.origin())
-    return encode(scenario_table(scenarios, [one.split_of(k) for k in task.indices], meta))
+    check_worker(task.versions, DECIDED_BY)
+    one, drawn = task.sample, [task.sample.drawn_as(row) for row in task.rows]
+    scenarios = [draw(one.family, one.seed, task.n, k, task.problem, split) for split, k in drawn]
+    return encode(scenario_table(scenarios, [split for split, _ in drawn], task.metadata))

@@ -19,9 +19,8 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Plan
 from pipeline.scenario import Scenario
 
-SCHEMA = "prolearn.dataset/1"
+SCHEMA = "prolearn.dataset/2"
 METADATA_KEY = b"prolearn"
-SPLITS = ("train", "valid", "test")
 
 NUMBERS = pa.list_(pa.field("element", pa.float64(), nullable=False))
 
@@ -70,9 +69,11 @@ class Outcome:
     plan: Plan | None = None
 
 
-def metadata(problem: Problem, settings: Mapping[str, Any]) -> dict[bytes, bytes]:
-    """The schema metadata of a shard."""
-    document = {"schema": SCHEMA, **asdict(problem), **settings}
+def metadata(
+    problem: Problem, settings: Mapping[str, Any], made_with: Mapping[str, str]
+) -> dict[bytes, bytes]:
+    """The schema metadata of a shard: its problem, how it was drawn and solved, and with what."""
+    document = {"schema": SCHEMA, **asdict(problem), **settings, "made_with": dict(made_with)}
     return {METADATA_KEY: json.dumps(document, sort_keys=True).encode()}
 
 

@@ -1,6 +1,6 @@
 """Stage two: the expert's plans for all scenarios of a dataset, shard by shard."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 
@@ -16,11 +16,11 @@ from pipeline.dataset.manifest import (
     read_manifest,
     refuse_change,
 )
+from pipeline.dataset.sample import DECIDED_BY as SAMPLED_BY
 from pipeline.dataset.sample import draw_scenarios, missing_scenarios
 from pipeline.dataset.schema import (
     METADATA_KEY,
     Outcome,
-    metadata,
     same_scenarios,
     scenarios_of,
     solved_table,
@@ -28,11 +28,13 @@ from pipeline.dataset.schema import (
 )
 from pipeline.dataset.shards import decode, digest_of, encode
 from pipeline.dataset.watch import SILENT, Watch
+from pipeline.dataset.worker import check_worker
 from pipeline.dataset.workers import Workers
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_scenario
 from pipeline.plan import SOLVED, UNSOLVED
+from pipeline.provenance import made_with, refuse_other_versions
 from pipeline.scenario import Scenario
 
 
@@ -44,6 +46,7 @@ class Solve:
     rows: int
     metadata: dict[bytes, bytes]
     settings: Settings
+    versions: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -104,10 +107,30 @@ def complete(ledger: Ledger, settings: Settings, workers: Workers, watch: Watch)
 
 
 def _begun(manifest: Manifest, folder: str, settings: Settings) -> Manifest:
-    now = asdict(settings)
+    now, versions = asdict(settings), made_with(*decided_by(settings))
     if manifest.solve:
         refuse_change(folder, manifest.solve, now)
-    return replace(manifest, solve=now)
+    refuse_versions(manifest, folder)
+    return replace(manifest, solve=now, solved_with=versions)
+
+
+def refuse_versions(manifest: Manifest, folder: str) -> None:
+    """Refuse to go on with a dataset that other versions have begun.
+
+    Raises:
+        InputError: naming the first version that differs.
+    """
+    refuse_other_versions(f"{folder} was sampled", manifest.sampled_with, made_with(*SAMPLED_BY))
+    if manifest.solve:
+        versions = made_with(*decided_by(Settings(**manifest.solve)))
+        refuse_other_versions(f"{folder} was solved", manifest.solved_with, versions)
+
+
+def decided_by(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Code of ours and packages that the bytes of plans depend on."""
+    readable = ("cvxpy",) if settings.solver == "cvxpy" else ()
+    packages = ("numpy", "scipy", "pyarrow", "clarabel", *readable)
+    return ("orbit", "scenario", "plan", "expert"), packages
 
 
 def _missing(ledger: Ledger, settings: Settings) -> Iterator[Solve]:
@@ -115,9 +138,8 @@ def _missing(ledger: Ledger, settings: Settings) -> Iterator[Solve]:
     manifest = ledger.manifest
     for n, shard, source in manifest.scenario_shards():
         one = manifest.samples[n]
-        meta = metadata(manifest.problem, one.origin() | asdict(settings))
-        name = source.removeprefix(SCENARIOS)
-        task = Solve(name, len(one.indices(shard)), meta, settings)
+        name, meta = source.removeprefix(SCENARIOS), manifest.solved_metadata(n)
+        task = Solve(name, len(one.rows(shard)), meta, settings, manifest.solved_with)
         if not (ledger.is_sound(name) or _adopted(ledger, task)):
             yield task
 
@@ -139,6 +161,7 @@ def _adopted(ledger: Ledger, task: Solve) -> bool:
 
 
 def _solved(task: Solve, content: bytes) -> Solved:
+    check_worker(task.versions, decided_by(task.settings))
     table = decode(content)
     outcomes = [_outcome(scenario, task.settings) for scenario in scenarios_of(table)]
     return Solved(

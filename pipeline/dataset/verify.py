@@ -11,9 +11,9 @@ from pipeline.dataset.lock import sole_writer
 from pipeline.dataset.manifest import SCENARIOS, TIMINGS, Manifest, read_manifest
 from pipeline.dataset.physics import row_faults
 from pipeline.dataset.sample import OURS, draw_scenarios, missing_scenarios
-from pipeline.dataset.schema import METADATA_KEY, SCENARIO_FIELDS, SOLVED_FIELDS, metadata
+from pipeline.dataset.schema import METADATA_KEY, SCENARIO_FIELDS, SOLVED_FIELDS
 from pipeline.dataset.shards import decode, digest_of
-from pipeline.dataset.solve import complete
+from pipeline.dataset.solve import complete, refuse_versions
 from pipeline.dataset.watch import SILENT, Watch
 from pipeline.dataset.workers import Workers
 from pipeline.errors import InputError
@@ -45,7 +45,7 @@ class Check:
     Attributes:
         name: the file.
         n: swarm size of its rows.
-        rows: how many.
+        rows: which of the sample's rows.
         manifest: of the dataset, without digests.
         digest: what the manifest says, or None where it says nothing.
         counted: rows that it counts for; a scenario that is solved counts once.
@@ -53,7 +53,7 @@ class Check:
 
     name: str
     n: int
-    rows: int
+    rows: range
     manifest: Manifest
     digest: str | None
     counted: int
@@ -82,7 +82,9 @@ def verify(
         if name not in expected and not _belongs(name, manifest):
             yield Fault(name, "does not belong to this dataset", foreign=True)
     plain = _plain(manifest)
-    timings = [Check(name, 0, 0, plain, None, 0) for name in present if name.startswith(TIMINGS)]
+    timings = [
+        Check(name, 0, range(0), plain, None, 0) for name in present if name.startswith(TIMINGS)
+    ]
     there = set(present)
     for check in checks:
         if check.name not in there:
@@ -109,7 +111,9 @@ def repair(
     read_manifest(folder)
     with sole_writer(folder):
         faults = list(verify(folder, workers=workers, watch=watch))
-        ledger = Ledger(folder, read_manifest(folder))
+        manifest = read_manifest(folder)
+        refuse_versions(manifest, str(folder))
+        ledger = Ledger(folder, manifest)
         _set_aside(folder, [fault.path for fault in faults if fault.foreign])
         _discard(ledger, {fault.path for fault in faults if not fault.foreign})
         if ledger.manifest.solve:
@@ -139,8 +143,8 @@ def _checks(manifest: Manifest) -> Iterator[Check]:
     for n, shard, source in manifest.scenario_shards():
         names = (source, source.removeprefix(SCENARIOS)) if manifest.solve else (source,)
         for name in names:
-            rows = len(manifest.samples[n].indices(shard))
-            counted = rows if name == names[-1] else 0
+            rows = manifest.samples[n].rows(shard)
+            counted = len(rows) if name == names[-1] else 0
             yield Check(name, n, rows, plain, manifest.shards.get(name), counted)
 
 
@@ -172,17 +176,19 @@ def _judged(check: Check, content: bytes) -> list[str]:
 
 def _faults(table: pa.Table, check: Check) -> Iterator[str]:
     solved, manifest = not check.name.startswith(SCENARIOS), check.manifest
+    one = manifest.samples[check.n]
     fields = pa.schema(SOLVED_FIELDS if solved else SCENARIO_FIELDS)
     if not table.schema.equals(fields, check_metadata=False):
         yield "has other columns than a dataset of this version"
         return
-    origin = manifest.samples[check.n].origin() | (dict(manifest.solve) if solved else {})
-    meta = metadata(manifest.problem, origin)
+    meta = manifest.solved_metadata(check.n) if solved else manifest.scenario_metadata(check.n)
     if (table.schema.metadata or {}).get(METADATA_KEY) != meta[METADATA_KEY]:
-        yield "was made with other settings than the manifest has"
+        yield "was made with other settings or versions than the manifest has"
         return
-    if table.num_rows != check.rows:
-        yield f"has {table.num_rows} rows; expected {check.rows}"
+    if table.num_rows != len(check.rows):
+        yield f"has {table.num_rows} rows; expected {len(check.rows)}"
+    elif table["split"].to_pylist() != [one.drawn_as(row)[0] for row in check.rows]:
+        yield "has rows of other splits than they were drawn for"
     if solved:
         at_nodes = manifest.solve.get("separation") == "nodes"
         yield from row_faults(table, check.n, manifest.problem, at_nodes=at_nodes)

@@ -1,4 +1,7 @@
-"""Families of scenarios, each a function of (root seed, n, index) alone.
+"""Families of scenarios, each a function of (root seed, n, index, split) alone.
+
+The split is part of what a scenario is drawn from, so no two datasets can disagree about it: what
+is a test scenario in one is a training scenario in none, whatever their seeds, sizes and shares.
 
 Both formations of every scenario are passively safe: drifting free for a whole orbit, no pair
 comes within the collision radius. Draws that are not are drawn again from the same stream.
@@ -31,6 +34,12 @@ DENSITY_N = 30
 REDRAWS = 2000
 """Tries after which a formation is said not to fit."""
 
+SPLITS = ("train", "valid", "test")
+"""What scenarios are for; their order is part of what is drawn."""
+
+SEEDS = 2**32
+"""Root seeds, sizes and indices are below this: each is one word of the generator's entropy."""
+
 ORBIT_INTERVALS = 16
 """Intervals into which the free drift of an orbit is cut to check it; any number is sound."""
 
@@ -39,22 +48,37 @@ Formation = Float[Array, "n 6"]
 Ends = tuple[Formation, Formation]
 
 
-def draw(family: str, seed: int, n: int, index: int, problem: Problem) -> Scenario:
-    """Scenario ``index`` of a family; it depends on nothing but the arguments.
+def draw(
+    family: str, seed: int, n: int, index: int, problem: Problem, split: str = "train"
+) -> Scenario:
+    """Scenario ``index`` of a split of a family; it depends on nothing but the arguments.
+
+    Args:
+        family: of FAMILIES.
+        seed: root seed.
+        n: number of spacecraft.
+        index: number of the scenario within its split.
+        problem: orbit, time grid and collision radius.
+        split: of SPLITS; no scenario of one is ever drawn for another.
 
     Raises:
-        InputError: for an unknown family, n or seed out of range, or where no passively safe
-            formation of n craft was found.
+        InputError: for an unknown family or split, n, seed or index out of range, or where no
+            passively safe formation of n craft was found.
     """
     if family not in FAMILIES:
         raise InputError(f"family is {family!r}; expected one of {', '.join(FAMILIES)}.")
+    if split not in SPLITS:
+        raise InputError(f"split is {split!r}; expected one of {', '.join(SPLITS)}.")
     if n < 1:
         raise InputError(f"n is {n}; expected at least one spacecraft.")
-    if seed < 0 or index < 0:
-        raise InputError(f"seed is {seed} and index {index}; expected neither to be negative.")
-    rng = np.random.default_rng([seed, n, index])
+    if not (0 <= seed < SEEDS and 0 <= index < SEEDS):
+        raise InputError(
+            f"seed is {seed} and index {index}; expected neither to be negative or above "
+            f"{SEEDS - 1}."
+        )
+    rng = np.random.default_rng([seed, n, index, SPLITS.index(split)])
     initial, goal = FAMILIES[family](rng, n, problem)
-    return Scenario(problem, initial, goal, family, f"{family}-s{seed}-n{n}-{index:06d}")
+    return Scenario(problem, initial, goal, family, f"{family}-s{seed}-n{n}-{split}-{index:06d}")
 
 
 def passively_safe(

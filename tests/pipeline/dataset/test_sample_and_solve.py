@@ -26,7 +26,7 @@ def test_rows_are_the_scenarios_that_draw_gives_and_the_plans_that_the_expert_gi
     table = solved_rows(solved, 3)
     states = stacked(table, "states", 3, 11, 6)
     for k, scenario in enumerate(scenarios_of(table)):
-        drawn = draw("rings", 5, 3, k, Problem())
+        drawn = draw("rings", 5, 3, [*range(5), 0][k], Problem(), [*["train"] * 5, "valid"][k])
         assert scenario.name == drawn.name
         assert np.array_equal(scenario.initial, drawn.initial)
         assert np.array_equal(scenario.goal, drawn.goal)
@@ -42,26 +42,48 @@ def test_the_schema_is_the_published_one_and_carries_the_problem(solved):
     assert about["max_acceleration"] is None
 
 
-def test_splits_follow_the_index_and_have_their_shares():
+def test_splits_follow_each_other_with_their_shares_and_are_numbered_anew():
     one = Sample(count=1000, shares=(0.7, 0.2, 0.1))
-    splits = [one.split_of(k) for k in range(1000)]
-    assert splits == ["train"] * 700 + ["valid"] * 200 + ["test"] * 100
+    drawn = [one.drawn_as(row) for row in range(1000)]
+    assert [split for split, _ in drawn] == ["train"] * 700 + ["valid"] * 200 + ["test"] * 100
+    assert [index for _, index in drawn] == [*range(700), *range(200), *range(100)]
 
 
-@pytest.mark.parametrize("shares", [(0.8, 0.1, 0.1), (0.5, 0.0, 0.5), (0.0, 0.0, 1.0)])
-def test_a_shard_has_the_splits_of_its_rows(shares):
+@pytest.mark.parametrize(
+    ("shares", "shards"),
+    [
+        # Rows 0 to 19, 20 to 39 and so on, of which the splits end at these rows.
+        ((0.8, 0.1, 0.1), ["train", "train", "train", "train valid", "valid test"]),  # 76, 86
+        ((0.5, 0.0, 0.5), ["train", "train", "train test", "test", "test"]),  # 48, 48
+        ((0.0, 0.0, 1.0), ["test"] * 5),
+    ],
+)
+def test_a_shard_has_the_splits_of_its_rows(shares, shards):
     one = Sample(count=95, shares=shares, shard_rows=20)
-    for shard in range(one.shards):
-        splits = {one.split_of(k) for k in one.indices(shard)}
-        assert splits <= one.splits_of(shard)
-        assert {one.split_of(k) for k in one.indices(shard)[:: len(one.indices(shard)) - 1]} <= (
-            splits
-        )
+    assert [one.splits_of(k) for k in range(one.shards)] == [set(s.split()) for s in shards]
 
 
-def test_shards_hold_every_index_once():
+def test_shards_hold_every_row_once():
     one = Sample(count=95, shard_rows=20)
-    assert [k for s in range(one.shards) for k in one.indices(s)] == list(range(95))
+    assert [k for s in range(one.shards) for k in one.rows(s)] == list(range(95))
+
+
+def test_no_test_scenario_of_any_dataset_is_a_training_scenario_of_another(tmp_path):
+    """Datasets of the same seed whose sizes and shares put other rows into their splits."""
+    samples = {
+        "small": Sample(count=20, shares=(0.5, 0.2, 0.3)),
+        "large": Sample(count=60, shares=(0.8, 0.1, 0.1)),
+        "tests": Sample(count=12, shares=(0.0, 0.0, 1.0)),
+    }
+    ends = {"train": set(), "valid": set(), "test": set()}
+    for name, one in samples.items():
+        sample(tmp_path / name, {4: one}, Problem(), jobs=1)
+        table = pq.read_table(tmp_path / name / "_scenarios/n=4")
+        for split, initial, goal in zip(*table.select(["split", "initial", "goal"]), strict=True):
+            ends[split.as_py()].add((*initial.as_py(), *goal.as_py()))
+    assert (len(ends["train"]), len(ends["valid"]), len(ends["test"])) == (48, 6, 12)
+    assert not (ends["train"] & ends["test"] or ends["train"] & ends["valid"])
+    assert not ends["valid"] & ends["test"]
 
 
 @pytest.mark.parametrize(
@@ -69,6 +91,7 @@ def test_shards_hold_every_index_once():
     [
         ({"count": 0}, "count is 0"),
         ({"seed": -1}, "seed is -1"),
+        ({"seed": 2**32}, "expected 0 to 4294967295"),
         ({"shard_rows": 0}, "shard_rows is 0"),
         ({"shares": (0.5, 0.5, 0.5)}, "add up to 1"),
         ({"shares": (1.2, -0.1, -0.1)}, "0 or more"),

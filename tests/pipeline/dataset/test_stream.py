@@ -33,10 +33,10 @@ def write_dataset(folder, n, one, problem=None):
     """A dataset of minimum-energy transfers, one in ten of them without a plan."""
     problem = problem or Problem()
     rng = np.random.default_rng(0)
-    meta = metadata(problem, one.origin() | asdict(Settings()))
+    meta = metadata(problem, one.origin() | asdict(Settings()), {})
     digests = {}
     for shard in range(one.shards):
-        rows = one.indices(shard)
+        rows = one.rows(shard)
         initial, goal = rng.normal(size=(2, len(rows), n, 6)) * np.repeat([100.0, 0.1], 3)
         states = fly(initial, minimum_energy(initial, goal, problem), problem)
         solved = [k % 10 != 3 for k in rows]
@@ -44,7 +44,7 @@ def write_dataset(folder, n, one, problem=None):
             "scenario_id": [f"row-{k}" for k in rows],
             "n_spacecraft": [n] * len(rows),
             "family": ["rings"] * len(rows),
-            "split": [one.split_of(k) for k in rows],
+            "split": [one.drawn_as(k)[0] for k in rows],
             "initial": list(initial.reshape(len(rows), -1)),
             "goal": list(goal.reshape(len(rows), -1)),
             "status": ["solved" if ok else "unsolved" for ok in solved],
@@ -57,10 +57,11 @@ def write_dataset(folder, n, one, problem=None):
         (folder / name).write_bytes(encode(table))
         digests[name] = digest_of((folder / name).read_bytes())
     document = {
-        "schema": "prolearn.dataset/1",
+        "schema": "prolearn.dataset/2",
         "problem": asdict(problem),
         "samples": {str(n): asdict(one)},
         "solve": asdict(Settings()),
+        "made_with": {"sample": {}, "solve": {}},
         "shards": digests,
     }
     (folder / NAME).write_text(json.dumps(document))

@@ -177,7 +177,7 @@ def no_number(columns):
 def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, content, change, what):
     before = content(solved)
     forge(solved, change)
-    assert (SHARD, f"rings-s5-n3-000004 {what}") in found(solved)
+    assert (SHARD, f"rings-s5-n3-train-000004 {what}") in found(solved)
     repair(solved, workers=ONE)
     assert content(solved) == before
 

@@ -1,0 +1,63 @@
+"""What results are made with: versions of packages, and of the code of ours that they hang on."""
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+from pipeline.errors import InputError
+
+DIGITS = 12
+"""Hexadecimal digits of a code's digest that are shown."""
+
+
+@cache
+def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str, str]:
+    """Versions that a result depends on, by name.
+
+    The version number of prolearn says which release runs and not whether its files were
+    changed, so a digest of the source of the parts that decide the result goes with it.
+
+    Args:
+        parts: subpackages of ``pipeline`` whose code decides the result.
+        packages: distributions that do.
+    """
+    found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
+    return found | {name: version(name) for name in packages}
+
+
+def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parent) -> str:
+    """Digest of the source files of some subpackages."""
+    digest = hashlib.sha256()
+    for path in sorted(path for part in parts for path in (root / part).rglob("*.py")):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
+    return digest.hexdigest()[:DIGITS]
+
+
+def version_change(was: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """The first version that differs, what it was and what it is now; empty where none does."""
+    for name in sorted({*was, *now}):
+        if was.get(name) != now.get(name):
+            return f"{name} {was.get(name, 'unknown')}, now it is {now.get(name, 'not used')}"
+    return ""
+
+
+def refuse_other_versions(what: str, was: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Refuse to go on with what other versions have begun.
+
+    Args:
+        what: a folder and what was done to it, such as "data/n10 was solved".
+        was: versions that it was begun with.
+        now: versions that are installed.
+
+    Raises:
+        InputError: naming the first version that differs.
+    """
+    change = version_change(was, now)
+    if change:
+        raise InputError(
+            f"{what} with {change}; expected the same versions, since results of different ones "
+            "do not go into one folder: go back to them, give another folder, or remove this one."
+        )

@@ -1,0 +1,105 @@
+"""What other versions have made is neither taken for done nor mixed with what these make."""
+
+import json
+import shutil
+
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.dataset.manifest import NAME, Sample, read_manifest
+from pipeline.dataset.sample import sample
+from pipeline.dataset.schema import METADATA_KEY
+from pipeline.dataset.shards import encode
+from pipeline.dataset.solve import decided_by, solve
+from pipeline.dataset.verify import repair
+from pipeline.dataset.worker import check_worker
+from pipeline.dataset.workers import Workers
+from pipeline.errors import InputError, ProlearnError
+from pipeline.expert import Settings
+from pipeline.orbit.problem import Problem
+from pipeline.provenance import code_digest, made_with
+
+ONE = Workers(jobs=1)
+SAMPLES = {2: Sample(count=7, shard_rows=3)}
+
+
+def made_by(folder, stage, **versions):
+    """Let a dataset say that it was made with other versions."""
+    document = json.loads((folder / NAME).read_text())
+    document["made_with"][stage] |= versions
+    (folder / NAME).write_text(json.dumps(document))
+
+
+RUNS = {
+    "sample": lambda folder: sample(folder, {4: Sample(count=2)}, Problem(), jobs=1),
+    "solve": lambda folder: solve(folder, Settings(), workers=ONE),
+    "repair": lambda folder: repair(folder, workers=ONE),
+}
+
+
+@pytest.mark.parametrize("run", RUNS)
+def test_scenarios_of_another_version_are_refused_by_name_with_both_versions(solved, content, run):
+    made_by(solved, "sample", numpy="1.0")
+    before = content(solved)
+    with pytest.raises(InputError, match=r"was sampled with numpy 1\.0, now it is 2"):
+        RUNS[run](solved)
+    assert content(solved) == before
+
+
+@pytest.mark.parametrize("run", ["solve", "repair"])
+@pytest.mark.parametrize(
+    ("versions", "said"),
+    [
+        ({"clarabel": "0.1.2"}, r"was solved with clarabel 0\.1\.2, now it is "),
+        ({"prolearn": "0.1.0+code.0"}, r"with prolearn 0\.1\.0\+code\.0, now it is 0.*remove this"),
+    ],
+    ids=["solver", "code"],
+)
+def test_plans_of_another_version_are_refused_by_name(solved, content, run, versions, said):
+    made_by(solved, "solve", **versions)
+    (solved / "n=2/part-00000.parquet").unlink()
+    before = content(solved)
+    with pytest.raises(InputError, match=said):
+        RUNS[run](solved)
+    assert content(solved) == before
+
+
+def test_a_folder_of_an_older_layout_is_refused_with_what_to_do(solved):
+    document = json.loads((solved / NAME).read_text()) | {"schema": "prolearn.dataset/1"}
+    (solved / NAME).write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"schema prolearn\.dataset/1.*make the dataset anew"):
+        read_manifest(solved)
+
+
+def test_plans_of_another_version_are_not_adopted_where_the_manifest_is_gone(solved):
+    name = "n=2/part-00000.parquet"
+    right = (solved / name).read_bytes()
+    table = pq.read_table(solved / name, partitioning=None)
+    about = json.loads(table.schema.metadata[METADATA_KEY])
+    about["made_with"]["clarabel"] = "0.1.2"
+    old = table.replace_schema_metadata({METADATA_KEY: json.dumps(about, sort_keys=True)})
+    (solved / name).write_bytes(encode(old))
+    shutil.rmtree(solved / "n=3")
+    (solved / NAME).unlink()
+    sample(solved, SAMPLES, Problem(), jobs=1)
+    solve(solved, Settings(), workers=ONE)
+    assert (solved / name).read_bytes() == right
+
+
+def test_a_worker_with_other_versions_is_refused():
+    here = decided_by(Settings())
+    check_worker(made_with(*here), here)
+    with pytest.raises(ProlearnError, match=r"numpy 1\.0, now it is 2.* on all machines"):
+        check_worker({**made_with(*here), "numpy": "1.0"}, here)
+
+
+def test_the_code_is_known_by_its_source_files_and_their_names(tmp_path):
+    for part in ("orbit", "plan"):
+        (tmp_path / part).mkdir()
+        (tmp_path / part / "a.py").write_text("x = 1\n")
+    first, other = (code_digest((part,), tmp_path) for part in ("orbit", "plan"))
+    (tmp_path / "plan" / "a.py").write_text("x = 2\n")
+    assert code_digest(("orbit",), tmp_path) == first
+    assert code_digest(("plan",), tmp_path) != other
+    (tmp_path / "orbit" / "a.py").rename(tmp_path / "orbit" / "b.py")
+    assert code_digest(("orbit",), tmp_path) != first
