@@ -16,13 +16,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, node_collisions
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import SOLVED
-from pipeline.plan.planned import LIMIT_TOLERANCE
-
-POSITION_TOLERANCE = 1e-6
-"""Largest miss of an end or of Eq. 2, m."""
-
-VELOCITY_TOLERANCE = 1e-9
-"""Largest miss of an end or of Eq. 2, m/s."""
+from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
 PLANNED = (
     "states",

@@ -172,10 +172,14 @@ def _solved(task: Solve, content: bytes) -> Solved:
 
 
 def _outcome(scenario: Scenario, settings: Settings) -> Outcome:
-    """What the expert makes of a scenario; its errors cost one row, not the run."""
+    """What the expert makes of a scenario.
+
+    Where arithmetic fails, as it may on any scenario, that costs one row. Any other error is one
+    of ours, which every row might have, and ends the run.
+    """
     try:
         plan = solve_scenario(scenario, settings=settings)
-    except (ArithmeticError, RuntimeError, ValueError) as error:
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
         return Outcome(UNSOLVED, message=f"the expert failed: {error!r}")
     if plan.status == SOLVED and not np.isfinite(plan.states).all():
         return Outcome(UNSOLVED, message="the plan has states that are not finite numbers")

@@ -49,11 +49,14 @@ def solve(scenario: Scenario, seed: Seed | None = None, settings: Settings | Non
         convex_solves=found.convex_solves,
         timing=timing,
     )
-    if found.obstacle:
-        return replace(plan, status=INFEASIBLE, message=found.obstacle)
+    if own.impossible.any():
+        k = int(own.impossible.argmax())
+        reason = f"craft {k} cannot reach its goal within max_acceleration, which is proven"
+        return replace(plan, status=INFEASIBLE, message=reason)
     if plan.status != SOLVED:
-        given_up = f"no safe plan after {found.convex_solves} convex solves: {plan.message}"
-        return replace(plan, status=UNSOLVED, message=given_up)
+        tried = f"no safe plan after {found.convex_solves} convex solves"
+        reasons = [tried, *filter(None, (found.obstacle, plan.message))]
+        return replace(plan, status=UNSOLVED, message=": ".join(reasons))
     return plan
 
 
@@ -92,8 +95,8 @@ def _search(
     settings: Settings,
 ) -> Found:
     if not own.feasible.all():
-        k = int(np.flatnonzero(~own.feasible)[0])
-        obstacle = f"craft {k} cannot reach its goal within max_acceleration"
+        k = int(own.feasible.argmin())
+        obstacle = f"the convex solver found no transfer of craft {k} on its own"
         return Found(own.controls, 0, NO_CUTS, obstacle=obstacle)
     best = Search(scenario, own, seed_controls, settings).run()
     return best_of_starts(scenario, own, best, settings)

@@ -19,6 +19,9 @@ from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 BOUND_TOLERANCE = 1e-8
 """Relative tolerance of own optima, and so of the lower bound."""
 
+FARKAS_MARGIN = 1e-6
+"""Relative margin by which a proof of impossibility must hold, beyond rounding."""
+
 LIMIT_SHARE = 1 - 1e-7
 """Share of the thrust limit that the programs use, so that rounding stays within it."""
 
@@ -30,12 +33,15 @@ class OwnOptima:
     Attributes:
         controls: (n, T-1, 3), m/s²; the minimum-energy transfer where there is no optimum.
         lower_bound: proven lower bound on the fuel of each craft, (n,), m/s².
-        feasible: whether the craft can make the transfer within the thrust limit, (n,).
+        feasible: whether an optimum was found, (n,).
+        impossible: whether it is proven that the craft cannot make the transfer within the
+            thrust limit, (n,); what is neither the solver failed at.
     """
 
     controls: Float[Array, "n intervals 3"]
     lower_bound: Float[Array, "n"]
     feasible: Bool[Array, "n"]
+    impossible: Bool[Array, "n"]
 
 
 def goal_miss(
@@ -72,19 +78,22 @@ def own_optima(
     one = _single(reach, miss[:1], control_limit(problem), control_unit(initial, goal, problem))
     solver, b = new_solver(one, tolerance=BOUND_TOLERANCE), right_hand_side(one)
     controls = minimum_energy(initial, goal, problem)
-    bound, feasible = np.zeros(len(miss)), np.zeros(len(miss), dtype=bool)
+    bound = np.zeros(len(miss))
+    feasible, impossible = np.zeros((2, len(miss)), dtype=bool)
     scale = one.goal_scale
     for k, wanted in enumerate(miss):
         b[:6] = wanted * scale
         solver.update(b=b)
         found = solver.solve()
+        multipliers = -np.asarray(found.z)[:6] * scale * one.unit
         feasible[k] = str(found.status) in SOLVED
         if feasible[k]:
             controls[k] = controls_of(np.asarray(found.x), one).reshape(-1, 3)
-            multipliers = -np.asarray(found.z)[:6] * scale * one.unit
             bound[k] = _proven(multipliers, wanted, reach, problem.max_acceleration)
+        else:
+            impossible[k] = _refutes(multipliers, wanted, reach, problem.max_acceleration)
     exact = meet_goal(initial, controls, goal, problem)
-    return OwnOptima(exact, bound, feasible)
+    return OwnOptima(exact, bound, feasible, impossible)
 
 
 def _single(
@@ -106,3 +115,19 @@ def _proven(
     if limit is not None:
         bound = max(bound, float(miss @ y - limit * np.maximum(price - 1, 0).sum()))
     return max(bound, 0.0)
+
+
+def _refutes(
+    y: Float[Array, "6"],
+    miss: Float[Array, "6"],
+    reach: Float[Array, "6 m"],
+    limit: float | None,
+) -> bool:
+    """Whether multipliers prove that no controls within the limit bring about a change of state.
+
+    Any controls with |u| ≤ limit reach at most limit · ‖reachᵀy‖₁ along y (Farkas' lemma).
+    """
+    if limit is None or not np.isfinite(y).all():
+        return False
+    most = limit * float(np.abs(reach.T @ y).sum())
+    return float(miss @ y) > most * (1 + FARKAS_MARGIN)

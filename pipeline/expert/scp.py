@@ -8,6 +8,10 @@ half-space cuts aimed from a trajectory. The iteration cannot cycle:
 - as long as the trajectory aimed from breaks a cut, the newest iterate takes its place;
 - once it satisfies all of them it is feasible for every later program, so it is kept until a
   program's optimum proves safe at all times; that iterate costs no more, and is aimed from next.
+  One that costs as much all the same, by the margin or by rounding, ends its cluster's search.
+
+A cluster whose program the solver fails at keeps what it has; the others go on. The search ends
+with the cheapest iterate that it has seen safe as a whole.
 """
 
 from dataclasses import dataclass
@@ -22,7 +26,7 @@ from pipeline.expert.cuts import Cuts, HalfSpaces, conflicts, gaps, half_spaces
 from pipeline.expert.own import OwnOptima, control_limit, control_unit, goal_miss
 from pipeline.expert.settings import Settings
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
-from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import gap_of
 from pipeline.scenario import Scenario
@@ -51,8 +55,8 @@ class Found:
         controls: (n, T-1, 3), m/s².
         convex_solves: rounds of programs, the clusters of a round counted as one.
         cuts: all cuts that were made.
-        settled: whether every cluster ended by its own criterion, so that the plan is safe.
-        obstacle: why no plan exists, or nothing.
+        settled: whether the controls were seen to be safe as a whole.
+        obstacle: what stood in the way of a safe plan, or nothing.
     """
 
     controls: Float[Array, "n intervals 3"]
@@ -83,10 +87,13 @@ class Search:
         self.miss = goal_miss(scenario.initial, scenario.goal, self.problem)
         self.unit = control_unit(scenario.initial, scenario.goal, self.problem)
         everyone = np.ones(scenario.n, dtype=bool)
-        self.accepted, self.active = ~everyone, ~everyone
+        self.accepted, self.active, self.failed = ~everyone, ~everyone, ~everyone
+        self.failure = ""
+        self.cheapest: tuple[float, Float[Array, "n intervals 3"]] | None = None
         self.worst: tuple[float, int, int] = (0.0, 0, 0)
         self.controls, self.states = self._flown(own.controls)
-        cuts, _ = self._conflicts(self.states, self.controls, self.radius, everyone)
+        within = self.radius + PROVABLE
+        cuts, _ = self._conflicts(self.states, self.controls, within, everyone)
         self.aim_controls, self.aim_states = self.controls.copy(), self.states.copy()
         if seed is not None and len(cuts):
             self.aim_controls, self.aim_states = self._flown(seed)
@@ -104,26 +111,34 @@ class Search:
     def run(self) -> Found:
         """Solve and judge until every cluster is done."""
         rounds = 0
+        self._remember(safe=len(self.cuts) == 0)
         while self.active.any() and rounds < self.settings.max_rounds:
             rounds += 1
-            clusters = self._clusters(self.active)
-            try:
-                self._solve(clusters)
-            except UnsolvableError as error:
-                return Found(self.controls, rounds, self.cuts, obstacle=str(error))
-            self._judge(clusters)
-        kept = self.active & self.accepted
+            clusters = self._solve(self._clusters(self.active))
+            if clusters:
+                self._judge(clusters)
+        if self.cheapest is not None:
+            return Found(self.cheapest[1], rounds, self.cuts, settled=True)
+        kept = self.accepted & (self.active | self.failed)
         self.controls[kept] = self.aim_controls[kept]
-        settled = not self.active.any()
-        return Found(self.controls, rounds, self.cuts, settled, self._obstacle(kept))
+        return Found(self.controls, rounds, self.cuts, obstacle=self._obstacle(kept))
+
+    def _remember(self, *, safe: bool) -> None:
+        """Keep the newest iterate where it is safe as a whole and cheaper than any before."""
+        fuel = float(np.abs(self.controls).sum())
+        if safe and (self.cheapest is None or fuel < self.cheapest[0]):
+            self.cheapest = (fuel, self.controls.copy())
 
     def _obstacle(self, kept: Bool[Array, "n"]) -> str:
-        """The pair that no program could hold apart, where one stands in the way."""
+        """What the solver failed at, or the pair that no program could hold apart."""
+        if self.failure:
+            return self.failure
         slack, i, j = self.worst
         if not (self.active & ~kept).any() or slack < SLACK_TOLERANCE:
             return ""
         return (
-            f"craft {i} and {j} cannot be kept {self.radius:g} m apart: {slack:.3g} m are missing"
+            f"the last program could not keep craft {i} and {j} {self.radius:g} m apart, "
+            f"{slack:.3g} m are missing"
         )
 
     def _flown(
@@ -156,8 +171,13 @@ class Search:
         """Separation of each cut's pair in a trajectory, m."""
         return np.linalg.norm(gaps(self.cuts, states, controls, self.problem), axis=1)
 
-    def _solve(self, clusters: list[Cluster]) -> None:
-        """Solve each cluster's program, with every cut aimed from the same trajectory."""
+    def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
+        """Solve each cluster's program, with every cut aimed from the same trajectory.
+
+        Returns:
+            The clusters that moved. Where the solver fails, or where a safe iterate is known and
+            the program's is no cheaper, the cluster is done and goes back to what it has.
+        """
         self.worst = (0.0, 0, 0)
         aimed = half_spaces(
             self.cuts,
@@ -171,13 +191,39 @@ class Search:
         self.price = np.zeros(len(self.cuts))
         for craft in clusters:
             own_cuts = np.flatnonzero(self.labels[self.cuts.first] == craft[0])
-            best = self._solve_cluster(craft, own_cuts, aimed)
+            try:
+                best = self._solve_cluster(craft, own_cuts, aimed)
+            except UnsolvableError as error:
+                self._fail(craft, str(error))
+                continue
             self.controls[craft] = best.controls.reshape(len(craft), -1, 3)
             self.price[own_cuts] = best.price
             k = int(best.slack.argmax())
             pair = self.cuts.first[own_cuts[k]], self.cuts.second[own_cuts[k]]
             self.worst = max(self.worst, (float(best.slack[k]), int(pair[0]), int(pair[1])))
+        for craft in clusters:
+            if self.accepted[craft].all() and self._fuel(self.controls, craft) >= self._fuel(
+                self.aim_controls, craft
+            ):
+                self._go_back(craft)
         self.controls, self.states = self._flown(self.controls)
+        return [craft for craft in clusters if not self.failed[craft].any()]
+
+    def _fuel(self, controls: Float[Array, "n intervals 3"], craft: Cluster) -> float:
+        return float(np.abs(controls[craft]).sum())
+
+    def _go_back(self, craft: Cluster) -> None:
+        """Take the safe iterate that is known for good; it is judged again, for others moved."""
+        self.controls[craft] = self.aim_controls[craft]
+        self.active[craft] = False
+
+    def _fail(self, craft: Cluster, why: str) -> None:
+        """Leave a cluster as it is, or was when it was safe."""
+        self.failure = why
+        if self.accepted[craft].all():
+            self._go_back(craft)
+        else:
+            self.active[craft], self.failed[craft] = False, True
 
     def _solve_cluster(self, craft: Cluster, cuts: Cluster, aimed: HalfSpaces) -> Optimum:
         sub = Subproblem(
@@ -202,13 +248,14 @@ class Search:
         moved = np.zeros(self.scenario.n, dtype=bool)
         moved[np.concatenate(clusters)] = True
         found, bound = self._conflicts(self.states, self.controls, self.radius + LOOK_AHEAD, moved)
-        broken = bound <= self.radius + TOLERANCE  # so that any later bracket proves it safe
+        broken = bound <= self.radius + PROVABLE  # so that the certificate proves the rest safe
         unsafe = np.zeros(self.scenario.n, dtype=bool)
         unsafe[found.first[broken]] = unsafe[found.second[broken]] = True
         promised = self._promised_gains()
         for craft in clusters:
-            if not unsafe[craft].any():
+            if self.active[craft].any() and not unsafe[craft].any():
                 self._accept(craft, float(promised[craft[0]]))
+        self._remember(safe=not (broken.any() or self.failed.any()))
         if broken.any():
             self._set_cuts(self.cuts + found.where(self.active[found.first] | broken))
             self._choose_aim(unsafe)
@@ -225,9 +272,8 @@ class Search:
 
     def _accept(self, craft: Cluster, promised: float) -> None:
         """Aim from a safe iterate from now on; done where that promises no more."""
-        settings = self.settings
-        fuel = float(np.abs(self.controls[craft]).sum())
-        before = float(np.abs(self.aim_controls[craft]).sum())
+        settings, fuel = self.settings, self._fuel(self.controls, craft)
+        before = self._fuel(self.aim_controls, craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf
         self.aim_controls[craft] = self.controls[craft]
         self.aim_states[craft] = self.states[craft]
@@ -244,7 +290,7 @@ class Search:
         broken = self._distances(self.aim_states, self.aim_controls) <= self.radius
         missed = self.labels[self.cuts.first[broken]]
         for craft in self._clusters(unsafe):
-            self.active[craft] = True
+            self.active[craft], self.failed[craft] = True, False
             if craft[0] in missed:
                 self.aim_controls[craft] = self.controls[craft]
                 self.aim_states[craft] = self.states[craft]

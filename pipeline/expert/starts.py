@@ -9,7 +9,7 @@ from pipeline.expert.cuts import conflicts
 from pipeline.expert.own import OwnOptima
 from pipeline.expert.scp import Found, Search
 from pipeline.expert.settings import Settings
-from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.transfer import fly
 from pipeline.plan import gap_of
 from pipeline.scenario import Scenario
@@ -42,7 +42,7 @@ def _better(scenario: Scenario, best: Found, other: Found, settings: Settings) -
     cheaper = (np.bincount(labels, saved, scenario.n) > 0)[labels]
     controls = np.where(cheaper[:, None, None], other.controls, best.controls)
     states = fly(scenario.initial, controls, scenario.problem)
-    radius = scenario.problem.collision_radius + TOLERANCE
+    radius = scenario.problem.collision_radius + PROVABLE
     at_nodes = settings.separation == "nodes"
     everyone = np.ones(scenario.n, dtype=bool)
     found, _ = conflicts(states, controls, scenario.problem, radius, everyone, at_nodes=at_nodes)

@@ -14,6 +14,10 @@ from pipeline.orbit.problem import Problem
 TOLERANCE = 1e-4
 """Width in m of the bracket in which a least separation is found."""
 
+PROVABLE = 1.01 * TOLERANCE
+"""What a bound must exceed a distance by, m, so that any later bracket's bound exceeds it too:
+the width of a bracket, and rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
@@ -81,7 +85,8 @@ def close_approaches(
         none, empty = np.zeros(0, dtype=int), np.zeros(0)
         return Approaches(none, none, none, empty, empty, empty)
     start, push, remainder = start[near], push[near], remainder[near]
-    parts = max(1, int(np.ceil((remainder.max() / (tolerance / 2)) ** 0.25)))
+    # The bracket is twice a part's remainder wide, and what branch and bound leaves.
+    parts = max(1, int(np.ceil((remainder.max() / (tolerance / 4)) ** 0.25)))
     when, bound = branch_and_bound(
         _exact_parts(start, push, e, h, parts),
         np.repeat(remainder / parts**4, parts),

@@ -29,7 +29,8 @@ class Certificate:
         min_separation_pair: the two craft that come closest, or None.
         min_separation_time: when, s since the start, or None.
         min_separation_bound: proven lower bound on the distance of any pair at any time, m.
-        goal_error: largest miss of any goal position, m.
+        goal_error: largest miss of any component of a goal position, m.
+        goal_velocity_error: largest miss of any component of a goal velocity, m/s.
         dynamics_error: largest violation of Eq. 2 in position between two nodes, m.
     """
 
@@ -43,6 +44,7 @@ class Certificate:
     min_separation_time: float | None
     min_separation_bound: float | None
     goal_error: float
+    goal_velocity_error: float
     dynamics_error: float
 
 
@@ -57,6 +59,7 @@ def certify(
     used = float(fuel(controls))
     closest = least_separation(states, controls, problem)
     alone = closest.pair is None
+    miss = np.abs(states[:, -1] - scenario.goal)
     return Certificate(
         fuel=used,
         delta_v=used * problem.time_step,
@@ -67,7 +70,8 @@ def certify(
         min_separation_pair=closest.pair,
         min_separation_time=closest.time,
         min_separation_bound=None if alone else closest.bound,
-        goal_error=float(np.abs(states[:, -1] - scenario.goal)[:, :3].max()),
+        goal_error=float(miss[:, :3].max()),
+        goal_velocity_error=float(miss[:, 3:].max()),
         dynamics_error=float(np.abs(dynamics_defect(states, controls, problem)[..., :3]).max()),
     )
 

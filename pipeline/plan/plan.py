@@ -11,16 +11,16 @@ from pipeline.plan.certificate import Certificate
 from pipeline.scenario import Scenario
 
 SOLVED = "solved"
-"""Dynamics, ends and separation all hold."""
+"""Dynamics, both ends in all six components, thrust limit and separation all hold."""
 
 UNSAFE = "unsafe"
 """Flies to the goal, but some pair comes within the collision radius."""
 
 INFEASIBLE = "infeasible"
-"""No transfer exists within the limits; the message says for which craft or pair."""
+"""Proven: some craft cannot reach its goal within the thrust limit; the message says which."""
 
 UNSOLVED = "unsolved"
-"""The planner gave up before it had a safe plan."""
+"""The planner has no safe plan and no proof that there is none; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)

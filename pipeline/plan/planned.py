@@ -10,11 +10,17 @@ from pipeline.arrays import Array
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan.certificate import Certificate, certify
-from pipeline.plan.plan import SOLVED, UNSAFE, Plan
+from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.scenario import Scenario
 
 LIMIT_TOLERANCE = 1e-9
 """Acceleration in m/s² beyond the limit that counts as rounding."""
+
+POSITION_TOLERANCE = 1e-6
+"""Largest miss of a position that counts as rounding, m."""
+
+VELOCITY_TOLERANCE = 1e-9
+"""Largest miss of a velocity that counts as rounding, m/s."""
 
 
 def planned(
@@ -27,7 +33,7 @@ def planned(
     convex_solves: int = 0,
     timing: Mapping[str, float] | None = None,
 ) -> Plan:
-    """The plan of controls that meet the goal; what its certificate proves decides its status.
+    """The plan of some controls; what its certificate proves decides its status.
 
     Args:
         planner: name of the planner.
@@ -43,8 +49,10 @@ def planned(
     certificate = certify(scenario, states, controls, fuel_lower_bound)
     fault = _fault(controls, certificate, scenario.problem, at_nodes=at_nodes)
     stages = {**(timing or {}), "certificate": perf_counter() - started}
-    status = UNSAFE if fault else SOLVED
-    return Plan(planner, status, states, controls, certificate, convex_solves, stages, fault)
+    missed = _missed(certificate)
+    status = UNSOLVED if missed else UNSAFE if fault else SOLVED
+    message = missed or fault
+    return Plan(planner, status, states, controls, certificate, convex_solves, stages, message)
 
 
 def is_safe(certificate: Certificate, problem: Problem, *, at_nodes: bool = False) -> bool:
@@ -52,6 +60,14 @@ def is_safe(certificate: Certificate, problem: Problem, *, at_nodes: bool = Fals
     if certificate.min_separation_bound is None or at_nodes:
         return certificate.node_collisions == 0
     return certificate.min_separation_bound > problem.collision_radius
+
+
+def _missed(certificate: Certificate) -> str:
+    """By how much a plan misses its goal, or nothing; written so that what is no number misses."""
+    position, velocity = certificate.goal_error, certificate.goal_velocity_error
+    if position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE:
+        return ""
+    return f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
 
 
 def _fault(

@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
+from cli.main import app
 from pipeline.dataset import solve as stage
 from pipeline.dataset.manifest import Sample, read_manifest
 from pipeline.dataset.read import examples, solved_rows
@@ -163,18 +165,35 @@ def test_every_scenario_has_a_row_and_failures_reach_no_training(tmp_path):
     assert np.array_equal(learnt.initial, np.delete(initial, failed, axis=0))
 
 
-def test_an_expert_that_breaks_down_costs_one_row_and_says_why(tmp_path, monkeypatch):
+def breaking(error):
+    """The expert, but for the second scenario."""
+
     def breaks_down(scenario, settings):
         if scenario.name.endswith("1"):
-            raise np.linalg.LinAlgError("singular matrix")
+            raise error
         return solve_scenario(scenario, settings=settings)
 
-    monkeypatch.setattr(stage, "solve_scenario", breaks_down)
-    sample(tmp_path, {2: Sample(count=3)}, Problem(), jobs=1)
+    return breaks_down
+
+
+def test_arithmetic_that_breaks_down_costs_one_row_and_says_why(tmp_path, monkeypatch):
+    error = np.linalg.LinAlgError("singular matrix")
+    monkeypatch.setattr(stage, "solve_scenario", breaking(error))
+    sample(tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
     solve(tmp_path, Settings(), workers=ONE)
     assert solved_rows(tmp_path, 2)["status"].to_pylist() == ["solved", "unsolved", "solved"]
     timings = pq.read_table(tmp_path / "_timings/n=2/part-00000.parquet")
     assert "singular matrix" in timings["message"][1].as_py()
+
+
+@pytest.mark.parametrize("kind", [AttributeError, ValueError, TypeError, RuntimeError])
+def test_a_programming_error_ends_the_run_and_gives_no_row(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr(stage, "solve_scenario", breaking(kind("a slip of the pen")))
+    sample(tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
+    done = CliRunner().invoke(app, ["solve", str(tmp_path), "--jobs", "1"])
+    assert done.exit_code == 1
+    assert isinstance(done.exception, kind)
+    assert not list(tmp_path.glob("n=2/*"))
 
 
 def test_stacked_columns_are_the_rows_one_by_one(solved):

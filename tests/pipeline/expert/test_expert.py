@@ -1,15 +1,22 @@
 """The expert on real scenarios: always safe, near-optimal, repeatable, whatever its seed."""
 
+from dataclasses import replace
+
+import clarabel
 import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Expert, Seeded, Settings, solve
+from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Expert, Seeded, Settings, interior_point, solve
+from pipeline.expert.own import goal_miss
+from pipeline.expert.scp import Search
+from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
+from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
-from pipeline.plan import INFEASIBLE, SOLVED
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 PROBLEM = Problem()
@@ -129,15 +136,76 @@ def test_a_thrust_limit_too_low_is_infeasible_and_names_the_craft():
     assert "craft 0 cannot reach its goal" in plan.message
 
 
-def test_craft_that_cannot_be_kept_apart_are_infeasible_and_named():
-    """Two craft drift through one point within the first interval, and thrust is too weak."""
+def test_a_solver_that_gives_up_proves_nothing(monkeypatch):
+    """The real solver with one iteration, where with more of them it finds a plan."""
+    scenario = draw("rings", 0, 3, 0, Problem(max_acceleration=4e-4))
+    assert solve(scenario).status == SOLVED
+    real = clarabel.DefaultSettings
+
+    def impatient():
+        settings = real()
+        settings.max_iter = 1
+        return settings
+
+    monkeypatch.setattr(clarabel, "DefaultSettings", impatient)
+    plan = solve(scenario)
+    assert plan.status == UNSOLVED
+    assert "the convex solver found no transfer of craft 0 on its own" in plan.message
+
+
+def test_craft_that_no_program_keeps_apart_are_unsolved_and_named():
+    """Two craft drift through one point within the first interval, and thrust is too weak.
+
+    That no program held them apart proves nothing: each was linear about a trajectory.
+    """
     problem = Problem(time_step=60.0, nodes=11, max_acceleration=2e-3)
     start = np.zeros((2, 6))
     start[1, 1], start[1, 4] = 20.0, -2.0
     goal = fly(start, np.zeros((2, 10, 3)), problem)[:, -1]
     plan = solve(Scenario(problem, start, goal))
-    assert plan.status == INFEASIBLE
-    assert "craft 0 and 1 cannot be kept 15 m apart" in plan.message
+    assert plan.status == UNSOLVED
+    assert "could not keep craft 0 and 1 15 m apart" in plan.message
+
+
+def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch):
+    """On their own optima craft 0 and 9 come too close, and so do 6 and 8."""
+    scenario, real = draw("rings", 0, 10, 28, PROBLEM), interior_point.solve
+    first = goal_miss(scenario.initial, scenario.goal, PROBLEM)[0]
+
+    def fails_at_the_first(sub):
+        if (sub.miss[0] == first).all():
+            raise UnsolvableError("the convex solver stopped with NumericalError")
+        return real(sub)
+
+    assert solve(scenario).status == SOLVED
+    monkeypatch.setattr(interior_point, "solve", fails_at_the_first)
+    plan = solve(scenario)
+    assert plan.status == UNSOLVED
+    assert "the convex solver stopped with NumericalError" in plan.message
+    assert "craft 0 and 9 come within" in plan.message
+    for pair, apart in (([0, 9], False), ([6, 8], True)):
+        alone = replace(plan, states=plan.states[pair], controls=plan.controls[pair])
+        assert (closest_on_a_grid(alone, PROBLEM) > PROBLEM.collision_radius) == apart
+
+
+def test_a_search_ends_with_the_cheapest_iterate_that_it_has_seen_safe(monkeypatch):
+    """Pressed for the last bit of fuel, programs also give dearer optima, by their tolerance."""
+    seen = []
+    judge = Search._judge
+
+    def watched(self, clusters):
+        judge(self, clusters)
+        if least_separation(self.states, self.controls, PROBLEM).bound > PROBLEM.collision_radius:
+            seen.append(np.abs(self.controls).sum())
+
+    monkeypatch.setattr(Search, "_judge", watched)
+    settings = Settings(gap_tolerance=1e-9, improvement=0.0, margin=0.005)
+    for index in (4, 10, 26):
+        seen.clear()
+        plan = solve(draw("rings", 7, 20, index, PROBLEM), settings=settings)
+        assert len(seen) >= 2
+        assert np.abs(plan.controls).sum() <= min(seen) * (1 + 1e-12)
+        assert (np.diff(seen) <= 1e-12).all()  # but for rounding
 
 
 def test_stopping_at_the_first_safe_plan_takes_no_more_solves_and_no_less_fuel():

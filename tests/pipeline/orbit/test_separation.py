@@ -135,3 +135,18 @@ def test_pairs_of_which_neither_moved_are_left_out():
     moved = np.array([True, False, False])
     found = close_approaches(fly(start, controls, problem), controls, problem, 20.0, moved=moved)
     assert set(zip(found.first, found.second, strict=True)) == {(0, 1), (0, 2)}
+
+
+def test_no_bracket_is_wider_than_its_tolerance():
+    """Found by trying: the interval's length is such that its quartic error takes all there is."""
+    problem = Problem(mean_motion=1.1e-3, time_step=99.7044606908545, nodes=3)
+    start = np.zeros((2, 6))
+    start[1] = [
+        *(0.6795859862413618, 1.9844401894746042, -0.7769599555099166),
+        *(-0.0058505481636823755, 0.0024888567707814437, 0.007877911110303648),
+    ]
+    controls = np.zeros((2, 2, 3))
+    controls[1] = -0.004663853020415581, -0.0016934529507015488, 0.0005122584149789817
+    states = fly(start, controls, problem)
+    found = close_approaches(states[:, :2], controls[:, :1], problem, within=1e3)
+    assert (found.distance - found.bound <= TOLERANCE).all()

@@ -1,13 +1,14 @@
 """What a plan is said to be worth, for plans whose worth is known by hand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-from pipeline.plan import SOLVED, UNSAFE, certify, gap_of, planned
+from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, certify, gap_of, planned
 from pipeline.plan.document import plan_document
 from pipeline.scenario import Scenario
 
@@ -58,6 +59,20 @@ def test_states_that_miss_the_goal_or_break_the_dynamics_are_told_by_how_much():
     certificate = certify(scenario, states, controls, 0.0)
     assert certificate.goal_error == pytest.approx(2.0)
     assert certificate.dynamics_error == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("component", "missed"), [(0, "1e-05 m"), (5, "1e-05 m/s")])
+def test_a_plan_that_misses_any_component_of_its_goal_is_not_solved(component, missed):
+    scenario, _, controls = passing(miss=100.0)
+    goal = scenario.goal.copy()
+    goal[1, component] += 1e-5
+    plan = planned("one", replace(scenario, goal=goal), controls, 0.0)
+    assert plan.status == UNSOLVED
+    assert "misses its goal by " in plan.message
+    assert missed in plan.message
+    errors = plan.certificate.goal_error, plan.certificate.goal_velocity_error
+    assert errors[component // 3] == pytest.approx(1e-5)
+    assert errors[1 - component // 3] < 1e-12
 
 
 def test_a_gap_without_fuel_is_none_and_with_fuel_from_nothing_is_infinite():
