@@ -15,6 +15,9 @@ from pipeline.files import PREFIX, SUFFIX, published
 Where = str | Path
 """A path, or a URL such as s3://bucket/n10."""
 
+Stamp = tuple[int, int]
+"""Size in bytes and time of the last change in ns: a file with the same ones has not changed."""
+
 
 class Folder(ABC):
     """Files by their name inside a folder; what is written appears whole or not at all."""
@@ -34,6 +37,10 @@ class Folder(ABC):
     @abstractmethod
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
+
+    @abstractmethod
+    def stamp(self, name: str) -> Stamp | None:
+        """A file's size and last change, or None where it is not there or that is not known."""
 
     @abstractmethod
     def read(self, name: str) -> bytes:
@@ -88,6 +95,14 @@ class LocalFolder(Folder):
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
         return (self.path / name).is_file()
+
+    def stamp(self, name: str) -> Stamp | None:
+        """A file's size and last change, or None where it is not there."""
+        try:
+            found = (self.path / name).stat()
+        except OSError:
+            return None
+        return found.st_size, found.st_mtime_ns
 
     def read(self, name: str) -> bytes:
         """A file's content."""

@@ -10,7 +10,7 @@ import fsspec
 import pyarrow as pa
 from pyarrow import fs
 
-from pipeline.dataset.folder import Folder, reason, writing
+from pipeline.dataset.folder import Folder, Stamp, reason, writing
 from pipeline.errors import InputError, ProlearnError
 
 
@@ -67,6 +67,13 @@ class RemoteFolder(Folder):
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
         return self._type(self._path(name)) == fs.FileType.File
+
+    def stamp(self, name: str) -> Stamp | None:
+        """A file's size and last change, or None where it is not there or the store keeps none."""
+        with _reaching(self.url):
+            info = self.files.get_file_info(self._path(name))
+        known = info.type == fs.FileType.File and info.size is not None and info.mtime_ns
+        return (info.size, info.mtime_ns) if known else None
 
     def read(self, name: str) -> bytes:
         """A file's content."""

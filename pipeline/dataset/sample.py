@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 
 from pipeline.dataset.folder import Folder, Where, open_folder
-from pipeline.dataset.ledger import Ledger
+from pipeline.dataset.ledger import STAMPS, Ledger
 from pipeline.dataset.lock import LOCK, WRITER, sole_writer
 from pipeline.dataset.manifest import (
     NAME,
@@ -31,7 +31,7 @@ DECIDED_BY = ("orbit", "scenario"), ("numpy", "scipy", "pyarrow")
 """Code of ours and packages that the bytes of scenarios depend on."""
 
 OURS = re.compile(
-    rf"{NAME}|{LOCK}|{WRITER}|_foreign/.*|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet"
+    rf"{NAME}|{STAMPS}|{LOCK}|{WRITER}|_foreign/.*|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet"
 )
 """Names of files that a dataset may hold."""
 

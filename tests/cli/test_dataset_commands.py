@@ -12,6 +12,9 @@ from typer.testing import CliRunner
 
 from cli.main import app
 
+NO_CONTENT = ("_lock", "_stamps.json")
+"""Files that differ between runs which make the same."""
+
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
 
@@ -26,7 +29,7 @@ def content(folder):
     return {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and "_timings" not in path.parts and path.name != "_lock"
+        if path.is_file() and "_timings" not in path.parts and path.name not in NO_CONTENT
     }
 
 

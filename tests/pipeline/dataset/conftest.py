@@ -18,6 +18,10 @@ SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, se
 """Five shards, the last of n=2 not full."""
 
 
+NO_CONTENT = ("_lock", "_stamps.json")
+"""Files that differ between runs which make the same."""
+
+
 @pytest.fixture(scope="session")
 def solved_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dataset") / "data"
@@ -40,7 +44,7 @@ def content() -> Callable[[Path], dict[str, str]]:
         return {
             path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
             for path in sorted(folder.rglob("*"))
-            if path.is_file() and "_timings" not in path.parts and path.name != "_lock"
+            if path.is_file() and "_timings" not in path.parts and path.name not in NO_CONTENT
         }
 
     return of

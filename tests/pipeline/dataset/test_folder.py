@@ -156,7 +156,8 @@ def test_a_second_writer_is_told_who_holds_the_folder_and_a_dead_one_holds_nothi
         holder.kill()
         holder.communicate()
     solve(solved, Settings(), workers=ONE)
-    assert sorted(p.name for p in solved.iterdir() if p.is_file()) == ["_lock", "_manifest.json"]
+    left = sorted(p.name for p in solved.iterdir() if p.is_file())
+    assert left == ["_lock", "_manifest.json", "_stamps.json"]
 
 
 def test_what_a_killed_writer_left_unfinished_is_swept_away_and_is_no_fault(solved):

@@ -9,11 +9,13 @@ from typer.testing import CliRunner
 
 from cli.main import app
 from pipeline.dataset import solve as stage
+from pipeline.dataset.folder import LocalFolder
 from pipeline.dataset.manifest import Sample, read_manifest
 from pipeline.dataset.read import examples, solved_rows
 from pipeline.dataset.sample import sample
 from pipeline.dataset.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.dataset.solve import solve
+from pipeline.dataset.verify import verify
 from pipeline.dataset.workers import Workers
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
@@ -278,3 +280,26 @@ def test_a_scheduler_that_does_not_answer_is_named(solved, monkeypatch):
     far = Workers(backend="dask", scheduler="tcp://127.0.0.1:1")
     with pytest.raises(ProlearnError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"):
         solve(solved, Settings(), workers=far)
+
+
+def test_what_has_not_changed_is_not_read_again_and_what_has_is(solved, monkeypatch):
+    read, real = [], LocalFolder.read
+
+    def noted(folder, name):
+        read.append(name)
+        return real(folder, name)
+
+    def again():
+        read.clear()
+        sample(solved, {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
+        solve(solved, Settings(), workers=ONE)
+        return {name for name in read if name.endswith(".parquet")}
+
+    monkeypatch.setattr(LocalFolder, "read", noted)
+    assert again() == set()
+    path = solved / "n=3/part-00000.parquet"
+    path.write_bytes(path.read_bytes())
+    assert again() == {"n=3/part-00000.parquet"}
+    read.clear()
+    assert list(verify(solved, workers=ONE)) == []
+    assert sum(name.endswith(".parquet") for name in read) == 3 * 5  # scenarios, plans, timings
