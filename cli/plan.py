@@ -1,14 +1,13 @@
 """The command that plans a scenario of one's own."""
 
-from dataclasses import replace
 from enum import StrEnum
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
-    from pipeline.expert import Settings
     from pipeline.plan import Plan, Planner
 
 from cli.dataset import SeparationName
@@ -36,8 +35,13 @@ def plan(
         SeparationName, typer.Option(help="Keep craft apart at all times, or at the nodes only.")
     ] = SeparationName.CONTINUOUS,
     effort: Annotated[
-        Effort, typer.Option(help="Of the expert: the first safe plan, the default, or the best.")
-    ] = Effort.DEFAULT,
+        Effort | None,
+        typer.Option(
+            help="Of the expert: stop at the first safe plan, as soon as it no longer improves, or "
+            "at the best of several searches. By default the second; after a model, the first.",
+            show_default=False,
+        ),
+    ] = None,
     raw: Annotated[
         bool,
         typer.Option("--raw", help="A model's own plan, safe or not, without the expert after it."),
@@ -49,13 +53,14 @@ def plan(
     """Plan transfers of scenario files, each with a certificate.
 
     A model's plan seeds the expert, so that what comes out is safe; --raw leaves that out.
+    LSTMs plan on time grids other than that of their training, too.
 
     Examples:
 
         prolearn plan scenario.json --planner expert --out plan.json
         prolearn plan a.json b.json --planner lstm2 --out plans/
+        prolearn plan scenario.json --effort best --out plan.json
     """
-    from pipeline.expert import BEST, FIRST_SAFE, Settings
     from pipeline.plan import SOLVED
     from pipeline.plan.document import write_plan
     from pipeline.scenario import check
@@ -68,8 +73,7 @@ def plan(
             check(scenario, allow_drift=allow_drift)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-    settings = {Effort.FIRST: FIRST_SAFE, Effort.DEFAULT: Settings(), Effort.BEST: BEST}[effort]
-    chosen = _planner(planner, replace(settings, separation=separation.value), raw=raw)
+    chosen = _planner(planner, separation, effort, raw=raw)
     failed = False
     for scenario, target in zip(asked, targets, strict=True):
         made = chosen.plan([scenario])[0]
@@ -91,23 +95,37 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     return [out / name for name in names]
 
 
-def _planner(name: str, settings: "Settings", *, raw: bool) -> "Planner":
-    """The planner of a name; the expert needs neither MLflow nor torch."""
-    from pipeline.expert import Expert
+def _planner(
+    name: str, separation: SeparationName, effort: Effort | None, *, raw: bool
+) -> "Planner":
+    """The planner of a name; all but models need neither MLflow nor torch."""
+    from pipeline.evaluation.named import named_planner
 
-    if name == "expert":
-        return Expert(settings)
-    from registry.jobs.plan import planner_of
+    told: Any = {"separation": separation.value, "effort": effort and effort.value, "raw": raw}
+    found = named_planner(name, **told)
+    if found is None:
+        from registry.jobs.plan import model_planner
 
-    return planner_of(name, raw=raw)
+        found = model_planner(name, **told)
+    return found
 
 
 def _summary(target: Path, plan: "Plan") -> str:
+    """Who made the plan, what it costs, how far from optimal it can be, who comes closest when."""
     certificate = plan.certificate
-    apart = certificate.min_separation
-    closest = "" if apart is None else f", closest pair {apart:.2f} m"
-    return (
-        f"{target}: {plan.status}, delta-v {certificate.delta_v:.3f} m/s, "
-        f"gap {certificate.optimality_gap:.2%}{closest}"
-        + (f" ({plan.message})" if plan.message else "")
-    )
+    parts = [
+        f"{plan.status} by {plan.planner}",
+        f"delta-v {certificate.delta_v:.3f} m/s",
+        *(
+            [f"gap {certificate.optimality_gap:.2%}"]
+            if isfinite(certificate.optimality_gap)
+            else []
+        ),
+    ]
+    if certificate.min_separation_pair is not None:
+        i, j = certificate.min_separation_pair
+        parts.append(
+            f"closest craft {i} and {j}, {certificate.min_separation:.2f} m at "
+            f"{certificate.min_separation_time:.0f} s"
+        )
+    return f"{target}: {', '.join(parts)}" + (f" ({plan.message})" if plan.message else "")

@@ -23,10 +23,12 @@ class Baseline:
     Attributes:
         name: what tables call it.
         controls: from a scenario to controls in m/s² that meet the goal.
+        at_nodes: judge plans by separation at the nodes only, the paper's criterion.
     """
 
     name: str
     controls: Callable[[Scenario], Controls]
+    at_nodes: bool = False
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
@@ -36,7 +38,14 @@ class Baseline:
         started = perf_counter()
         controls = self.controls(scenario)
         timing = {"plan": perf_counter() - started}
-        return planned(self.name, scenario, controls, fuel_lower_bound(scenario), timing=timing)
+        return planned(
+            self.name,
+            scenario,
+            controls,
+            fuel_lower_bound(scenario),
+            at_nodes=self.at_nodes,
+            timing=timing,
+        )
 
 
 @lru_cache(maxsize=8192)

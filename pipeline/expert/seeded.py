@@ -27,7 +27,11 @@ class Seeded:
         return f"{self.planner.name} + expert"
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario, safe wherever the expert finds one."""
+        """One plan for each scenario, safe wherever the expert finds one.
+
+        A plan is called by both planners, and by the expert alone where no craft were in conflict
+        on their own optima: then the seed was not looked at.
+        """
         seeds = self.planner.plan(scenarios)
         return [
             self._finished(scenario, seed) for scenario, seed in zip(scenarios, seeds, strict=True)
@@ -37,4 +41,5 @@ class Seeded:
         plan = solve(scenario, seed.states, self.settings)
         stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
         total = seed.timing["plan"] + plan.timing["plan"]
-        return replace(plan, planner=self.name, timing={**stages, **plan.timing, "plan": total})
+        who = self.name if plan.convex_solves else plan.planner
+        return replace(plan, planner=who, timing={**stages, **plan.timing, "plan": total})

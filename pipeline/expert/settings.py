@@ -35,3 +35,6 @@ BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8, margin=0.005)
 
 FIRST_SAFE = Settings(stop="first-safe")
 """For the least time."""
+
+EFFORTS = {"first": FIRST_SAFE, "default": Settings(), "best": BEST}
+"""By name: the first safe plan, one that no longer improves, the best of several searches."""

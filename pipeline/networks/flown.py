@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import project_to_flyable
 from pipeline.plan import Plan, planned
 from pipeline.scenario import Scenario
@@ -25,30 +26,42 @@ class Flown:
         model: the network.
         name: what tables and plans call it.
         lower_bounds: the fuel lower bound of each scenario, m/s², for the certificates.
+        at_nodes: judge plans by separation at the nodes only, the paper's criterion.
     """
 
     model: Model
     name: str
     lower_bounds: Callable[[Sequence[Scenario]], Sequence[float]]
+    at_nodes: bool = False
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n.
 
+        On another orbit or time grid than that of its training the network answers with the same
+        weights; what that is worth the certificate says.
+
         Raises:
-            InputError: where the scenarios are of another orbit or time grid than the network.
+            InputError: where the weights do not fit the scenarios' number of nodes.
         """
         if not scenarios:
             return []
-        check_problem(self.model, scenarios[0])
+        problem = scenarios[0].problem
+        model = self.model if _fault(self.model, problem) is None else self.model.on(problem)
         started = time.perf_counter()
         initial = np.stack([scenario.initial for scenario in scenarios])
         goal = np.stack([scenario.goal for scenario in scenarios])
-        predicted = self.model.predict(initial, goal)
-        controls = project_to_flyable(predicted, initial, goal, scenarios[0].problem)
+        controls = project_to_flyable(model.predict(initial, goal), initial, goal, problem)
         timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
         bounds = self.lower_bounds(scenarios)
         return [
-            planned(self.name, scenario, controls[k], float(bounds[k]), timing=timing)
+            planned(
+                self.name,
+                scenario,
+                controls[k],
+                float(bounds[k]),
+                at_nodes=self.at_nodes,
+                timing=timing,
+            )
             for k, scenario in enumerate(scenarios)
         ]
 
@@ -62,11 +75,19 @@ def check_problem(model: Model, scenario: Scenario) -> None:
     Raises:
         InputError: with the field that differs.
     """
+    field = _fault(model, scenario.problem)
+    if field is not None:
+        raise InputError(
+            f"{scenario.name or 'the scenario'} has {field} {getattr(scenario.problem, field):.9g} "
+            f"and the network {model.architecture} was trained with "
+            f"{getattr(model.problem, field):.9g}; expected the same: take data of this kind or "
+            "other models."
+        )
+
+
+def _fault(model: Model, problem: Problem) -> str | None:
+    """The first field in which a problem differs from that of the training, as networks see it."""
     for field in ("nodes", "time_step", "mean_motion"):
-        given, known = getattr(scenario.problem, field), getattr(model.problem, field)
-        if not isclose(given, known, rel_tol=SAME):
-            raise InputError(
-                f"{scenario.name or 'the scenario'} has {field} {given:.9g} and the network "
-                f"{model.architecture} was trained with {known:.9g}; expected the same: plan with "
-                "another planner or train on data of this kind."
-            )
+        if not isclose(getattr(problem, field), getattr(model.problem, field), rel_tol=SAME):
+            return field
+    return None

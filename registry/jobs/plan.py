@@ -1,10 +1,12 @@
-"""Planners by the name that a person gives: baseline or registered model."""
+"""A registered model as a planner, alone or made safe by the expert."""
 
 import re
+from dataclasses import replace
 
 from pipeline.errors import InputError
-from pipeline.evaluation.baselines import BASELINES, fuel_lower_bounds
-from pipeline.expert import Seeded
+from pipeline.evaluation.baselines import fuel_lower_bounds
+from pipeline.evaluation.named import NAMES, Separation, refuse_effort
+from pipeline.expert import EFFORTS, Seeded
 from pipeline.networks.catalogue import architecture_names
 from pipeline.networks.flown import Flown
 from pipeline.plan import Planner
@@ -12,32 +14,38 @@ from registry.models import load
 from registry.version import PREFIX
 
 
-def planner_of(reference: str, *, raw: bool = False) -> Planner:
-    """The planner that a reference names.
+def model_planner(
+    reference: str, *, separation: Separation, effort: str | None, raw: bool
+) -> Planner:
+    """The planner that a reference to a model names.
 
     Args:
-        reference: a baseline's name with hyphens for spaces, or a registered model.
-        raw: leave a model's flown plan as it is, safe or not; otherwise it seeds the expert.
+        reference: a registered model.
+        separation: keep craft apart at all times or at the nodes only.
+        effort: of the expert after the model, of EFFORTS; by default it stops at the first safe
+            plan.
+        raw: leave the model's flown plan as it is, safe or not; otherwise it seeds the expert.
 
     Raises:
-        InputError: for a name that is none of these, or where the registry has no such model.
+        InputError: for a name that no planner has, where the registry has no such model, or for
+            an effort without the expert.
         ProlearnError: where the store fails.
     """
-    for baseline in BASELINES:
-        if baseline.name.replace(" ", "-") == reference:
-            return baseline
+    if raw:
+        refuse_effort(effort)
     _check_architecture(reference)
     model, version = load(reference)
-    flown = Flown(model, version.label, fuel_lower_bounds)
-    return flown if raw else Seeded(flown)
+    flown = Flown(model, version.label, fuel_lower_bounds, at_nodes=separation == "nodes")
+    if raw:
+        return flown
+    return Seeded(flown, replace(EFFORTS[effort or "first"], separation=separation))
 
 
 def _check_architecture(reference: str) -> None:
     """Say what a planner can be before the registry says what it lacks."""
     name = re.split(r"[@:/]", reference.removeprefix("models:/"))[0].removeprefix(PREFIX)
     if name not in architecture_names() and not reference.startswith("models:/m-"):
-        baselines = ", ".join(baseline.name.replace(" ", "-") for baseline in BASELINES)
         raise InputError(
-            f"planner is {reference!r}; expected expert, {baselines}, or a registered model of "
+            f"planner is {reference!r}; expected {', '.join(NAMES)}, or a registered model of "
             f"{', '.join(architecture_names())}, such as ff1 or ff1:paper."
         )

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.expert import own_optima
+from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import node_collisions
+from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
@@ -77,3 +81,50 @@ def test_a_baseline_plans_by_its_name(prolearn, tmp_path):
     done = prolearn("plan", "s.json", "--out", "p.json", "--planner", "minimum-energy")
     assert json.loads((tmp_path / "p.json").read_text())["planner"] == "minimum energy"
     assert "gap" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--planner", "own-LP", "--effort", "best"), "--effort is best"),
+        (("--planner", "lstm1", "--raw", "--effort", "first"), "--effort is first"),
+        (("--planner", "expert", "--raw"), "--raw is given"),
+        (("--planner", "straight-line", "--raw"), "--raw is given"),
+    ],
+    ids=" ".join,
+)
+def test_an_option_that_a_planner_has_no_use_for_is_refused(prolearn, tmp_path, options, word):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
+    done = prolearn("plan", "s.json", "--out", "p.json", *options)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert word in done.stderr
+    assert not (tmp_path / "p.json").exists()
+
+
+def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(prolearn, tmp_path):
+    """Own optima that pass too close between the nodes, and nowhere at one."""
+    scenario = next(
+        s for s in (draw("rings", 0, 10, k, Problem()) for k in range(100)) if passes_between(s)
+    )
+    write_scenario(tmp_path / "s.json", scenario)
+    asked = ("plan", "s.json", "--out", "p.json", "--planner", "own-LP")
+    strict, lax = prolearn(*asked), prolearn(*asked, "--separation", "nodes")
+    assert (strict.returncode, lax.returncode) == (1, 0)
+    assert "unsafe by own LP" in strict.stdout
+    assert "solved by own LP" in lax.stdout
+
+
+def passes_between(scenario):
+    problem = scenario.problem
+    controls = own_optima(scenario.initial, scenario.goal, problem).controls
+    close = close_approaches(fly(scenario.initial, controls, problem), controls, problem, 14.0)
+    states = fly(scenario.initial, controls, problem)
+    return len(close.first) > 0 and not node_collisions(states, problem.collision_radius)
+
+
+def test_no_line_shows_a_gap_where_there_is_none(prolearn, tmp_path):
+    """No craft can make its transfer, so nothing is known of the least fuel."""
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6)))
+    done = prolearn("plan", "s.json", "--out", "p.json")
+    assert "infeasible by expert" in done.stdout
+    assert "gap" not in done.stdout and "inf%" not in done.stdout

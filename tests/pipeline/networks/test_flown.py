@@ -8,7 +8,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.flown import Flown
+from pipeline.networks.flown import Flown, check_problem
 from pipeline.networks.model import Model
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
@@ -96,14 +96,65 @@ def test_no_scenarios_make_no_plans():
     assert planner().plan([]) == []
 
 
+def untrained(arch):
+    encoding, found = Encoding(PROBLEM, 3, "line", "states", SCALE, SCALE), find(arch)
+    return Model(arch, found.config, "t", encoding, found.network(found.config, encoding, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("arch", "change"),
+    [
+        ("lstm1", {"nodes": 16}),
+        ("lstm1", {"time_step": 90.0}),
+        ("ff1", {"time_step": 90.0}),
+        ("ff1", {"mean_motion": 1.2e-3}),
+    ],
+    ids=str,
+)
+def test_another_grid_or_orbit_is_flown_where_the_weights_fit(arch, change):
+    problem = replace(PROBLEM, **change)
+    scenario = draw("rings", 2, 3, 0, problem)
+    plan = planner(untrained(arch)).plan([scenario])[0]
+    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    states = [scenario.initial]
+    for t in range(problem.intervals):
+        states.append(states[-1] @ A.T + plan.controls[:, t] @ B.T)
+    np.testing.assert_allclose(plan.states, np.stack(states, axis=1), atol=1e-6)
+    np.testing.assert_allclose(states[-1], scenario.goal, atol=1e-6)
+
+
+def test_another_number_of_nodes_is_refused_where_the_weights_do_not_fit():
+    scenario = draw("rings", 2, 3, 0, replace(PROBLEM, nodes=12))
+    with pytest.raises(InputError, match="do not fit nodes 12"):
+        planner(untrained("ff1")).plan([scenario])
+
+
 @pytest.mark.parametrize(
     "change", [{"nodes": 12}, {"time_step": 100.0}, {"mean_motion": 1.2e-3}], ids=str
 )
-def test_a_scenario_of_another_orbit_or_time_grid_is_refused_by_name(change):
+def test_experiments_refuse_a_scenario_of_another_orbit_or_time_grid_by_name(change):
     scenario = drawn(2, 1)[0]
     other = replace(scenario, problem=replace(PROBLEM, **change))
     with pytest.raises(InputError, match=next(iter(change))):
-        planner().plan([other])
+        check_problem(least_energy_model(), other)
+
+
+def test_a_plan_judged_at_the_nodes_alone_is_solved_where_craft_pass_between_them():
+    """Two craft that change places meet half way, between the nodes of an even grid."""
+    problem = replace(PROBLEM, nodes=12)
+    encoding = Encoding(problem, 2, "minimum-energy", "offset", SCALE, SCALE)
+    found = find("ff1")
+    model = Model("ff1", found.config, "t", encoding, found.network(found.config, encoding, 0.0))
+    for parameter in model.network.parameters():
+        parameter.zero_()
+    one = crossing(1e-3)
+    apart = planner(model).plan([replace(one, problem=problem)])[0]
+    gap = np.linalg.norm(apart.states[0, :, :3] - apart.states[1, :, :3], axis=-1).min()
+    radius = (gap + apart.certificate.min_separation) / 2
+    assert radius < gap
+    between = replace(one, problem=replace(problem, collision_radius=float(radius)))
+    assert planner(model).plan([between])[0].status == UNSAFE
+    assert replace(planner(model), at_nodes=True).plan([between])[0].status == SOLVED
 
 
 def test_an_orbit_written_with_fewer_digits_is_still_the_same():

@@ -1,0 +1,63 @@
+"""Planners that need no trained model, by the name that a person gives: expert and baselines."""
+
+from dataclasses import replace
+from typing import Literal
+
+from pipeline.errors import InputError
+from pipeline.evaluation.baselines import BASELINES
+from pipeline.expert import EFFORTS, Expert
+from pipeline.plan import Planner
+
+EXPERT = "expert"
+
+Separation = Literal["continuous", "nodes"]
+
+_BASELINES = {baseline.name.replace(" ", "-"): baseline for baseline in BASELINES}
+
+NAMES = (EXPERT, *_BASELINES)
+"""The names, with hyphens for spaces."""
+
+
+def named_planner(
+    name: str,
+    *,
+    separation: Separation = "continuous",
+    effort: str | None = None,
+    raw: bool = False,
+) -> Planner | None:
+    """The planner of a name, or None where it is none of NAMES; what it is told holds for it.
+
+    Args:
+        name: of the planner.
+        separation: keep craft apart at all times or at the nodes only; a baseline's plans, which
+            keep none apart, are judged by it.
+        effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves.
+        raw: asked for a model's plan without the expert after it.
+
+    Raises:
+        InputError: for an option that the planner has no use for.
+    """
+    if name not in NAMES:
+        return None
+    if raw:
+        raise InputError(
+            f"--raw is given and the planner is {name}, after which there is no expert; expected "
+            "a model: leave --raw out."
+        )
+    if name == EXPERT:
+        return Expert(replace(EFFORTS[effort or "default"], separation=separation))
+    refuse_effort(effort)
+    return replace(_BASELINES[name], at_nodes=separation == "nodes")
+
+
+def refuse_effort(effort: str | None) -> None:
+    """Refuse an effort where the expert has no part.
+
+    Raises:
+        InputError: where one is given.
+    """
+    if effort is not None:
+        raise InputError(
+            f"--effort is {effort} and the expert has no part in the plan; expected it with the "
+            "expert, or with a model and without --raw: leave --effort out."
+        )
