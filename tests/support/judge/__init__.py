@@ -1,0 +1,26 @@
+"""An independent judge of plans and datasets: numpy and scipy alone, pyarrow to read Parquet.
+
+It imports nothing of ours and shares no method with it, so where the two agree it means something:
+controls are flown by matrix exponentials instead of a closed form, separation is bounded by
+curvature instead of Bézier curves, and the fuel's lower bound is HiGHS's, proven by its dual.
+"""
+
+from judge.datasets import DatasetReport, judge_dataset
+from judge.fuel import Bound, least_fuel
+from judge.motion import Case, exact_step, fly
+from judge.plans import Report, judge_plan
+from judge.separation import Approaches, closest_approaches
+
+__all__ = [
+    "Approaches",
+    "Bound",
+    "Case",
+    "DatasetReport",
+    "Report",
+    "closest_approaches",
+    "exact_step",
+    "fly",
+    "judge_dataset",
+    "judge_plan",
+    "least_fuel",
+]

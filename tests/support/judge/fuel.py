@@ -1,0 +1,59 @@
+"""The least fuel that any transfer needs when the other craft are left out: HiGHS and its dual."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linprog
+
+from judge.motion import Case, exact_step
+
+INFEASIBLE = 2
+AGREEMENT = 1e-6
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Least Σ‖u‖₁ of each craft, m/s²; infinite where it cannot reach its goal at all.
+
+    No transfer needs less than ``proven``, which holds by weak duality however well the program
+    was solved; one needs ``attained``.
+    """
+
+    proven: np.ndarray
+    attained: np.ndarray
+
+
+def least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
+    """From states (n, 6) to states (n, 6), each craft on its own."""
+    free, forced = exact_step(problem.rate, problem.step)
+    effects = [forced]
+    for _ in range(problem.nodes - 2):
+        effects.insert(0, free @ effects[0])
+    drift = np.linalg.matrix_power(free, problem.nodes - 1)
+    # Metres and the duration as units, so that all numbers are of one size.
+    size = np.repeat([1.0, problem.duration], 3)
+    unit = problem.duration**-2
+    reach = size[:, None] * np.hstack(effects) * unit
+    limit = None if problem.limit is None else problem.limit / unit
+    found = [_least(reach, size * miss, limit) for miss in goal - initial @ drift.T]
+    return Bound(*(unit * np.array(found).T))
+
+
+def _least(reach: np.ndarray, miss: np.ndarray, limit: float | None) -> tuple[float, float]:
+    """Proven and attained least ‖w‖₁ with reach·w = miss and |w| ≤ limit."""
+    cost = np.ones(2 * reach.shape[1])
+    both = np.hstack([reach, -reach])
+    solved = linprog(cost, A_eq=both, b_eq=miss, bounds=(0, limit), method="highs")
+    if solved.status == INFEASIBLE:
+        return np.inf, np.inf
+    if solved.status != 0:
+        raise ArithmeticError(f"HiGHS cannot tell the least fuel: {solved.message}")
+    price = solved.eqlin.marginals
+    worth = np.abs(price @ reach)  # of each control; what is worth more than its cost of 1 is used
+    if limit is None:
+        proven = price @ miss / max(1.0, worth.max())
+    else:
+        proven = price @ miss - limit * np.maximum(worth - 1, 0).sum()
+    if solved.fun - proven > AGREEMENT * max(1.0, solved.fun):
+        raise ArithmeticError(f"HiGHS attains {solved.fun} and its dual proves only {proven}")
+    return proven, solved.fun

@@ -1,0 +1,182 @@
+"""Whether a plan does what it is meant to, and whether what it says of itself is so."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from judge.fuel import least_fuel
+from judge.motion import Case, after, fly
+from judge.separation import closest_approaches, distance_at
+
+METRES, METRES_A_SECOND = 1e-5, 1e-8
+"""Largest difference of a state from what it is meant to be; rounding alone is far less."""
+
+ATTAINED = 2e-4
+"""Largest difference in m of a claimed separation from the true one."""
+
+SHARE = 1e-6
+"""Relative difference of forces and fuels that counts as rounding."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a judge finds; m, m/s, m/s² and s.
+
+    Attributes:
+        fuel: Σ‖u‖₁ of the controls.
+        delta_v: that times the time step.
+        fuel_lower_bound: proven for any transfer between the same ends.
+        node_collisions: pairs and nodes within the collision radius.
+        pair_conflicts: pairs that come within it at any time.
+        min_separation: least distance of any pair at any time; infinite without a pair.
+        faults: what a plan must not do and this one does, in words.
+        false_claims: what the plan says of itself that is not so, in words.
+    """
+
+    fuel: float
+    delta_v: float
+    fuel_lower_bound: float
+    node_collisions: int
+    pair_conflicts: int
+    min_separation: float
+    faults: tuple[str, ...]
+    false_claims: tuple[str, ...]
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """Everything that is: a plan to trust has nothing."""
+        return self.faults + self.false_claims
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """What a plan's controls do, and what is found about it."""
+
+    problem: Case
+    goal: np.ndarray
+    states: np.ndarray
+    controls: np.ndarray
+    low: float
+    high: float
+    node_collisions: int
+    fuel: float
+    proven: float
+    attained: float
+
+
+def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> Report:
+    """Judge a plan by its controls; its states and its certificate are claims like any other.
+
+    Args:
+        scenario: the fields of scenario.json.
+        plan: ``states``, ``controls`` and, where they are there, ``times`` and ``certificate``.
+        at_nodes: ask for separation at the nodes only.
+
+    Raises:
+        ValueError: where the arrays are not of the scenario's size or not finite.
+    """
+    problem = Case.of(scenario)
+    initial, goal = (np.asarray(scenario[end], dtype=float) for end in ("initial", "goal"))
+    states, controls = (np.asarray(plan[name], dtype=float) for name in ("states", "controls"))
+    n, T = len(initial), problem.nodes
+    if (states.shape, controls.shape) != ((n, T, 6), (n, T - 1, 3)):
+        raise ValueError(f"states are {states.shape} and controls {controls.shape}")
+    if not (np.isfinite(states).all() and np.isfinite(controls).all()):
+        raise ValueError("states or controls are not finite")
+    flown = fly(problem, initial, controls)
+    near = closest_approaches(problem, flown, controls)
+    at = [
+        np.linalg.norm(flown[i, :, :3] - flown[j, :, :3], axis=1)
+        for i, j in zip(near.first, near.second, strict=True)
+    ]
+    bound = least_fuel(problem, initial, goal)
+    flight = _Flight(
+        problem,
+        goal,
+        flown,
+        controls,
+        low=near.low.min(initial=np.inf),
+        high=near.high.min(initial=np.inf),
+        node_collisions=int(np.sum(np.array(at) <= problem.radius)),
+        fuel=float(np.abs(controls).sum()),
+        proven=float(bound.proven.sum()),
+        attained=float(bound.attained.sum()),
+    )
+    said = plan.get("certificate", {})
+    return Report(
+        flight.fuel,
+        flight.fuel * problem.step,
+        flight.proven,
+        flight.node_collisions,
+        int((near.low <= problem.radius).sum()),
+        float(flight.high),
+        tuple(_faults(flight, at_nodes=at_nodes)),
+        (*_untrue_states(flight, states, plan.get("times")), *_untrue(flight, states, said)),
+    )
+
+
+def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
+    problem = flight.problem
+    miss = np.abs(flight.states[:, -1] - flight.goal).max(axis=0)
+    if miss[:3].max() > METRES:
+        yield f"misses the goal by {miss[:3].max():.3g} m"
+    if miss[3:].max() > METRES_A_SECOND:
+        yield f"misses the goal's velocity by {miss[3:].max():.3g} m/s"
+    used = np.abs(flight.controls).max()
+    if problem.limit is not None and used > problem.limit * (1 + SHARE):
+        yield f"uses {used:.6g} m/s² of {problem.limit:.6g} m/s²"
+    if flight.node_collisions:
+        yield f"comes within {problem.radius:g} m at a node"
+    elif not at_nodes and flight.low <= problem.radius:
+        yield f"comes as close as {flight.high:.6g} m between nodes"
+    if flight.fuel < flight.proven * (1 - SHARE):
+        yield f"burns {flight.fuel:.6g} m/s² where none burns less than {flight.proven:.6g}"
+
+
+def _untrue_states(flight: _Flight, states: np.ndarray, times: list | None) -> Iterator[str]:
+    off = np.abs(states - flight.states).max(axis=(0, 1))
+    if off[:3].max() > METRES or off[3:].max() > METRES_A_SECOND:
+        yield f"states are {off[:3].max():.3g} m, {off[3:].max():.3g} m/s from what is flown"
+    grid = flight.problem.step * np.arange(flight.problem.nodes)
+    if times is not None and not np.allclose(times, grid, rtol=1e-12):
+        yield "times are not those of the nodes"
+
+
+def _untrue(flight: _Flight, states: np.ndarray, said: Mapping) -> Iterator[str]:
+    """Claims of a certificate, of which any may be left out, against what is found."""
+    problem, alone = flight.problem, len(flight.goal) == 1
+    moved = after(problem.rate, problem.step, states[:, :-1], flight.controls)
+    gap = flight.fuel / flight.attained - 1 if flight.attained > 1e-9 else None
+    # By name: least and most that is true.
+    true = {
+        "fuel": _about(flight.fuel, 1e-9),
+        "delta_v": _about(flight.fuel * problem.step, 1e-9),
+        "fuel_lower_bound": _about(flight.attained, SHARE),
+        "optimality_gap": (gap is not None) and (gap - 2e-6, gap + 2e-6),
+        "node_collisions": (flight.node_collisions, flight.node_collisions),
+        "min_separation": not alone and (flight.low - ATTAINED, flight.high + ATTAINED),
+        "min_separation_bound": not alone and (-np.inf, flight.high),
+        "goal_error": _near(np.abs(states[:, -1] - flight.goal)[:, :3].max()),
+        "dynamics_error": _near(np.abs(states[:, 1:] - moved)[..., :3].max()),
+    }
+    for name in true.keys() & said.keys():
+        claim, range_ = said[name], true[name]
+        if range_ is False:  # nothing to be claimed
+            if claim is not None and name != "optimality_gap":
+                yield f"{name} is said to be {claim} where there is none"
+        elif claim is None or not range_[0] <= claim <= range_[1]:
+            yield f"{name} is said to be {claim}, found {range_[0]:.9g} to {range_[1]:.9g}"
+    pair, time = said.get("min_separation_pair"), said.get("min_separation_time")
+    if pair is not None and time is not None:
+        found = distance_at(problem, flight.states, flight.controls, tuple(pair), time)
+        if abs(found - said["min_separation"]) > ATTAINED:
+            yield f"craft {pair[0]} and {pair[1]} are {found:.6g} m apart at {time:.6g} s"
+
+
+def _about(value: float, share: float) -> tuple[float, float]:
+    return value * (1 - share) - 1e-12, value * (1 + share) + 1e-12
+
+
+def _near(value: float) -> tuple[float, float]:
+    return value - METRES, value + METRES
