@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from benchmarks import floor
 from pipeline.expert.cuts import NO_CUTS, Cuts
 from pipeline.expert.interior_point import new_solver
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
-
-floor = pytest.importorskip("benchmarks.floor", reason="run from the project's folder")
 
 PAIR = Cuts(np.array([0]), np.array([1]), np.array([4]), np.array([37.0]))
 

@@ -16,7 +16,6 @@ from pipeline.dataset.workers import Workers
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 
-pytest.importorskip("distributed")
 SHARDS = 12
 
 

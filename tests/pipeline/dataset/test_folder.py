@@ -1,13 +1,16 @@
 """Folders: on this machine, in memory, by URL; full, read-only, held by another process."""
 
+import hashlib
 import os
 import subprocess
 import sys
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier, Lock
 
 import fsspec
 import pyarrow.dataset as pads
 import pytest
+from rights import read_only, room_until_told
 
 from pipeline.dataset.folder import open_folder
 from pipeline.dataset.lock import sole_writer
@@ -16,6 +19,7 @@ from pipeline.dataset.read import examples
 from pipeline.dataset.sample import sample
 from pipeline.dataset.solve import solve
 from pipeline.dataset.verify import repair, verify
+from pipeline.dataset.watch import Watch
 from pipeline.dataset.workers import Workers
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
@@ -81,57 +85,47 @@ def test_a_url_of_no_known_kind_is_refused():
         open_folder("nowhere://x")
 
 
-@contextmanager
-def mounted(path, options):
-    """A small filesystem of its own, which only root may mount."""
-    path.mkdir(exist_ok=True)
-    run = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if run.returncode:
-        pytest.skip(f"no filesystem can be mounted here: {run.stderr.strip()}")
-    try:
-        yield path
-    finally:
-        subprocess.run(["umount", str(path)], check=True)
+class Filling(Watch):
+    """The disk is full once two shards are done."""
+
+    def __init__(self, fill):
+        self.fill, self.shards = fill, 0
+
+    def done(self, rows, failed=0):
+        self.shards += 1
+        if self.shards == 2:
+            self.fill()
 
 
-def test_a_full_disk_gives_a_sentence_and_leaves_what_was_there(tmp_path, solved, content):
-    with mounted(tmp_path / "small", "size=400k") as disk:
-        folder = disk / "data"
-        sample(folder, {8: Sample(count=100, shard_rows=10)}, Problem(), jobs=1)
-        with pytest.raises(ProlearnError, match=r"No space left on device.*is intact: make room"):
-            solve(folder, Settings(), workers=ONE)
+def test_a_full_disk_gives_a_sentence_and_leaves_what_was_there(tmp_path):
+    folder = tmp_path / "data"
+    sample(folder, {8: Sample(count=40, shard_rows=10)}, Problem(), jobs=1)
+    with room_until_told() as fill:
+        with pytest.raises(ProlearnError, match=r"File too large.*is intact: make room"):
+            solve(folder, Settings(), workers=ONE, watch=Filling(fill))
         done = {p.name: p.read_bytes() for p in folder.glob("n=8/*")}
-        assert 0 < len(done) < 10
-        assert all(not name.endswith(".tmp") for name in done)
-        faults = {fault.what for fault in verify(folder, workers=ONE)}
-        assert faults == {"is missing"}
-        subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
-        solve(folder, Settings(), workers=ONE)
-        assert list(verify(folder, workers=ONE)) == []
-        assert all((folder / "n=8" / name).read_bytes() == done[name] for name in done)
+        assert len(done) == 2
+        assert not list(folder.rglob("*.tmp"))
+        assert {fault.what for fault in verify(folder, workers=ONE)} == {"is missing"}
+    solve(folder, Settings(), workers=ONE)
+    assert list(verify(folder, workers=ONE)) == []
+    assert all((folder / "n=8" / name).read_bytes() == done[name] for name in done)
 
 
-def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, solved):
-    import shutil
-
-    with mounted(tmp_path / "disk", "size=8m") as disk:
-        shutil.copytree(solved, disk / "data")
-        (disk / "data/n=3/part-00001.parquet").unlink()
-        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, solved, content):
+    (solved / "n=3/part-00001.parquet").unlink()
+    before = content(solved)
+    with read_only(tmp_path):
         for write in (
-            lambda: solve(disk / "data", Settings(), workers=ONE),
-            lambda: sample(disk / "new", SAMPLES, Problem(), jobs=1),
-            lambda: repair(disk / "data", workers=ONE),
+            lambda: solve(solved, Settings(), workers=ONE),
+            lambda: sample(tmp_path / "new", SAMPLES, Problem(), jobs=1),
+            lambda: repair(solved, workers=ONE),
         ):
             with pytest.raises(ProlearnError, match="cannot be written to"):
                 write()
-        assert [f.path for f in verify(disk / "data", workers=ONE)] == ["n=3/part-00001.parquet"]
-        assert len(examples(disk / "data", 2, "train")) == 6
+        assert [f.path for f in verify(solved, workers=ONE)] == ["n=3/part-00001.parquet"]
+        assert len(examples(solved, 2, "train")) == 6
+    assert content(solved) == before
 
 
 HOLD = """
@@ -169,12 +163,45 @@ def test_what_a_killed_writer_left_unfinished_is_swept_away_and_is_no_fault(solv
         assert str(os.getpid()) in (solved / "_writer").read_text()
 
 
-def test_two_runs_without_a_lock_both_end_with_the_same_bytes(in_memory, solved):
+class InStep(Watch):
+    """Of two runs: both list what there is to do before either does any, then shard by shard.
+
+    One at a time, since files in memory can be read half written, which a store's cannot.
+    """
+
+    def __init__(self, turn, both):
+        self.turn, self.both, self.expected, self.rows = turn, both, 0, 0
+
+    def expect(self, rows):
+        self.expected = rows
+        self._wait_for_the_other()
+
+    def done(self, rows, failed=0):
+        self.rows += rows
+        self._wait_for_the_other()
+
+    def _wait_for_the_other(self):
+        self.turn.release()
+        try:
+            self.both.wait(timeout=60)
+        finally:
+            self.turn.acquire()
+
+
+def test_two_runs_at_once_without_a_lock_both_end_with_the_same_bytes(in_memory, solved, content):
     """Object stores have no lock: both runs do all of the work and write the same."""
     sample(in_memory, SAMPLES, Problem(), jobs=1)
-    begun = fsspec.filesystem("memory").cat("/prolearn-test/data/_manifest.json")
-    solve(in_memory, Settings(), workers=ONE)
-    first = fsspec.filesystem("memory").cat("/prolearn-test/data/_manifest.json")
-    fsspec.filesystem("memory").pipe("/prolearn-test/data/_manifest.json", begun)
-    solve(in_memory, Settings(), workers=ONE)
-    assert fsspec.filesystem("memory").cat("/prolearn-test/data/_manifest.json") == first
+    turn, both = Lock(), Barrier(2)
+    watches = [InStep(turn, both), InStep(turn, both)]
+
+    def run(watch):
+        with turn:
+            return solve(in_memory, Settings(), workers=ONE, watch=watch)
+
+    with ThreadPoolExecutor(2) as pool:
+        manifests = list(pool.map(run, watches))
+    assert [(watch.expected, watch.rows) for watch in watches] == [(13, 13)] * 2
+    assert manifests == [read_manifest(solved)] * 2
+    files = fsspec.filesystem("memory")
+    for name, digest in content(solved).items():
+        assert hashlib.sha256(files.cat(f"/prolearn-test/data/{name}")).hexdigest() == digest
