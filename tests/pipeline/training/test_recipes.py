@@ -1,28 +1,152 @@
-"""Recipes and devices."""
+"""Recipes, by what training under them does, and devices."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
+from torch import nn
 
+from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
+from pipeline.orbit.problem import Problem
 from pipeline.training.device import training_device
+from pipeline.training.loop import train
 from pipeline.training.recipes import RECIPES, recipe_for
 
-NAMES = ("ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol")
+HIDDEN = {
+    "ff1": [180],
+    "ff2": [180, 150],
+    "ffcol": [180],
+    "lstm1": [180],
+    "lstm2": [180, 150],
+    "lstmcol": [180],
+}
+"""Neurons of each hidden layer, from the paper's table "Neural Network Model Parameters"."""
+
+PROBLEM = Problem(nodes=4)
 
 
-@pytest.mark.parametrize("arch", NAMES)
-def test_the_paper_s_recipe_is_the_paper_s(arch):
-    recipe = recipe_for(arch, "paper")
-    assert (recipe.name, recipe.target, recipe.dropout) == ("paper", "states", 0.5)
-    assert (recipe.interior, recipe.patience) == ("line", 5)
+def examples(count, seed):
+    """Trajectories of no kind in particular, with components of different sizes."""
+    rng = np.random.default_rng(seed)
+    states = rng.normal(size=(count, 2, 4, 6)) * [100, 200, 50, 0.1, 0.2, 0.05]
+    return Examples(PROBLEM, states[:, :, 0], states[:, :, -1], states)
 
 
-@pytest.mark.parametrize("arch", NAMES)
-def test_the_tuned_recipe_learns_offsets_without_dropout(arch):
-    recipe = recipe_for(arch, "tuned")
-    assert (recipe.name, recipe.target, recipe.dropout) == ("tuned", "offset", 0.0)
+TRAIN, VALID = examples(40, 0), examples(10, 1)
+
+
+def run(arch, name, *, epochs=1, **changes):
+    recipe = replace(recipe_for(arch, name), **changes)
+    return train(arch, recipe, TRAIN, VALID, device="cpu", epochs=epochs)
+
+
+def straight(data):
+    """Node states on the straight line between both ends."""
+    share = np.array([0, 1 / 3, 2 / 3, 1])[:, None]
+    return (1 - share) * data.initial[:, :, None] + share * data.goal[:, :, None]
+
+
+def sizes(states):
+    """Root mean square of each component."""
+    return np.sqrt(np.square(states).mean(axis=(0, 1, 2)))
+
+
+@contextmanager
+def watched():
+    """Widths of all layers that drop while a network is trained, and the share that they drop."""
+    found = []
+
+    def watch(module, given, answer):
+        if isinstance(module, nn.Dropout) and module.training:
+            there = given[0] != 0
+            found.append((given[0].shape[-1], float((answer[there] == 0).float().mean())))
+
+    hook = nn.modules.module.register_module_forward_hook(watch)
+    try:
+        yield found
+    finally:
+        hook.remove()
+
+
+@pytest.mark.parametrize("arch", list(HIDDEN))
+def test_in_training_the_paper_s_recipe_drops_half_of_every_hidden_layer(arch):
+    """ "Dropout regularization rate of 0.5 was used" after each hidden layer, feed-forward or LSTM
+    (the paper's sections on learning and on experiment 1).
+    """
+    with watched() as layers:
+        run(arch, "paper")
+    batches = len(layers) // len(HIDDEN[arch])
+    assert [width for width, _ in layers] == HIDDEN[arch] * batches
+    assert batches > 0
+    assert [share for _, share in layers] == pytest.approx([0.5] * len(layers), abs=0.05)
+
+
+@pytest.mark.parametrize("arch", list(HIDDEN))
+def test_in_training_the_tuned_recipe_drops_nothing(arch):
+    with watched() as layers:
+        run(arch, "tuned")
+    assert all(share == 0 for _, share in layers)
+
+
+def answers(model, bias):
+    """What a model predicts for the validation data when its network answers a constant."""
+    with torch.no_grad():
+        for parameter in model.network.parameters():
+            parameter.zero_()
+        last = list(model.network.modules())[-1]
+        assert isinstance(last, nn.Linear)
+        last.bias.fill_(bias)
+    return model.predict(VALID.initial, VALID.goal)
+
+
+@pytest.mark.parametrize("arch", list(HIDDEN))
+def test_the_paper_s_network_answers_trajectories_with_metres_and_metres_a_second_as_they_stand(
+    arch,
+):
+    """ "Our input and output data consists of n spacecraft trajectories": an answer of 0 is a
+    trajectory of zeros, and one unit of it is as many m as m/s.
+    """
+    model = run(arch, "paper").model
+    assert (answers(model, 0.0) == 0).all()
+    unit = sizes(TRAIN.states).max()
+    np.testing.assert_allclose(answers(model, 1.0), unit, rtol=1e-6)
+
+
+@pytest.mark.parametrize("arch", list(HIDDEN))
+def test_the_tuned_network_answers_offsets_from_the_straight_line_each_component_in_its_own_size(
+    arch,
+):
+    model = run(arch, "tuned").model
+    np.testing.assert_allclose(answers(model, 0.0), straight(VALID), rtol=1e-6, atol=1e-9)
+    unit = sizes(TRAIN.states - straight(TRAIN))
+    offset = answers(model, 1.0) - straight(VALID)
+    np.testing.assert_allclose(offset, np.broadcast_to(unit, offset.shape), rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["paper", "tuned"])
+@pytest.mark.parametrize("arch", ["ff1", "lstm1"])
+def test_a_network_reads_the_straight_line_between_both_ends(arch, name):
+    model = run(arch, name).model
+    read = []
+    model.network.register_forward_pre_hook(lambda module, given: read.append(given[0]))
+    model.predict(VALID.initial, VALID.goal)
+    line = sizes(straight(TRAIN))
+    unit = line.max() if name == "paper" else line
+    given = torch.cat(read).numpy().reshape(VALID.states.shape)
+    np.testing.assert_allclose(given * unit, straight(VALID), rtol=1e-5)
+
+
+@pytest.mark.parametrize("arch", ["ff1", "lstm1"])
+def test_under_the_paper_s_recipe_training_ends_after_five_epochs_without_a_better_one(arch):
+    """ "We used a 'ValidationPatience' of 5" (the paper's section on experiment 1)."""
+    # At so large a rate the validation loss soon rises for good.
+    trained = run(arch, "paper", epochs=200, learning_rate=0.05, batch_size=8)
+    losses = [epoch.valid_loss for epoch in trained.history]
+    assert trained.best_epoch == 1 + int(np.argmin(losses))
+    assert len(losses) == trained.best_epoch + 5
 
 
 def test_unknown_names_are_refused_with_the_known_ones():
