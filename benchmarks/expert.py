@@ -16,9 +16,11 @@ import typer
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from benchmarks.peers import PlainScp, solve_dccp
+from benchmarks.peers import solve_dccp
 from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.expert import Settings, own_optima, solve
+from pipeline.expert.plain import PlainScp
+from pipeline.expert.seeds import own_seed
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.report.figures.style import PAGE_WIDTH, save
@@ -62,11 +64,14 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
     default, at all times, and at the nodes.
     """
     plain = PlainScp(n, Problem())
-    plain.solve(draw("rings", SEED, n, instances, Problem()))  # compiles
+
+    def by_plain(scenario: Scenario) -> object:  # from the own LPs, where the expert starts too
+        return plain.solve(scenario, own_seed(scenario))
+
     peers: list[tuple[str, str, int, Work]] = [
         ("own LP of each craft", "continuous", instances, _own),
-        ("the same SCP in cvxpy", "continuous", instances, plain.solve),
-        ("the same SCP in cvxpy", "nodes", instances, plain.solve),
+        ("the same SCP in cvxpy", "continuous", instances, by_plain),
+        ("the same SCP in cvxpy", "nodes", instances, by_plain),
     ]
     if dccp:
         peers.append(("DCCP", "continuous", dccp, solve_dccp))

@@ -133,7 +133,7 @@ def half_spaces(
     """
     gap = gaps(cuts, states, controls, problem) + shift
     k = cuts.interval
-    normal = _directions(gap, states[cuts.first, k, 3:] - states[cuts.second, k, 3:])
+    normal = directions(gap, states[cuts.first, k, 3:] - states[cuts.second, k, 3:])
     return half_spaces_along(cuts, normal, states[:, 0], problem, separation)
 
 
@@ -166,7 +166,7 @@ def half_spaces_along(
     return HalfSpaces(row, separation - free)
 
 
-def _directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
+def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
     """Unit vectors along each gap; across the relative velocity where the two craft touch."""
     distance = np.linalg.norm(gap, axis=1)
     touching = distance < TOUCHING

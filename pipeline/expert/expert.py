@@ -8,11 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
 from pipeline.expert.cuts import NO_CUTS
 from pipeline.expert.own import OwnOptima, own_optima
 from pipeline.expert.scp import Found, Search
-from pipeline.expert.seeds import Seed
+from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.expert.starts import best_of_starts
 from pipeline.orbit.transfer import project_to_flyable
@@ -78,14 +77,8 @@ class Expert:
 
 
 def _seed_controls(scenario: Scenario, seed: Seed) -> Float[Array, "n intervals 3"]:
-    expected = (scenario.n, scenario.problem.nodes, 6)
-    if seed.shape != expected:
-        raise InputError(
-            f"the seed has shape {seed.shape}; expected node states of shape {expected}."
-        )
-    if not np.isfinite(seed).all():
-        raise InputError("the seed has values that are not finite; expected states in m and m/s.")
-    return project_to_flyable(seed, scenario.initial, scenario.goal, scenario.problem)
+    states = checked_seed(scenario, seed)
+    return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
 
 
 def _search(

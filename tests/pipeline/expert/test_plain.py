@@ -1,0 +1,168 @@
+"""The plain SCP: its programs against HiGHS, its plans against numpy, its memory against none."""
+
+import subprocess
+import sys
+from itertools import combinations
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from pipeline.errors import InputError
+from pipeline.expert import Settings, solve
+from pipeline.expert.plain import MARGIN, PlainScp
+from pipeline.expert.seeds import line_seed, own_seed
+from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+
+N = 10
+SCENARIOS = [draw("rings", 0, N, k, Problem()) for k in range(6)]
+
+
+@pytest.fixture(scope="module")
+def scp():
+    return PlainScp(N, Problem())
+
+
+def rolled_out(initial, controls, problem):
+    """Positions at the nodes by stepping Eq. 2: (n, T, 3)."""
+    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    states = [initial]
+    for t in range(problem.intervals):
+        states.append(states[-1] @ A.T + controls[:, t] @ B.T)
+    return np.stack(states, axis=1)[..., :3]
+
+
+def first_program_by_highs(scenario, seed):
+    """Least fuel with every pair apart along its direction in the seed: a dense linear program."""
+    problem, n = scenario.problem, scenario.n
+    m, unit = 3 * problem.intervals, 1e-3
+    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    drift, reach = [np.eye(6)], [np.zeros((6, m))]
+    for t in range(problem.intervals):
+        step = A @ reach[-1]
+        step[:, 3 * t : 3 * t + 3] += B
+        drift.append(A @ drift[-1])
+        reach.append(step)
+    size = np.linalg.norm(reach[-1], axis=1)[:, None]
+    goals = np.kron(np.eye(n), unit * reach[-1] / size)
+    miss = ((scenario.goal - scenario.initial @ drift[-1].T) / size.T).ravel()
+    rows, least = [], []
+    for t in range(1, problem.nodes - 1):
+        for i, j in combinations(range(n), 2):
+            gap = seed[i, t, :3] - seed[j, t, :3]
+            normal = gap / np.linalg.norm(gap)
+            row = np.zeros((n, m))
+            row[i] = unit * normal @ reach[t][:3]
+            row[j] = -row[i]
+            free = normal @ drift[t][:3] @ (scenario.initial[i] - scenario.initial[j])
+            rows.append(row.ravel())
+            least.append(problem.collision_radius + MARGIN - free)
+    rows = np.array(rows)
+    found = linprog(
+        np.ones(2 * n * m),
+        A_ub=-np.hstack([rows, -rows]),
+        b_ub=-np.array(least),
+        A_eq=np.hstack([goals, -goals]),
+        b_eq=miss,
+    )
+    assert found.success
+    return found.fun * unit
+
+
+@pytest.mark.parametrize("make", [own_seed, line_seed])
+def test_its_first_program_has_the_optimum_that_highs_finds(scp, make, monkeypatch):
+    scenario = SCENARIOS[1]
+    monkeypatch.setattr("pipeline.expert.plain.MAX_ROUNDS", 1)
+    plan = scp.solve(scenario, make(scenario))
+    assert plan.convex_solves == 1
+    exact = first_program_by_highs(scenario, make(scenario))
+    assert plan.certificate.fuel == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.parametrize("make", [None, line_seed, own_seed])
+def test_its_plans_obey_the_dynamics_reach_the_goal_and_are_clear_at_every_node(scp, make):
+    for scenario in SCENARIOS:
+        plan = scp.solve(scenario, make and make(scenario))
+        assert plan.status == "solved"
+        position = rolled_out(scenario.initial, plan.controls, scenario.problem)
+        assert np.abs(position[:, -1] - scenario.goal[:, :3]).max() < 1e-6
+        for i, j in combinations(range(N), 2):
+            assert np.linalg.norm(position[i] - position[j], axis=1).min() > 15.0
+
+
+def test_a_plan_does_not_depend_on_what_was_solved_before(scp):
+    for scenario in SCENARIOS[:2]:
+        scp.solve(scenario)
+    again = scp.solve(SCENARIOS[2], line_seed(SCENARIOS[2]))
+    fresh = PlainScp(N, Problem()).solve(SCENARIOS[2], line_seed(SCENARIOS[2]))
+    np.testing.assert_array_equal(again.controls, fresh.controls)
+    assert again.convex_solves == fresh.convex_solves
+
+
+def test_it_is_compiled_when_it_is_made_and_never_again(monkeypatch):
+    made = PlainScp(N, Problem())
+    chains = []
+    construct = cp.Problem._construct_chain
+    monkeypatch.setattr(
+        cp.Problem, "_construct_chain", lambda *a, **k: chains.append(1) or construct(*a, **k)
+    )
+    for scenario in SCENARIOS[:2]:
+        made.solve(scenario, own_seed(scenario))
+    assert chains == []
+    PlainScp(2, Problem())
+    assert chains == [1]
+
+
+def test_the_nearer_a_seed_is_to_the_optimum_the_fewer_solves_it_takes(scp):
+    at_nodes = Settings(separation="nodes")
+    seeds = [
+        lambda s: solve(s, settings=at_nodes).states,
+        line_seed,
+        lambda s: None,
+    ]
+    optimum, line, blank = (
+        np.mean([scp.solve(s, make(s)).convex_solves for s in SCENARIOS]) for make in seeds
+    )
+    assert optimum < line < blank
+    assert optimum < 2
+
+
+def test_a_limit_that_no_transfer_keeps_leaves_the_scenario_unsolved():
+    problem = Problem(max_acceleration=1e-5)
+    plan = PlainScp(3, problem).solve(draw("rings", 0, 3, 0, problem))
+    assert plan.status == "unsolved"
+    assert "no plan clear at the nodes after 1 convex solves" in plan.message
+
+
+def test_a_thrust_limit_is_kept():
+    free, limited = (draw("rings", 0, 4, 0, Problem(max_acceleration=a)) for a in (None, 2e-3))
+    plan = PlainScp(4, limited.problem).solve(limited, own_seed(limited))
+    assert plan.status == "solved"
+    assert np.abs(plan.controls).max() <= 2e-3
+    assert np.abs(PlainScp(4, Problem()).solve(free, own_seed(free)).controls).max() > 2e-3
+
+
+def test_one_craft_has_its_own_optimum():
+    plan = PlainScp(1, Problem()).solve(draw("rings", 0, 1, 0, Problem()))
+    assert plan.status == "solved"
+    assert plan.certificate.optimality_gap == pytest.approx(0, abs=1e-6)
+
+
+def test_scenarios_and_seeds_that_it_was_not_compiled_for_are_refused(scp):
+    with pytest.raises(InputError, match="3 craft"):
+        scp.solve(draw("rings", 0, 3, 0, Problem()))
+    with pytest.raises(InputError, match="time_step=90"):
+        scp.solve(draw("rings", 0, N, 0, Problem(time_step=90.0)))
+    with pytest.raises(InputError, match="the seed has shape"):
+        scp.solve(SCENARIOS[0], line_seed(SCENARIOS[0])[:, :5])
+
+
+def test_the_expert_does_not_load_cvxpy():
+    code = (
+        "import sys, pipeline.expert, pipeline.evaluation.warmstart; print('cvxpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
