@@ -1,6 +1,6 @@
 """Results of experiments: recorded as MLflow runs with their tables, and fetched again."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -72,15 +72,22 @@ class Outcome:
     earlier: bool = False
 
 
-def earlier_run(experiment: str, params: Mapping[str, Any]) -> str | None:
+def earlier_run(experiment: str, params: Mapping[str, Any], kind: Sequence[str] = ()) -> str | None:
     """The newest finished run of an experiment, where it had these parameters.
+
+    Args:
+        experiment: EVALUATION, WARMSTART or TRANSFER_TIMES.
+        params: settings.
+        kind: those of the settings that tell kinds of runs apart: the newest run of the same kind
+            is looked at.
 
     Raises:
         ProlearnError: where the store fails.
     """
+    wanted = {name: str(value) for name, value in params.items()}
     with opened(create=False) as store:
-        run = _newest(store, experiment)
-    same = run is not None and run.data.params == {k: str(v) for k, v in params.items()}
+        run = _newest(store, experiment, {name: wanted[name] for name in kind})
+    same = run is not None and run.data.params == wanted
     return str(run.info.run_id) if same else None
 
 
@@ -126,19 +133,24 @@ def record(
         return run_id
 
 
-def latest(experiment: str) -> Results:
+def latest(experiment: str, having: Mapping[str, str] | None = None) -> Results:
     """The newest finished run of an experiment.
+
+    Args:
+        experiment: EVALUATION, WARMSTART or TRANSFER_TIMES.
+        having: parameters that the run must have, such as the optimizer of WARMSTART.
 
     Raises:
         InputError: where there is none; it names the command that makes one.
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
-        run = _newest(store, experiment)
+        run = _newest(store, experiment, having or {})
         if run is None:
+            options = "".join(f" --{name} {value}" for name, value in (having or {}).items())
             raise InputError(
                 f"There is no finished run of {experiment} in the tracking store; expected one: "
-                f"run `{_COMMANDS[experiment]}` first."
+                f"run `{_COMMANDS[experiment]}{options}` first."
             )
         folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
         tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
@@ -213,11 +225,12 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
     return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
 
 
-def _newest(store: Store, experiment: str) -> Any:
-    """The newest finished run, or None."""
+def _newest(store: Store, experiment: str, having: Mapping[str, str]) -> Any:
+    """The newest finished run with some parameters, or None."""
+    asked = ["attributes.status = 'FINISHED'", *(f"params.`{k}` = '{having[k]}'" for k in having)]
     runs = store.client.search_runs(
         [store.experiments[experiment]],
-        filter_string="attributes.status = 'FINISHED'",
+        filter_string=" AND ".join(asked),
         order_by=["attributes.start_time DESC"],
         max_results=1,
     )
