@@ -1,5 +1,6 @@
 """Commands that run the paper's experiments, from evaluate to transfer-times, and the report."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,28 +66,56 @@ def evaluate(
     _done("Evaluated", outcome)
 
 
+class Optimizer(StrEnum):
+    """What the seeds of experiment 3 are given to."""
+
+    EXPERT = "expert"
+    PLAIN = "plain"
+
+
+SIZES = {Optimizer.EXPERT: "10,30", Optimizer.PLAIN: "10"}
+"""Swarm sizes of experiment 3 where none are given."""
+
+
 def warmstart(
     models: Models = None,
     data: Data = "data/paper",
-    n: Annotated[str, typer.Option("--n", help="Swarm sizes.")] = "10,30",
+    optimizer: Annotated[
+        Optimizer,
+        typer.Option(
+            help="The expert, or a plain SCP over all pairs at the nodes, as the paper's."
+        ),
+    ] = Optimizer.EXPERT,
+    n: Annotated[
+        str | None,
+        typer.Option(
+            "--n",
+            help="Swarm sizes; by default 10,30 for the expert and 10 for the plain SCP.",
+            show_default=False,
+        ),
+    ] = None,
     trials: Annotated[int, typer.Option(help="Trials of each size.")] = 100,
     resume: Resume = False,
 ) -> None:
-    """Experiment 3: start the expert from each network's plan and from simple seeds.
+    """Experiment 3: start an optimizer from each network's plan and from simple seeds.
 
-    Example:
+    The report shows the newest results of each optimizer.
+
+    Examples:
 
         prolearn warmstart --models ff1,ffcol --n 10 --trials 100
+        prolearn warmstart --optimizer plain
     """
     from registry.jobs.warmstart import warmstart as run
 
-    sizes = int_list(n)
+    sizes = int_list(SIZES[optimizer] if n is None else n)
     with progress("warm starts", trials * len(sizes)) as advance:
         outcome = run(
             name_list(models),
             data,
             sizes=sizes,
             trials=trials,
+            optimizer=optimizer.value,
             resume=resume,
             report=lambda done: advance(done, ""),
         )

@@ -1,15 +1,16 @@
-"""Experiment 3: what a seed saves the expert."""
+"""Experiment 3: what a seed saves the expert, and what it saves a plain SCP as the paper's."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from time import perf_counter
 
 import pandas as pd
 
 from pipeline.evaluation.trials import Predictor
 from pipeline.expert import SEEDS, Settings, solve
-from pipeline.expert.seeds import Seed
-from pipeline.plan import SOLVED
+from pipeline.expert.seeds import Seed, own_seed
+from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.scenario import Scenario
 
 SeedMaker = Callable[[Scenario], Seed] | None
@@ -17,21 +18,29 @@ SeedMaker = Callable[[Scenario], Seed] | None
 Source = tuple[str, int]
 """Where a seed comes from: a name, and the training seed where it is a network's."""
 
+EXPERT, PLAIN = "expert", "plain"
+OPTIMIZERS = (EXPERT, PLAIN)
+"""What seeds are given to: our expert, or a plain SCP over all pairs, the paper's kind."""
+
 RULES = {
     "converged": Settings(stop="converged"),
     "first safe": Settings(stop="first-safe"),
 }
-"""The stopping rules that seeds are compared under."""
+"""The stopping rules that seeds are compared under; the plain SCP knows "converged" alone."""
+
+Optimize = Callable[[Scenario, Seed | None], Plan]
 
 
 @dataclass(frozen=True)
 class WarmStart:
-    """One run of the expert from one seed.
+    """One run of an optimizer from one seed.
 
     Attributes:
+        optimizer: of OPTIMIZERS.
         n: swarm size.
         trial: number of the scenario.
-        seed: where the seed comes from.
+        seed: where the seed comes from; "none" is the optimizer's own start: each craft's own
+            LP with the expert, a blank one with the plain SCP.
         training_seed: of the network that it comes from, or 0.
         rule: stopping rule, of RULES.
         convex_solves: joint convex programs.
@@ -39,9 +48,10 @@ class WarmStart:
         optimality_gap: of the plan.
         fuel: of the plan, m/s².
         safe: whether the plan is proven safe at all times.
-        status: of the plan.
+        status: of the plan; the plain SCP's is solved where it is clear at the nodes.
     """
 
+    optimizer: str
     n: int
     trial: int
     seed: str
@@ -58,6 +68,7 @@ class WarmStart:
 def run_warmstarts(
     predictors: Mapping[Source, Predictor],
     scenarios: Sequence[Scenario],
+    optimizer: str = EXPERT,
     *,
     report: Callable[[], None] = lambda: None,
 ) -> pd.DataFrame:
@@ -69,21 +80,43 @@ def run_warmstarts(
     Args:
         predictors: networks by name and training seed; their raw predictions are seeds beside
             those of SEEDS.
-        scenarios: of any size.
+        scenarios: of one problem and one n.
+        optimizer: of OPTIMIZERS.
         report: called after each scenario.
     """
-    seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
-    seeds |= {source: _network_seed(predictor) for source, predictor in predictors.items()}
+    if not scenarios:
+        return pd.DataFrame()
+    seeds = _seeds(optimizer) | {
+        source: _network_seed(predictor) for source, predictor in predictors.items()
+    }
+    rules = _rules(optimizer, scenarios[0])
     sources = list(seeds)
-    for source in sources if scenarios else []:
-        _run(scenarios[0], 0, source, seeds[source], "converged")  # warm up
+    for source in sources:
+        _run(scenarios[0], seeds[source], rules["converged"])  # warm up
     rows: list[WarmStart] = []
     for trial, scenario in enumerate(scenarios):
         first = trial % len(sources)
         for source in sources[first:] + sources[:first]:
-            rows += [_run(scenario, trial, source, seeds[source], rule) for rule in RULES]
+            for rule, optimize in rules.items():
+                plan, seconds = _run(scenario, seeds[source], optimize)
+                rows.append(_row(optimizer, scenario, trial, source, rule, plan, seconds))
         report()
     return pd.DataFrame([asdict(row) for row in rows])
+
+
+def _seeds(optimizer: str) -> dict[Source, SeedMaker]:
+    """Seeds that need no network. The own LPs are one for the plain SCP: the expert's start."""
+    own: dict[str, SeedMaker] = {"own LP": own_seed} if optimizer == PLAIN else {}
+    return {(name, 0): make for name, make in {**SEEDS, **own}.items()}
+
+
+def _rules(optimizer: str, scenario: Scenario) -> dict[str, Optimize]:
+    """The optimizer under each of its stopping rules, ready for scenarios like this one."""
+    if optimizer == PLAIN:
+        from pipeline.expert.plain import PlainScp  # loads cvxpy
+
+        return {"converged": PlainScp(scenario.n, scenario.problem).solve}
+    return {rule: partial(solve, settings=settings) for rule, settings in RULES.items()}
 
 
 def _network_seed(predictor: Predictor) -> Callable[[Scenario], Seed]:
@@ -93,21 +126,35 @@ def _network_seed(predictor: Predictor) -> Callable[[Scenario], Seed]:
     return seed
 
 
-def _run(scenario: Scenario, trial: int, source: Source, make: SeedMaker, rule: str) -> WarmStart:
+def _run(scenario: Scenario, make: SeedMaker, optimize: Optimize) -> tuple[Plan, float]:
+    """A plan, and the time to make the seed and to plan."""
     started = perf_counter()
     seed = None if make is None else make(scenario)
     seeding = perf_counter() - started
-    plan = solve(scenario, seed, RULES[rule])
+    plan = optimize(scenario, seed)
+    return plan, seeding + plan.timing["plan"]
+
+
+def _row(
+    optimizer: str,
+    scenario: Scenario,
+    trial: int,
+    source: Source,
+    rule: str,
+    plan: Plan,
+    seconds: float,
+) -> WarmStart:
     return WarmStart(
+        optimizer=optimizer,
         n=scenario.n,
         trial=trial,
         seed=source[0],
         training_seed=source[1],
         rule=rule,
         convex_solves=plan.convex_solves,
-        seconds=seeding + plan.timing["plan"],
+        seconds=seconds,
         optimality_gap=plan.certificate.optimality_gap,
         fuel=plan.certificate.fuel,
-        safe=plan.status == SOLVED,
+        safe=plan.status == SOLVED and is_safe(plan.certificate, scenario.problem),
         status=plan.status,
     )

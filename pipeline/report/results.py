@@ -18,6 +18,9 @@ FLOWN = "flown"
 PLAN = "plan"
 """Reading of a planner whose output is a flyable plan as it stands."""
 
+EXPERT, PLAIN = "expert", "plain"
+"""Optimizers of experiment 3: ours, and a plain SCP over all pairs, the paper's kind."""
+
 COLUMNS: dict[str, tuple[str, ...]] = {
     "trials": (
         *("planner", "recipe", "training_seed", "reading", "n", "trial", "node_collisions"),
@@ -25,7 +28,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
         *("dynamics_error", "seconds", "convex_solves"),
     ),
     "warmstarts": (
-        *("n", "trial", "seed", "training_seed", "rule", "convex_solves", "seconds"),
+        *("optimizer", "n", "trial", "seed", "training_seed", "rule", "convex_solves", "seconds"),
         *("optimality_gap", "fuel", "safe", "status"),
     ),
     "training": (
@@ -65,7 +68,8 @@ class Results:
     Attributes:
         trials: a row for each planner, recipe, training seed, reading, n and trial
             (experiments 1 and 2).
-        warmstarts: a row for each n, trial, seed, training seed and stopping rule (experiment 3).
+        warmstarts: a row for each optimizer, n, trial, seed, training seed and stopping rule
+            (experiment 3).
         training: a row for each trained model.
         curves: a row for each arch, recipe, training seed and epoch.
         examples: transfers to draw.

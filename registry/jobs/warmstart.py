@@ -6,7 +6,8 @@ import pandas as pd
 
 from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
-from pipeline.evaluation.warmstart import run_warmstarts
+from pipeline.errors import InputError
+from pipeline.evaluation.warmstart import EXPERT, OPTIMIZERS, run_warmstarts
 from registry.jobs.entrants import networks
 from registry.jobs.evaluate import test_scenarios
 from registry.results import Outcome, earlier_run, record
@@ -19,28 +20,34 @@ def warmstart(
     *,
     sizes: Sequence[int],
     trials: int,
+    optimizer: str = EXPERT,
     resume: bool = False,
     report: Callable[[int], None] = lambda trials: None,
 ) -> Outcome:
-    """Start the expert from every seed on the same scenarios, and record it.
+    """Start an optimizer from every seed on the same scenarios, and record it.
 
     Args:
         references: models; none means the newest of each architecture, recipe and seed.
         data: a solved dataset.
         sizes: swarm sizes.
         trials: most scenarios of a size.
-        resume: leave it where it was done before, with the same data, models and settings.
+        optimizer: of OPTIMIZERS; each has runs of its own.
+        resume: leave it where it was done before, with the same optimizer, data, models and
+            settings.
         report: called after each scenario.
 
     Raises:
-        InputError: for unknown models or sizes that are not in the dataset.
+        InputError: for an unknown optimizer, unknown models or sizes that are not in the dataset.
         ProlearnError: where the store fails.
     """
+    if optimizer not in OPTIMIZERS:
+        raise InputError(f"optimizer is {optimizer!r}; expected one of {', '.join(OPTIMIZERS)}.")
     scenarios = {n: test_scenarios(data, n, trials) for n in sizes}
     learned = networks(references)
     predictors = {(net.label, net.version.training_seed): net.model for net in learned}
     digest = read_manifest(data).digest()
     params = {
+        "optimizer": optimizer,
         "data": str(data),
         "dataset_digest": digest,
         "sizes": ",".join(str(n) for n in sizes),
@@ -48,9 +55,11 @@ def warmstart(
         "seeds": ",".join(dict.fromkeys(label for label, _ in predictors)),
         "models": ",".join(network.version.uri for network in learned),
     }
-    if resume and (earlier := earlier_run(WARMSTART, params)):
+    if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"])):
         return Outcome(earlier, earlier=True)
-    tables = [run_warmstarts(predictors, scenarios[n], report=lambda: report(1)) for n in sizes]
+    tables = [
+        run_warmstarts(predictors, scenarios[n], optimizer, report=lambda: report(1)) for n in sizes
+    ]
     used = (str(data), digest)
     table = pd.concat(tables, ignore_index=True)
     return Outcome(record(WARMSTART, table, params=params, dataset=used))

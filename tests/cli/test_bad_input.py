@@ -30,6 +30,7 @@ CASES = {
     "odd sizes": (["evaluate", "--data", "none", "--n", "2..x"], "2..30"),
     "no dataset to warm-start on": (["warmstart", "--data", "none"], "none does not exist"),
     "no trials to warm-start": (["warmstart", "--data", "none", "--trials", "0"], "trials is 0"),
+    "an unknown optimizer": (["warmstart", "--optimizer", "magic"], "magic"),
     "no dataset for other times": (["transfer-times", "--data", "none"], "none does not exist"),
     "odd numbers of nodes": (["transfer-times", "--data", "none", "--nodes", "6..x"], "--nodes is"),
     "odd time steps": (

@@ -33,6 +33,7 @@ def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
     assert "Evaluated; " in run(*evaluate)  # there is another model now
     assert "Evaluated before; " in run(*evaluate)
     assert "Warm starts done; " in run(*warmstart)
+    assert "Warm starts done; " in run(*warmstart, "--optimizer", "plain")
     assert "Warm starts done before; " in run(*warmstart)
     times = ("transfer-times", "--data", "data", "--n", 4, "--nodes", "6,11", "--trials", 1)
     assert "Transfer times done; " in run(*times)
