@@ -15,7 +15,6 @@ from pipeline.report.figures.style import Style, styles
 from pipeline.report.figures.times import recipes_of, times_figure
 from pipeline.report.figures.training import curves_figure
 from pipeline.report.figures.transfer import figure_transfer
-from pipeline.report.figures.warmstart import WHISKERS, warmstart_figure
 from pipeline.report.planners import planner_of
 from pipeline.report.results import Results, is_empty
 from pipeline.report.summary.times import summarize_times
@@ -24,7 +23,7 @@ from pipeline.report.tables.provenance import facts_table
 from pipeline.report.tables.scaling import scaling_tables
 from pipeline.report.tables.times import times_tables
 from pipeline.report.tables.training import training_table
-from pipeline.report.tables.warmstart import warmstart_tables
+from pipeline.report.warmstart_section import warmstart_section
 
 READINGS = (
     "A network is read twice. *As predicted* is the paper's reading: its raw states, which need "
@@ -41,7 +40,7 @@ def all_sections(results: Results, summary: pd.DataFrame, n: int) -> list[Sectio
         _experiment1(summary, n, look),
         _training(results, look),
         _experiment2(summary, look),
-        _experiment3(results, look),
+        warmstart_section(results.warmstarts, look),
         _experiment4(results, look),
         _examples(results),
         _provenance(results),
@@ -140,32 +139,6 @@ def _experiment2(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     return Section(title, blocks)
 
 
-def _experiment3(results: Results, look: Mapping[str, Style]) -> Section:
-    title = "Experiment 3: warm starts"
-    warmstarts = results.warmstarts
-    if warmstarts is None or warmstarts.empty:
-        return Section(title, ["No warm starts were run: `prolearn warmstart` fills this section."])
-    blocks: list[Block] = [
-        "The expert starts from a seed and stops at its first safe plan, or goes on until its best "
-        "safe plan no longer improves. The minimum-energy seed costs nothing, so it is what a "
-        f"network's seed has to beat. The paper reports, at n = {paper_values.NETWORK_SIZE}, "
-        f"roughly {paper_values.NO_SEED_SECONDS:.0f} s without a seed and less than "
-        f"{paper_values.NETWORK_SEED_SECONDS:.0f} s from a network's (a ratio below "
-        f"{paper_values.NETWORK_SEED_SECONDS / paper_values.NO_SEED_SECONDS:.2f})."
-    ]
-    for table, n in zip(warmstart_tables(warmstarts), _sizes(warmstarts), strict=True):
-        caption = (
-            f"Time of the expert from each seed at n = {n} (the paper's Figure 8). Boxes are "
-            f"quartiles with the median, whiskers the {WHISKERS[0]}th and {WHISKERS[1]}th "
-            "percentile; the dashed line is the median without a seed."
-        )
-        blocks += [
-            Picture(f"experiment3-n{n}", caption, warmstart_figure(warmstarts, n, look)),
-            table,
-        ]
-    return Section(title, blocks)
-
-
 def _experiment4(results: Results, look: Mapping[str, Style]) -> Section:
     title = "Experiment 4: other transfer times"
     times = results.transfer_times
@@ -227,7 +200,3 @@ def _provenance(results: Results) -> Section:
         return Section("Provenance", ["Nothing is known about how these results were made."])
     facts = pd.DataFrame(list(results.facts.items()), columns=["fact", "value"])
     return Section("Provenance", [facts_table(facts)])
-
-
-def _sizes(table: pd.DataFrame) -> list[int]:
-    return sorted(int(n) for n in table["n"].unique())

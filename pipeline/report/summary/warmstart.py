@@ -3,10 +3,11 @@
 import numpy as np
 import pandas as pd
 
+from pipeline.plan import SOLVED
 from pipeline.report.planners import in_order, planner_of
 from pipeline.report.summary.trials import as_share
 
-GROUP = ["n", "rule", "seed"]
+GROUP = ["optimizer", "n", "rule", "seed"]
 """What a row of the summary stands for."""
 
 SPREAD = {"time_ratio": "ratio_spread", "gap_mean": "gap_spread"}
@@ -14,20 +15,22 @@ SPREAD = {"time_ratio": "ratio_spread", "gap_mean": "gap_spread"}
 
 
 def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
-    """Averages over the trials of each n, rule and seed.
+    """Averages over the trials of each optimizer, n, rule and seed.
 
     The seeds of a network that was trained with several training seeds share one row, the average
     of its trainings; the spread is the standard deviation between them.
 
     Returns:
         ``GROUP`` and seeds (trainings averaged), trials, solves_mean, one_solve_share (at most one
-        convex solve), seconds_median, gap_mean (of the finite gaps), fuel_mean, safe_share,
-        time_ratio (to the median of seed "none" at the same n and rule; NaN without one), and the
+        convex solve), seconds_median, seconds_mean, seconds_deviation (standard deviation over the
+        trials), gap_mean (of the finite gaps), fuel_mean, solved_share, safe_share, time_ratio (to
+        the median of seed "none" of the same optimizer, n and rule; NaN without one), and the
         columns of ``SPREAD`` (NaN where there is one training).
     """
     gap = warmstarts["optimality_gap"].astype(float)
     rows = warmstarts.assign(
         one=(warmstarts["convex_solves"] <= 1).astype(float),
+        solved=(warmstarts["status"] == SOLVED).astype(float),
         safe=as_share(warmstarts["safe"]),
         gap=gap.where(np.isfinite(gap)),
     )
@@ -36,12 +39,16 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
         solves_mean=("convex_solves", "mean"),
         one_solve_share=("one", "mean"),
         seconds_median=("seconds", "median"),
+        seconds_mean=("seconds", "mean"),
+        seconds_deviation=("seconds", "std"),
         gap_mean=("gap", "mean"),
         fuel_mean=("fuel", "mean"),
+        solved_share=("solved", "mean"),
         safe_share=("safe", "mean"),
     )
-    none = each[each["seed"] == "none"].set_index(["n", "rule"])["seconds_median"]
-    base = none.reindex(pd.MultiIndex.from_frame(each[["n", "rule"]])).to_numpy(dtype=float)
+    among = GROUP[:-1]
+    none = each[each["seed"] == "none"].set_index(among)["seconds_median"]
+    base = none.reindex(pd.MultiIndex.from_frame(each[among])).to_numpy(dtype=float)
     groups = each.assign(time_ratio=each["seconds_median"] / base).groupby(
         GROUP, as_index=False, sort=False
     )

@@ -48,6 +48,7 @@ def one_size(n):
 def warm(n, rule, seed, solves, seconds, gaps, safe=True, training_seed=0):
     return [
         {
+            "optimizer": "expert",
             "n": n,
             "rule": rule,
             "seed": seed,
@@ -88,6 +89,17 @@ def warmstarts() -> pd.DataFrame:
             *warm(10, "converged", "ff1 tuned", [2, 2, 2], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]),
         ]
     )
+
+
+@pytest.fixture
+def both(warmstarts) -> pd.DataFrame:
+    """The expert's warm starts, and those of the plain SCP, most of them unsafe between nodes."""
+    plain = [
+        *warm(10, "converged", "none", [8, 10, 12], [2.0, 4.0, 9.0], [0.1] * 3, False),
+        *warm(10, "converged", "own LP", [1, 1, 1], [0.5] * 3, [0.0] * 3, False),
+        *warm(10, "converged", "ff1 tuned", [1, 2, 3], [0.5, 1.0, 1.5], [0.01] * 3, True),
+    ]
+    return pd.concat([warmstarts, pd.DataFrame(plain).assign(optimizer="plain")])
 
 
 @pytest.fixture

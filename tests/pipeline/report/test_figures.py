@@ -10,7 +10,7 @@ from pipeline.report.figures.objectives import objectives_figure
 from pipeline.report.figures.scaling import COLLISIONS, FUEL, scaling_figure
 from pipeline.report.figures.style import KNOWN, styles
 from pipeline.report.figures.transfer import _orbits, within
-from pipeline.report.figures.warmstart import warmstart_figure
+from pipeline.report.figures.warmstart import optimizers_figure, warmstart_figure
 from pipeline.report.planners import BASELINES, EXPERTS, FEED_FORWARD, RECURRENT
 from pipeline.report.summary.trials import summarize
 
@@ -93,6 +93,28 @@ def test_a_box_has_the_quartiles_of_its_seed(warmstarts):
     first_safe = next(a for a in figure.axes if "first safe" in a.get_title(loc="left"))
     box = first_safe.patches[0].get_path().vertices[:, 0]  # none: 0.2, 0.4, 0.9 s
     assert (box.min(), box.max()) == pytest.approx((0.3, 0.65))
+
+
+def test_figure_8_has_both_optimizers_side_by_side(both):
+    unseeded = both[both["rule"] == "first safe"].assign(rule="converged")
+    both = pd.concat([both, unseeded[unseeded["seed"] == "none"]])
+    plain, expert = optimizers_figure(both, 10, styles(["ff1"])).axes
+    assert (plain.get_title(loc="left"), expert.get_title(loc="left")) == (
+        "Plain SCP, n = 10",
+        "Our expert, n = 10",
+    )
+    assert [t.get_text() for t in plain.get_yticklabels()] == ["No seed", "Own LP", "FF1 tuned"]
+    assert plain.get_xlim() == expert.get_xlim()
+    assert [t.get_text() for t in expert.texts] == ["its own start: as without a seed"]
+    box = plain.patches[0].get_path().vertices[:, 0]  # none: 2, 4, 9 s
+    assert (box.min(), box.max()) == pytest.approx((3.0, 6.5))
+
+
+def test_the_experts_own_figure_has_none_of_the_plain_scps_times(both):
+    figure = warmstart_figure(both, 10, styles(["ff1"]))
+    rows = [t.get_text() for t in figure.axes[0].get_yticklabels()]
+    assert rows == ["No seed", "FF1 tuned"]
+    assert figure.axes[0].get_xlim()[1] < 2.0
 
 
 @pytest.mark.parametrize(

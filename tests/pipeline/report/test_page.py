@@ -107,6 +107,24 @@ def test_what_is_missing_says_which_command_fills_it(trials_at, tmp_path):
     assert [p.name for p in files.figures] == ["experiment1.svg", "experiment1.png"]
 
 
+def test_each_optimizer_of_experiment_3_can_be_missing(trials, both, tmp_path):
+    def built(rows, name):
+        files = build_report(Results(trials, rows), tmp_path / name)
+        return {p.stem for p in (*files.figures, *files.tables)}, files.markdown.read_text()
+
+    names, text = built(both, "both")
+    assert {"experiment3-n10", "experiment3-optimizers-n10", "experiment3-plain-n10"} <= names
+    assert "roughly 20 s without a seed and less than 5 s" in text
+    names, text = built(both[both["optimizer"] == "expert"], "expert")
+    assert "experiment3-n10" in names
+    assert "experiment3-plain-n10" not in names
+    assert "`prolearn warmstart --optimizer plain`" in text
+    names, text = built(both[both["optimizer"] == "plain"], "plain")
+    assert "experiment3-plain-n10" in names
+    assert "experiment3-n10" not in names
+    assert "`prolearn warmstart`" in text
+
+
 def test_untimed_trials_leave_out_the_run_times(trials, tmp_path):
     untimed = trials.assign(seconds=float("nan"))
     files = build_report(Results(untimed), tmp_path)

@@ -88,6 +88,17 @@ def test_warm_starts_without_an_unseeded_run_have_no_ratio(warmstarts):
     assert np.isnan(converged["time_ratio"])
 
 
+def test_each_optimizer_is_measured_against_its_own_start(both):
+    summary = summarize_warmstarts(both)
+    plain = row(summary, optimizer="plain", seed="ff1 tuned")
+    assert plain["time_ratio"] == pytest.approx(1.0 / 4.0)
+    expert = row(summary, optimizer="expert", rule="first safe", seed="ff1 tuned")
+    assert expert["time_ratio"] == pytest.approx(0.1 / 0.4)
+    assert np.isnan(row(summary, optimizer="expert", rule="converged")["time_ratio"])
+    assert (plain["solved_share"], plain["safe_share"]) == (1.0, 1.0)
+    assert row(summary, optimizer="plain", seed="own LP")["safe_share"] == 0.0
+
+
 def test_results_without_trials_or_columns_are_refused_with_what_to_do(trials):
     with pytest.raises(InputError, match="prolearn evaluate"):
         Results(trials.head(0))
