@@ -34,6 +34,7 @@ demo: $(BIN)/prolearn ## the whole line at small scale: dataset, six networks, e
 	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 8
 	$(BIN)/prolearn evaluate --data data/demo --timed 5
 	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
+	$(BIN)/prolearn warmstart --data data/demo --optimizer plain --trials 4
 	$(BIN)/prolearn transfer-times --data data/demo --nodes 6,11,21 --trials 10
 	$(BIN)/prolearn report --out reports
 	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
@@ -61,8 +62,9 @@ train-all: $(BIN)/prolearn ## all six networks in both recipes, each trained SEE
 evaluate: $(BIN)/prolearn ## experiments 1 and 2
 	$(BIN)/prolearn evaluate --data $(DATA) --resume
 
-warmstart: $(BIN)/prolearn ## experiment 3
+warmstart: $(BIN)/prolearn ## experiment 3, with the expert and with a plain SCP
 	$(BIN)/prolearn warmstart --data $(DATA) --resume
+	$(BIN)/prolearn warmstart --data $(DATA) --optimizer plain --n 10 --trials 100 --resume
 
 transfer-times: $(BIN)/prolearn ## experiment 4
 	$(BIN)/prolearn transfer-times --data $(DATA) --resume
