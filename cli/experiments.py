@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.app import float_list, int_list, name_list
-from cli.progress import progress
+from cli.progress import progress, say
 
 if TYPE_CHECKING:
     from registry.results import Outcome
@@ -61,6 +61,7 @@ def evaluate(
             trials=trials,
             timed=timed,
             resume=resume,
+            say=say,
             report=lambda stage: advance(1, stage),
         )
     _done("Evaluated", outcome)
@@ -117,6 +118,7 @@ def warmstart(
             trials=trials,
             optimizer=optimizer.value,
             resume=resume,
+            say=say,
             report=lambda done: advance(done, ""),
         )
     _done("Warm starts done", outcome)
@@ -164,6 +166,7 @@ def transfer_times(
             time_steps=steps,
             trials=trials,
             resume=resume,
+            say=say,
             report=lambda stage: advance(1, stage),
         )
     _done("Transfer times done", outcome)

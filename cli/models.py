@@ -111,15 +111,32 @@ def show(
 def promote(
     name: Annotated[str, typer.Argument(help="Registered model, or its architecture.")],
     version: Annotated[int, typer.Option(help="Number of the version.", show_default=False)],
+    data: Annotated[
+        str | None,
+        typer.Option(
+            help="Dataset, a folder or a URL, whose validation split decides; by default the one "
+            "that the version was trained on.",
+            show_default=False,
+        ),
+    ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Also where it does worse than the champion.")
+        bool, typer.Option("--force", help="Also where it does no better than the champion.")
     ] = False,
 ) -> None:
-    """Make a version the champion, which commands take when a model is named alone."""
-    from registry.models import promote as run
+    """Make a version the champion, which commands take when a model is named alone.
 
-    chosen = run(name, version, force=force)
-    typer.echo(f"{chosen.name} version {chosen.version} is the champion.")
+    Both fly the same validation scenarios: the safer one is better, or, where the difference may
+    be chance, the cheaper one. `prolearn train` does so with each version that it registers.
+
+    Example:
+
+        prolearn models promote lstm2 --version 3 --data data/paper
+    """
+    from registry.jobs.champion import promote as run
+
+    held = run(name, version, data, force=force)
+    reason = f" ({held.reason})" if held.reason else ""
+    typer.echo(f"{held.champion.name} version {held.champion.version} is the champion{reason}.")
 
 
 @app.command()

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
+import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -27,6 +28,11 @@ class RateColumn(ProgressColumn):
     def render(self, task: Task) -> Text:
         """The rate of late."""
         return Text(f"{task.speed:.3g}/s" if task.speed else "")
+
+
+def say(sentence: str) -> None:
+    """Tell a person what they should know, beside the output."""
+    typer.echo(f"prolearn: {sentence}", err=True)
 
 
 Advance = Callable[[int, str], None]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.app import int_list, name_list
-from cli.progress import Advance, progress
+from cli.progress import Advance, progress, say
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def train(
     changes = {name: value for name, value in changes.items() if value is not None}
     for one, k in product(most, seeds):
         how = TrainingSettings(one, recipe, n=n, seed=k, changes=changes)
-        earlier = trained_before(how, data) if resume else None
+        earlier = trained_before(how, data, say) if resume else None
         if earlier is not None:
             typer.echo(f"Trained before: {_summary(earlier)}")
             continue
@@ -98,8 +98,11 @@ def train(
             def report(epoch: "Epoch", advance: Advance = advance) -> None:
                 advance(1, f"validation loss {epoch.valid_loss:.4g}")
 
-            version = train_model(how, data, device=device, on_epoch=report, memory=memory * 1e9)
+            version, held = train_model(
+                how, data, device=device, on_epoch=report, memory=memory * 1e9
+            )
         typer.echo(_summary(version))
+        typer.echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
 
 
 def _summary(version: "ModelVersion") -> str:

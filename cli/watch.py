@@ -3,9 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-import typer
-
-from cli.progress import Advance, progress
+from cli.progress import Advance, progress, say
 from pipeline.dataset.watch import Watch
 
 
@@ -39,7 +37,7 @@ class StageWatch(Watch):
 
     def say(self, sentence: str) -> None:
         """Say it."""
-        typer.echo(f"prolearn: {sentence}", err=True)
+        say(sentence)
 
 
 @contextmanager

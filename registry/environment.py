@@ -1,12 +1,15 @@
 """What a run was made with: versions, platform and commit of the code."""
 
+import json
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.networks.catalogue import distribution_of
+from pipeline.provenance import made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
 
@@ -14,13 +17,36 @@ LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")
 """Packages that a registered model needs to be loaded."""
 
 
-def environment_tags() -> dict[str, str]:
-    """Versions, platform and, where the code is in a git checkout, its commit."""
-    tags = {f"{name}_version": version(name) for name in PACKAGES}
+MADE_WITH = "made_with"
+"""Tag with the versions, ours and others', that decide what a run gives, as JSON."""
+
+TRAINED_BY = ("orbit", "networks", "training"), ("numpy", "torch")
+EVALUATED_BY = (
+    ("orbit", "scenario", "plan", "expert", "networks", "evaluation"),
+    ("numpy", "scipy", "clarabel", "torch"),
+)
+"""Code of ours and packages that decide what comes of a training, and of an experiment."""
+
+
+def environment_tags(decided_by: tuple[tuple[str, ...], tuple[str, ...]]) -> dict[str, str]:
+    """Versions, platform and, where the code is in a git checkout, its commit.
+
+    Args:
+        decided_by: code of ours and packages that decide what the run gives.
+    """
+    tags = {MADE_WITH: json.dumps(dict(made_with(*decided_by)), sort_keys=True)}
+    tags |= {f"{name}_version": version(name) for name in PACKAGES}
     tags |= {"python_version": platform.python_version(), "platform": platform.platform()}
     tags["cores"] = str(os.cpu_count())
     commit = git_commit()
     return tags | ({"git_commit": commit} if commit else {})
+
+
+def changed_since(
+    tags: Mapping[str, str], decided_by: tuple[tuple[str, ...], tuple[str, ...]]
+) -> str:
+    """The first version that differs from those of an earlier run; empty where none does."""
+    return version_change(json.loads(tags.get(MADE_WITH, "{}")), made_with(*decided_by))
 
 
 def requirements(arch: str) -> list[str]:

@@ -1,6 +1,6 @@
-"""Registered models: list them, load one, compare them, make one the champion."""
+"""Registered models: list them, load one, make one the champion."""
 
-import math
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,13 +13,10 @@ from registry.reference import find, resolve
 from registry.store import opened
 from registry.version import CHAMPION, ModelVersion, read_version, read_versions
 
-VALIDATION_METRIC = "valid_position_rmse"
-"""What decides between two versions: RMS error of predicted node positions, m."""
-
 NETWORK_PATH = "data/network"
 """Where the network's folder lies inside a logged model."""
 
-__all__ = ["list_versions", "load", "newest_trainings", "promote", "resolve"]
+__all__ = ["champion_of", "crown", "list_versions", "load", "newest_trainings", "resolve"]
 
 
 def list_versions() -> list[ModelVersion]:
@@ -32,13 +29,24 @@ def list_versions() -> list[ModelVersion]:
         return read_versions(store)
 
 
-def newest_trainings() -> list[ModelVersion]:
-    """The newest version of each architecture, recipe and training seed, in this order.
+def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVersion]:
+    """The newest trainings of each architecture and recipe that differ in their seed alone.
+
+    Of those trained in several ways, on other data or with other settings, the way of the newest
+    counts; of several trainings with one seed the newest.
+
+    Args:
+        digests: by swarm size, of the data that they were trained on; by default any.
 
     Raises:
         ProlearnError: where the store fails.
     """
-    newest = {(v.arch, v.recipe, v.training_seed): v for v in list_versions()}
+    wanted = set(digests.items()) if digests is not None else None
+    versions = [v for v in list_versions() if wanted is None or (v.n, v.dataset_digest) in wanted]
+    way = {(v.arch, v.recipe): v.way for v in versions}
+    newest = {
+        (v.arch, v.recipe, v.training_seed): v for v in versions if v.way == way[v.arch, v.recipe]
+    }
     return [newest[key] for key in sorted(newest)]
 
 
@@ -63,34 +71,22 @@ def load(reference: str | ModelVersion) -> tuple[Model, ModelVersion]:
         return load_network(folder), version
 
 
-def promote(name: str, version: int, *, force: bool = False) -> ModelVersion:
-    """Make a version the champion of its registered model.
-
-    Args:
-        name: the registered model, or its architecture.
-        version: number of the version.
-        force: also where its validation metric is worse than the champion's.
+def champion_of(name: str) -> ModelVersion | None:
+    """The champion of a registered model, or None where it has none.
 
     Raises:
-        InputError: where there is no such version, or it does worse than the champion.
+        ProlearnError: where the store fails.
+    """
+    return next((v for v in list_versions() if v.name == name and CHAMPION in v.aliases), None)
+
+
+def crown(version: ModelVersion) -> ModelVersion:
+    """Make a version the champion, which commands take when a model is named alone.
+
+    Raises:
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store:
-        chosen = find(store, f"{name}/{version}")
-        others = [v for v in read_versions(store) if v.name == chosen.name]
-        for champion in (v for v in others if CHAMPION in v.aliases and not force):
-            _check_no_worse(chosen, champion)
-        store.client.set_registered_model_alias(chosen.name, CHAMPION, str(chosen.version))
-        found = store.client.get_model_version(chosen.name, str(chosen.version))
-        return read_version(store, found)
-
-
-def _check_no_worse(chosen: ModelVersion, champion: ModelVersion) -> None:
-    reached = chosen.metrics.get(VALIDATION_METRIC, math.nan)
-    needed = champion.metrics.get(VALIDATION_METRIC, math.nan)
-    if not (reached <= needed or math.isnan(needed)):  # nan reached is no better than anything
-        raise InputError(
-            f"{chosen.name}/{chosen.version} has {VALIDATION_METRIC} {reached:.4g} m; expected "
-            f"no more than the {needed:.4g} m of the champion, version {champion.version}: give "
-            "--force to promote it all the same."
-        )
+        number = str(version.version)
+        store.client.set_registered_model_alias(version.name, CHAMPION, number)
+        return read_version(store, store.client.get_model_version(version.name, number))

@@ -1,6 +1,6 @@
 """Results of experiments: recorded as MLflow runs with their tables, and fetched again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +11,7 @@ import mlflow
 import pandas as pd
 
 from pipeline.errors import InputError
-from registry.environment import environment_tags
+from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.store import (
     EVALUATION,
     TRANSFER_TIMES,
@@ -72,14 +72,20 @@ class Outcome:
     earlier: bool = False
 
 
-def earlier_run(experiment: str, params: Mapping[str, Any], kind: Sequence[str] = ()) -> str | None:
-    """The newest finished run of an experiment, where it had these parameters.
+def earlier_run(
+    experiment: str,
+    params: Mapping[str, Any],
+    kind: Sequence[str] = (),
+    say: Callable[[str], None] = lambda sentence: None,
+) -> str | None:
+    """The newest finished run of an experiment, where it had these parameters and versions.
 
     Args:
         experiment: EVALUATION, WARMSTART or TRANSFER_TIMES.
         params: settings.
         kind: those of the settings that tell kinds of runs apart: the newest run of the same kind
             is looked at.
+        say: told where it had these parameters and other versions, and so does not count.
 
     Raises:
         ProlearnError: where the store fails.
@@ -87,8 +93,12 @@ def earlier_run(experiment: str, params: Mapping[str, Any], kind: Sequence[str] 
     wanted = {name: str(value) for name, value in params.items()}
     with opened(create=False) as store:
         run = _newest(store, experiment, {name: wanted[name] for name in kind})
-    same = run is not None and run.data.params == wanted
-    return str(run.info.run_id) if same else None
+    if run is None or run.data.params != wanted:
+        return None
+    change = changed_since(run.data.tags, EVALUATED_BY)
+    if change:
+        say(f"run {run.info.run_id} of {experiment} was made with {change}; it is done again.")
+    return None if change else str(run.info.run_id)
 
 
 def record(
@@ -118,7 +128,7 @@ def record(
     name = experiment.removeprefix("prolearn-")
     with (
         opened() as store,
-        recorded_run(store, experiment, name, environment_tags()) as run_id,
+        recorded_run(store, experiment, name, environment_tags(EVALUATED_BY)) as run_id,
         TemporaryDirectory(prefix="prolearn-") as scratch,
     ):
         log_params(store, run_id, params)

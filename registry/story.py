@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, SupportsFloat
 
@@ -29,7 +29,7 @@ class DatasetInfo:
 
     Attributes:
         path: its folder, as given.
-        digest: of its content.
+        digest: of its rows of the swarm size that was trained on.
         train_instances: instances trained on.
         valid_instances: instances validated on.
     """
@@ -93,8 +93,15 @@ def story_of(
 
 def recipe_params(recipe: Recipe) -> dict[str, Any]:
     """A recipe as parameters of a run, where ``epochs`` is what the training took."""
-    fields = asdict(recipe)
-    return {"recipe": fields.pop("name"), "most_epochs": fields.pop("epochs"), **fields}
+    return {_param(name): value for name, value in asdict(recipe).items()}
+
+
+def _param(field: str) -> str:
+    return {"name": "recipe", "epochs": "most_epochs"}.get(field, field)
+
+
+RECIPE_PARAMS = tuple(sorted(_param(field.name) for field in fields(Recipe)))
+"""Parameters of a run that are fields of its recipe."""
 
 
 def read_story(path: Path) -> Story:
@@ -104,8 +111,7 @@ def read_story(path: Path) -> Story:
         InputError: where it cannot be read or is none.
     """
     try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
-        story = Story(**fields)
+        story = Story(**json.loads(path.read_text(encoding="utf-8")))
         for part in (story.params["arch"], story.params["recipe"], story.history["number"]):
             if not part:
                 raise ValueError("a part of it is empty")
@@ -160,6 +166,7 @@ def _params(trained: Trained, recipe: Recipe, seed: int, dataset: DatasetInfo) -
         "epochs": len(trained.history),
         "seed": seed,
         "device": trained.device,
+        "threads": trained.threads,
         "n_spacecraft": trained.model.n_train,
         "dataset": about.pop("path"),
         "dataset_digest": about.pop("digest"),

@@ -1,14 +1,16 @@
 """Trainings as tables, for the report: a row a model, and the learning curves."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
-from registry.models import newest_trainings
 from registry.store import Store, opened
 from registry.version import ModelVersion
 
 _WHOLE = ("parameters", "epochs", "train_instances")
+
+_VALIDATED = ("valid_position_rmse", "valid_flown_safe_share", "valid_flown_fuel")
 
 _TRAINING = (
     "arch",
@@ -18,9 +20,10 @@ _TRAINING = (
     *_WHOLE,
     "best_epoch",
     "valid_loss",
-    "valid_position_rmse",
+    *_VALIDATED,
     "seconds",
     "device",
+    "threads",
     "weights_kib",
 )
 
@@ -30,12 +33,13 @@ _CURVE_COLUMNS = ("arch", "recipe", "training_seed", "epoch", *_CURVES)
 
 @dataclass(frozen=True, eq=False)
 class TrainingTables:
-    """The newest version of each architecture, recipe and training seed.
+    """Versions as tables.
 
     Attributes:
         training: a row for each, with columns arch, recipe, training_seed, version, parameters,
-            epochs, best_epoch, valid_loss (at the best epoch), valid_position_rmse (m), seconds,
-            device, train_instances and weights_kib; what a run does not say is missing.
+            epochs, best_epoch, valid_loss (at the best epoch), valid_position_rmse (m),
+            valid_flown_safe_share, valid_flown_fuel (m/s²), seconds, device, threads,
+            train_instances and weights_kib; what a run does not say is missing.
         curves: columns arch, recipe, training_seed, epoch, train_loss and valid_loss.
     """
 
@@ -43,14 +47,13 @@ class TrainingTables:
     curves: pd.DataFrame
 
 
-def training_table() -> TrainingTables:
-    """What the report says about the newest version of each architecture, recipe and seed.
+def training_table(versions: Sequence[ModelVersion]) -> TrainingTables:
+    """What the report says about some versions.
 
     Raises:
         InputError: where there is no tracking store yet.
         ProlearnError: where the store fails.
     """
-    versions = newest_trainings()
     with opened(create=False) as store:
         curves = [_curves(store, v) for v in versions]
     none = pd.DataFrame(columns=list(_CURVE_COLUMNS))
@@ -71,9 +74,10 @@ def _row(version: ModelVersion) -> dict[str, object]:
         **{key: int(params[key]) if key in params else None for key in _WHOLE},
         "best_epoch": None if best is None else int(best),
         "valid_loss": metrics.get("best_valid_loss"),
-        "valid_position_rmse": metrics.get("valid_position_rmse"),
+        **{key: metrics.get(key) for key in _VALIDATED},
         "seconds": metrics.get("training_seconds"),
         "device": params.get("device"),
+        "threads": params.get("threads"),
         "weights_kib": metrics.get("weights_kib"),
     }
 

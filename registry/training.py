@@ -21,7 +21,7 @@ from pipeline.report.figures.training import curves_figure
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
-from registry.environment import environment_tags, requirements
+from registry.environment import TRAINED_BY, environment_tags, requirements
 from registry.flavor import SIGNATURE
 from registry.store import (
     TRAINING,
@@ -79,7 +79,7 @@ def record_training(
         seed=seed,
         dataset=dataset,
         metrics=metrics or {},
-        tags=environment_tags(),
+        tags=environment_tags(TRAINED_BY),
     )
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         folder = Path(scratch) / "network"

@@ -7,7 +7,9 @@ from typing import Any
 
 from mlflow.exceptions import MlflowException
 
+from registry.environment import MADE_WITH
 from registry.store import TRAINING, Store
+from registry.story import RECIPE_PARAMS
 
 PREFIX = "prolearn-"
 CHAMPION = "champion"
@@ -54,6 +56,17 @@ class ModelVersion:
     def training_seed(self) -> int:
         """Seed of its weights, order and dropout; 0 where its run is gone."""
         return int(self.params.get("seed", 0))
+
+    @property
+    def n(self) -> int:
+        """Swarm size of its training; 0 where its run is gone."""
+        return int(self.params.get("n_spacecraft", 0))
+
+    @property
+    def way(self) -> tuple[str, ...]:
+        """All that makes its training what it is but the seed: data, size, recipe, versions."""
+        told = (self.params.get(name, "") for name in ("n_spacecraft", *RECIPE_PARAMS))
+        return (self.arch, self.dataset_digest, self.tags.get(MADE_WITH, ""), *told)
 
     @property
     def label(self) -> str:

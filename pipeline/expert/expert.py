@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
-import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array

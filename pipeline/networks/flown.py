@@ -66,22 +66,26 @@ class Flown:
         ]
 
 
-def check_problem(model: Model, scenario: Scenario) -> None:
-    """Refuse a scenario of another orbit or time grid than the model was trained on.
+def check_problem(model: Model, problem: Problem, where: str) -> None:
+    """Refuse a problem of another orbit or time grid than the model was trained on.
 
     The collision radius and the limit on the control may differ: a network knows neither, and
     the certificate judges by the scenario's own.
 
+    Args:
+        model: the network.
+        problem: what it is to be tried on.
+        where: what has that problem, such as a dataset's folder.
+
     Raises:
         InputError: with the field that differs.
     """
-    field = _fault(model, scenario.problem)
+    field = _fault(model, problem)
     if field is not None:
         raise InputError(
-            f"{scenario.name or 'the scenario'} has {field} {getattr(scenario.problem, field):.9g} "
-            f"and the network {model.architecture} was trained with "
-            f"{getattr(model.problem, field):.9g}; expected the same: take data of this kind or "
-            "other models."
+            f"{where} has {field} {getattr(problem, field):.9g} and the network "
+            f"{model.architecture} was trained with {getattr(model.problem, field):.9g}; expected "
+            "the same: take data of this kind or other models."
         )
 
 

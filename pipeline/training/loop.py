@@ -50,6 +50,7 @@ class Trained:
         best_epoch: number of the epoch with the least validation loss.
         seconds: how long it took in all.
         device: where it ran.
+        threads: of torch that it ran on.
     """
 
     model: Model
@@ -57,6 +58,7 @@ class Trained:
     best_epoch: int
     seconds: float
     device: str
+    threads: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,8 @@ def train(
         data = batches(train, encoding, where), batches(valid, encoding, where)
         history, best = _improve(task, recipe, *data, most, seed, on_epoch)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
-    return Trained(model, history, best, time.perf_counter() - started, str(where))
+    seconds = time.perf_counter() - started
+    return Trained(model, history, best, seconds, str(where), torch.get_num_threads())
 
 
 def _improve(

@@ -4,12 +4,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pipeline.dataset.folder import Where
+from pipeline.dataset.manifest import read_manifest
+from pipeline.errors import InputError
 from pipeline.evaluation.baselines import BASELINES, fuel_lower_bounds
 from pipeline.evaluation.trials import Entrant
 from pipeline.expert import Expert, Settings
-from pipeline.networks.flown import Flown
+from pipeline.networks.flown import Flown, check_problem
 from pipeline.networks.model import Model
-from registry.models import load, newest_trainings
+from registry.models import load, newest_trainings, resolve
 from registry.version import ModelVersion
 
 
@@ -20,8 +23,8 @@ class Network:
     Attributes:
         model: the network.
         version: what the registry knows about it.
-        name: what tables call it: its architecture, with the version where two would be alike
-            in recipe and training seed too.
+        name: what tables call it: its architecture, with the version where trainings of one
+            recipe differ in more than their seed.
     """
 
     model: Model
@@ -40,22 +43,58 @@ class Network:
         return Entrant(flown, self.version.recipe, self.version.training_seed, self.model)
 
 
-def networks(references: Sequence[str]) -> list[Network]:
-    """The networks of some references; without any, the newest of each recipe and training seed.
+def networks(references: Sequence[str], data: Where) -> list[Network]:
+    """The networks of some references; without any, the newest that were trained on some data.
+
+    Args:
+        references: models; none means the newest trainings of each architecture and recipe.
+        data: the dataset that they are to be tried on.
 
     Raises:
-        InputError: for a reference to nothing.
+        InputError: for a reference to nothing, a model of another orbit or time grid than the
+            data's, or where there are models and none was trained on this data.
         ProlearnError: where the store fails.
     """
-    chosen: Sequence[str | ModelVersion] = references or newest_trainings()
-    found = {version.uri: (model, version) for model, version in map(load, chosen)}
-    alike = Counter((v.label, v.training_seed) for _, v in found.values())
-    return [
-        Network(
-            model, v, v.arch if alike[v.label, v.training_seed] == 1 else f"{v.arch}/{v.version}"
+    chosen = {v.uri: v for v in map(resolve, references)}.values() or newest_on(data)
+    found, problem = _named(list(chosen)), read_manifest(data).problem
+    for network in found:
+        check_problem(network.model, problem, str(data))
+    return found
+
+
+def newest_on(data: Where) -> list[ModelVersion]:
+    """The newest trainings on a dataset.
+
+    Raises:
+        InputError: where there are models and none was trained on this data.
+        ProlearnError: where the store fails.
+    """
+    manifest = read_manifest(data)
+    found = newest_trainings({n: manifest.digest(n) for n in manifest.samples})
+    if not found and (others := newest_trainings()):
+        known = ", ".join(sorted({v.params.get("dataset", "unknown") for v in others}))
+        raise InputError(
+            f"no model was trained on {data} as it is now; expected some: train one, or name "
+            f"models with --models (there are some trained on {known})."
         )
-        for model, v in found.values()
-    ]
+    return found
+
+
+def _named(versions: Sequence[ModelVersion]) -> list[Network]:
+    """Networks by their architecture, and by version where that would average what differs.
+
+    That is so where a recipe's trainings differ in more than their seed, or not even in that.
+    """
+    ways: dict[str, set[tuple[str, ...]]] = {}
+    for version in versions:
+        ways.setdefault(version.label, set()).add(version.way)
+    alike = Counter((v.label, v.training_seed) for v in versions)
+
+    def name(version: ModelVersion) -> str:
+        alone = len(ways[version.label]) == alike[version.label, version.training_seed] == 1
+        return version.arch if alone else f"{version.arch}/{version.version}"
+
+    return [Network(load(version)[0], version, name(version)) for version in versions]
 
 
 def unlearned() -> list[Entrant]:

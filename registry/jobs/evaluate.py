@@ -31,17 +31,19 @@ def evaluate(
     trials: int | None,
     timed: int,
     resume: bool = False,
+    say: Callable[[str], None] = lambda sentence: None,
     report: Callable[[str], None] = lambda stage: None,
 ) -> Outcome:
     """Evaluate networks, expert and baselines, and record it.
 
     Args:
-        references: models; none means the newest of each architecture, recipe and seed.
+        references: models; none means the newest trainings on the data, of each seed.
         data: a solved dataset.
         sizes: swarm sizes, or all of the dataset.
         trials: most test scenarios of a size, or all.
         timed: scenarios of each size that are timed one at a time.
         resume: leave it where it was done before, with the same data, models and settings.
+        say: told where it was done before by other versions, and so is done again.
         report: called with a planner's turn before each swarm size.
 
     Raises:
@@ -54,7 +56,7 @@ def evaluate(
     digest = manifest.digest()
     chosen = list(sizes) if sizes else sorted(manifest.samples)
     scenarios = {n: test_scenarios(data, n, trials) for n in chosen}
-    learned = networks(references)
+    learned = networks(references, data)
     entrants = unlearned() + [network.entrant for network in learned]
     params = {
         "data": str(data),
@@ -65,7 +67,7 @@ def evaluate(
         "planners": ",".join(dict.fromkeys(label_of(e) for e in entrants)),
         "models": ",".join(network.version.uri for network in learned),
     }
-    if resume and (earlier := earlier_run(EVALUATION, params)):
+    if resume and (earlier := earlier_run(EVALUATION, params, say=say)):
         return Outcome(earlier, earlier=True)
     tables = []
     for n in chosen:

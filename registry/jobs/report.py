@@ -9,6 +9,7 @@ import pandas as pd
 from pipeline.errors import InputError
 from pipeline.report import Example, ReportFiles, build_report
 from pipeline.report import Results as ReportResults
+from registry.models import newest_trainings
 from registry.results import Results, fetch_files, latest
 from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART
 from registry.tables import training_table
@@ -22,7 +23,7 @@ def report(out: Path) -> ReportFiles:
         ProlearnError: where the store fails.
     """
     evaluation = latest(EVALUATION)
-    training = training_table()
+    training = training_table(newest_trainings())
     results = ReportResults(
         trials=evaluation.table,
         warmstarts=_table(WARMSTART),

@@ -10,6 +10,8 @@ from pipeline.dataset.stream import MEMORY, examples_within
 from pipeline.training.loop import Epoch, train
 from pipeline.training.recipes import Recipe, recipe_for
 from pipeline.training.validation import position_rmse
+from registry.environment import TRAINED_BY, changed_since
+from registry.jobs.champion import Challenge, challenge, flown_metrics, validation_trials
 from registry.models import list_versions
 from registry.store import connect
 from registry.story import recipe_params
@@ -41,8 +43,15 @@ class TrainingSettings:
         return replace(recipe_for(self.arch, self.recipe), **self.changes)
 
 
-def trained_before(how: TrainingSettings, data: Where) -> ModelVersion | None:
-    """The newest version that was trained like this on the same data, where there is one.
+def trained_before(
+    how: TrainingSettings, data: Where, say: Callable[[str], None] = lambda sentence: None
+) -> ModelVersion | None:
+    """The newest version that was trained like this, by this code, on the same data, if any.
+
+    Args:
+        how: what to train.
+        data: a solved dataset.
+        say: told where one was trained like this by other versions, which does not count.
 
     Raises:
         InputError: for an unknown name, a missing dataset, or settings that make no sense.
@@ -53,12 +62,19 @@ def trained_before(how: TrainingSettings, data: Where) -> ModelVersion | None:
         "arch": how.arch,
         "seed": how.seed,
         "n_spacecraft": how.n,
-        "dataset_digest": read_manifest(data).digest(),
+        "dataset_digest": read_manifest(data).digest(how.n),
     }
     connect()
     same = {key: str(value) for key, value in wanted.items()}.items()
     found = [version for version in list_versions() if same <= version.params.items()]
-    return found[-1] if found else None
+    changes = {version.uri: changed_since(version.tags, TRAINED_BY) for version in found}
+    current = [version for version in found if not changes[version.uri]]
+    if found and not current:
+        say(
+            f"{found[-1].label}, seed {how.seed}, was trained with {changes[found[-1].uri]}; it is "
+            "trained again."
+        )
+    return current[-1] if current else None
 
 
 def train_model(
@@ -68,8 +84,8 @@ def train_model(
     device: str,
     on_epoch: Callable[[Epoch], None],
     memory: float = MEMORY,
-) -> ModelVersion:
-    """Train a network and register the model.
+) -> tuple[ModelVersion, Challenge]:
+    """Train a network, register the model, and hold it against the champion.
 
     Args:
         how: what to train.
@@ -77,6 +93,9 @@ def train_model(
         device: "auto" or a device's name.
         on_epoch: called after each epoch.
         memory: bytes that training data may take; what is larger streams from the dataset.
+
+    Returns:
+        The new version, and who is the champion of its model now.
 
     Raises:
         InputError: for an unknown name, a missing dataset, or settings that make no sense.
@@ -88,10 +107,13 @@ def train_model(
     trained = train(
         how.arch, followed, learn, valid, seed=how.seed, device=device, on_epoch=on_epoch
     )
-    return record_training(
+    trials = validation_trials(trained.model, data, how.n)
+    errors = {"valid_position_rmse": position_rmse(trained.model, valid)}
+    version = record_training(
         trained,
         recipe=followed,
         seed=how.seed,
-        dataset=DatasetInfo(str(data), read_manifest(data).digest(), len(learn), len(valid)),
-        metrics={"valid_position_rmse": position_rmse(trained.model, valid)},
+        dataset=DatasetInfo(str(data), read_manifest(data).digest(how.n), len(learn), len(valid)),
+        metrics=errors | flown_metrics(trials),
     )
+    return version, challenge(version, trials, data)

@@ -14,7 +14,6 @@ from pipeline.evaluation.transfer_times import (
     variations,
 )
 from pipeline.evaluation.trials import Entrant
-from pipeline.networks.flown import check_problem
 from pipeline.orbit.problem import Problem
 from registry.jobs.entrants import Network, networks, unlearned
 from registry.jobs.evaluate import test_scenarios
@@ -31,18 +30,20 @@ def transfer_times(
     time_steps: Sequence[float] | None,
     trials: int,
     resume: bool = False,
+    say: Callable[[str], None] = lambda sentence: None,
     report: Callable[[str], None] = lambda stage: None,
 ) -> Outcome:
     """Give the same ends other transfer times, and record what becomes of every plan.
 
     Args:
-        references: models; none means the newest of each architecture, recipe and seed.
+        references: models; none means the newest trainings on the data, of each seed.
         data: a solved dataset.
         n: swarm size.
         nodes: numbers of nodes T, at the dataset's Δt.
         time_steps: Δt in s, at the dataset's T; None for the same transfer times.
         trials: most scenarios.
         resume: leave it where it was done before, with the same data, models and settings.
+        say: told where it was done before by other versions, and so is done again.
         report: called with T and Δt after each of them.
 
     Raises:
@@ -52,9 +53,7 @@ def transfer_times(
     """
     scenarios = test_scenarios(data, n, trials)
     varied = variations(scenarios[0].problem, nodes, time_steps)
-    learned = networks(references)
-    for network in learned:
-        check_problem(network.model, scenarios[0])
+    learned = networks(references, data)
     digest = read_manifest(data).digest()
     params = {
         "data": str(data),
@@ -66,7 +65,7 @@ def transfer_times(
         "networks": ",".join(dict.fromkeys(network.label for network in learned)),
         "models": ",".join(network.version.uri for network in learned),
     }
-    if resume and (earlier := earlier_run(TRANSFER_TIMES, params)):
+    if resume and (earlier := earlier_run(TRANSFER_TIMES, params, say=say)):
         return Outcome(earlier, earlier=True)
     table = run_transfer_times(
         _entrants_on(learned), scenarios, varied, report=lambda done: report(_called(done))

@@ -20,7 +20,7 @@ from pipeline.training.loop import train
 from pipeline.training.recipes import Recipe, recipe_for
 from pipeline.training.search import SPACE, Between
 from pipeline.training.validation import position_rmse
-from registry.environment import environment_tags
+from registry.environment import TRAINED_BY, environment_tags
 from registry.sqlite import database_path
 from registry.store import (
     TUNING,
@@ -136,7 +136,7 @@ def tune(
     followed = recipe_for(arch, recipe)
     followed = followed if epochs is None else replace(followed, epochs=epochs)
     learn, valid = examples(data, n, "train"), examples(data, n, "valid")
-    dataset = DatasetInfo(str(data), read_manifest(data).digest(), len(learn), len(valid))
+    dataset = DatasetInfo(str(data), read_manifest(data).digest(n), len(learn), len(valid))
     search = Search(arch, followed, learn, valid, dataset, seed, device)
     with opened() as opened_store:
         store = with_experiment(opened_store, TUNING)
@@ -206,7 +206,7 @@ def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
         with mlflow.start_run(run_id=known, nested=True, log_system_metrics=False):
             yield known
         return
-    with recorded_run(store, TUNING, search.name, environment_tags()) as run_id:
+    with recorded_run(store, TUNING, search.name, environment_tags(TRAINED_BY)) as run_id:
         study.set_user_attr(PARENT, run_id)
         log_params(store, run_id, {"arch": search.arch, "recipe": search.recipe.name})
         yield run_id
@@ -243,7 +243,9 @@ def _search(
 def _trial(trial: "Trial", store: Store, search: Search) -> float:
     """Train once and record it as a nested run; the validation error in m."""
     recipe = replace(search.recipe, **{name: _suggest(trial, name) for name in SPACE})
-    with recorded_run(store, TUNING, f"trial-{trial.number}", environment_tags()) as run_id:
+    with recorded_run(
+        store, TUNING, f"trial-{trial.number}", environment_tags(TRAINED_BY)
+    ) as run_id:
         trained = train(
             search.arch, recipe, search.learn, search.valid, seed=search.seed, device=search.device
         )

@@ -22,18 +22,20 @@ def warmstart(
     trials: int,
     optimizer: str = EXPERT,
     resume: bool = False,
+    say: Callable[[str], None] = lambda sentence: None,
     report: Callable[[int], None] = lambda trials: None,
 ) -> Outcome:
     """Start an optimizer from every seed on the same scenarios, and record it.
 
     Args:
-        references: models; none means the newest of each architecture, recipe and seed.
+        references: models; none means the newest trainings on the data, of each seed.
         data: a solved dataset.
         sizes: swarm sizes.
         trials: most scenarios of a size.
         optimizer: of OPTIMIZERS; each has runs of its own.
         resume: leave it where it was done before, with the same optimizer, data, models and
             settings.
+        say: told where it was done before by other versions, and so is done again.
         report: called after each scenario.
 
     Raises:
@@ -43,7 +45,7 @@ def warmstart(
     if optimizer not in OPTIMIZERS:
         raise InputError(f"optimizer is {optimizer!r}; expected one of {', '.join(OPTIMIZERS)}.")
     scenarios = {n: test_scenarios(data, n, trials) for n in sizes}
-    learned = networks(references)
+    learned = networks(references, data)
     predictors = {(net.label, net.version.training_seed): net.model for net in learned}
     digest = read_manifest(data).digest()
     params = {
@@ -55,7 +57,7 @@ def warmstart(
         "seeds": ",".join(dict.fromkeys(label for label, _ in predictors)),
         "models": ",".join(network.version.uri for network in learned),
     }
-    if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"])):
+    if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"], say)):
         return Outcome(earlier, earlier=True)
     tables = [
         run_warmstarts(predictors, scenarios[n], optimizer, report=lambda: report(1)) for n in sizes

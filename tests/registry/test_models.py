@@ -3,16 +3,18 @@ import pickle
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mlflow
 import numpy as np
 import pytest
 
+from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.jobs.entrants import networks
-from registry.models import list_versions, load, newest_trainings, promote, resolve
+from registry.models import list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
 from registry.tables import training_table
 from registry.training import DatasetInfo, record_training
@@ -25,12 +27,19 @@ class Project:
     def __init__(self, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> None:
         self.trained, self.recipe, self.dataset = trained, recipe, dataset
 
-    def train(self, rmse: float, recipe: str = "tuned", seed: int = 3) -> ModelVersion:
+    def train(
+        self,
+        rmse: float,
+        recipe: str = "tuned",
+        seed: int = 3,
+        data: DatasetInfo | None = None,
+        **changes: Any,
+    ) -> ModelVersion:
         return record_training(
             self.trained,
-            recipe=replace(self.recipe, name=recipe),
+            recipe=replace(self.recipe, name=recipe, **changes),
             seed=seed,
-            dataset=self.dataset,
+            dataset=data or self.dataset,
             metrics={"valid_position_rmse": rmse},
         )
 
@@ -73,7 +82,7 @@ def test_a_run_tells_its_whole_story(project: Project) -> None:
 def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
     project.train(7.5)
 
-    tables = training_table()
+    tables = training_table(list_versions())
 
     history = project.trained.history
     assert tables.curves.to_dict("list") == {
@@ -96,12 +105,12 @@ def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) ->
 
     newest = [(v.recipe, v.version) for v in newest_trainings()]
     assert newest == [("paper", 3), ("tuned", 2)]
-    assert list(training_table().training["version"]) == [3, 2]
+    assert list(training_table(newest_trainings()).training["version"]) == [3, 2]
 
 
 def test_an_empty_registry_gives_empty_tables(folder: Path) -> None:
     assert list_versions() == []
-    tables = training_table()
+    tables = training_table([])
     assert len(tables.training) == len(tables.curves) == 0
     assert {"arch", "recipe", "version", "valid_loss"} <= set(tables.training.columns)
 
@@ -150,30 +159,6 @@ def test_an_unknown_model_gives_a_sentence_with_those_there_are(
 def test_what_is_no_name_at_all_is_refused_with_the_forms(folder: Path, name: str) -> None:
     with pytest.raises(InputError, match="ARCH:RECIPE, NAME@ALIAS, NAME/VERSION"):
         resolve(name)
-
-
-def test_a_worse_version_becomes_champion_only_by_force(project: Project) -> None:
-    project.train(2.0)
-    project.train(3.0)
-
-    with pytest.raises(InputError, match=r"ff1/2 has valid_position_rmse 3 m.*2 m.*--force"):
-        promote("ff1", 2)
-    assert resolve("ff1").version == 1
-
-    assert promote("prolearn-ff1", 2, force=True).aliases == ("champion",)
-    assert resolve("ff1").version == 2
-
-    assert promote("ff1", 1).aliases == ("champion",)  # the better one needs no force
-    assert [v.aliases for v in list_versions()] == [("champion",), ()]
-
-
-def test_a_version_without_a_finite_metric_is_no_better_than_any_champion(project: Project) -> None:
-    project.train(2.0)
-    project.train(float("nan"))
-    with pytest.raises(InputError, match="nan"):
-        promote("ff1", 2)
-    promote("ff1", 2, force=True)
-    assert promote("ff1", 1).aliases == ("champion",)
 
 
 @pytest.mark.parametrize("n", [1, 10, 31, 100])
@@ -299,15 +284,53 @@ def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
     assert (kept / "weights.safetensors").stat().st_size > 200_000
 
 
-def test_trainings_with_other_seeds_stand_side_by_side(project: Project) -> None:
+def named(data: Path, *references: str) -> list[tuple[str, int]]:
+    return [(net.label, net.version.version) for net in networks(references, data)]
+
+
+@pytest.fixture
+def on_solved(solved: Path) -> DatasetInfo:
+    """A dataset that is there, for networks that were trained on it."""
+    return DatasetInfo(str(solved), read_manifest(solved).digest(3), 20, 5)
+
+
+def test_trainings_with_other_seeds_stand_side_by_side(
+    project: Project, solved: Path, on_solved: DatasetInfo
+) -> None:
     for seed in (1, 0, 1):
-        project.train(2.0, seed=seed)
+        project.train(2.0, seed=seed, data=on_solved)
 
     newest = newest_trainings()
     assert [(v.training_seed, v.version) for v in newest] == [(0, 2), (1, 3)]
-    together = networks([])
-    assert [(net.label, net.version.training_seed) for net in together] == [
-        ("ff1 tuned", 0),
-        ("ff1 tuned", 1),
-    ]
-    assert [net.label for net in networks(["ff1/1", "ff1/3"])] == ["ff1/1 tuned", "ff1/3 tuned"]
+    assert named(solved) == [("ff1 tuned", 2), ("ff1 tuned", 3)]
+    assert named(solved, "ff1/1", "ff1/3") == [("ff1/1 tuned", 1), ("ff1/3 tuned", 3)]
+
+
+@pytest.mark.parametrize("change", ["data", "recipe"])
+def test_trainings_that_differ_in_more_than_their_seed_are_never_averaged(
+    project: Project, solved: Path, on_solved: DatasetInfo, change: str
+) -> None:
+    for seed in (0, 1, 2):
+        project.train(2.0, seed=seed, data=on_solved)
+    if change == "data":
+        project.train(2.0, seed=0)
+    else:
+        project.train(2.0, seed=0, data=on_solved, learning_rate=0.1)
+
+    assert [(v.training_seed, v.version) for v in newest_trainings()] == [(0, 4)]
+    if change == "data":
+        # On the first three's own data they are the newest.
+        assert named(solved) == [("ff1 tuned", 1), ("ff1 tuned", 2), ("ff1 tuned", 3)]
+    else:
+        assert named(solved) == [("ff1 tuned", 4)]
+    assert named(solved, "ff1/2", "ff1/4") == [("ff1/2 tuned", 2), ("ff1/4 tuned", 4)]
+
+
+def test_experiments_take_no_model_that_was_trained_on_other_data_unless_it_is_named(
+    project: Project, solved: Path
+) -> None:
+    assert networks([], solved) == []
+    project.train(2.0)
+    with pytest.raises(InputError, match=r"no model was trained on .*--models .* on data/paper"):
+        networks([], solved)
+    assert named(solved, "ff1") == [("ff1 tuned", 1)]

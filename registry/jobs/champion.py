@@ -1,0 +1,130 @@
+"""Who is the champion: two versions of a model on the same validation data, safety first."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from pipeline.dataset.folder import Where
+from pipeline.dataset.read import solved_rows
+from pipeline.dataset.schema import scenarios_of
+from pipeline.errors import InputError
+from pipeline.evaluation.compare import Compared, compare
+from pipeline.evaluation.trials import Entrant, run_trials
+from pipeline.networks.flown import Flown
+from pipeline.networks.model import Model
+from registry.models import champion_of, crown, load, resolve
+from registry.version import ModelVersion
+
+MOST = 500
+"""Validation scenarios that versions are compared on."""
+
+COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """What came of holding a version against the champion.
+
+    Attributes:
+        champion: who is it now.
+        reason: why, in a sentence.
+    """
+
+    champion: ModelVersion
+    reason: str
+
+
+def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
+    """A network, flown, on validation scenarios: a row each, columns of Trial.
+
+    The bound on fuel, which says nothing about one network beside another, is left at 0.
+
+    Raises:
+        InputError: where the data has none of this size, or the weights do not fit it.
+    """
+    scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:MOST]
+    flown = Flown(model, model.architecture, lambda some: [0.0] * len(some))
+    return run_trials([Entrant(flown)], scenarios) if scenarios else pd.DataFrame()
+
+
+def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
+    """Metrics of a training run by which one of several networks can be picked."""
+    if trials.empty:
+        return {}
+    return {
+        "valid_flown_safe_share": float(trials["safe"].mean()),
+        "valid_flown_fuel": float(trials["fuel"].mean()),
+    }
+
+
+def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Challenge:
+    """Let a new version take the champion's place where it does better on its validation data.
+
+    Args:
+        version: the new one.
+        trials: what it does on validation scenarios of the data.
+        data: what it was trained on.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    champion = champion_of(version.name)
+    if champion is None or champion.version == version.version:
+        return Challenge(crown(version), "the first version of its model")
+    try:
+        model, _ = load(champion)
+        held = _compared(trials, validation_trials(model, data, version.n))
+    except InputError as error:
+        return Challenge(champion, f"version {champion.version} cannot be compared: {error}")
+    reason = _reason(held, version, champion)
+    return Challenge(crown(version) if held.better else champion, reason)
+
+
+def promote(name: str, number: int, data: Where | None = None, *, force: bool = False) -> Challenge:
+    """Make a version the champion of its registered model.
+
+    Args:
+        name: the registered model, or its architecture.
+        number: of the version.
+        data: whose validation split decides; by default what the version was trained on.
+        force: also where it does no better than the champion, which is then not looked at.
+
+    Raises:
+        InputError: where there is no such version, it does no better than the champion, or there
+            is no data to compare them on.
+        ProlearnError: where the store fails.
+    """
+    version = resolve(f"{name}/{number}")
+    champion = champion_of(version.name)
+    if force or champion is None or champion.version == version.version:
+        return Challenge(crown(version), "")
+    where = data or version.params.get("dataset", "")
+    try:
+        (one, _), (other, _) = load(version), load(champion)
+        held = _compared(*(validation_trials(m, where, version.n) for m in (one, other)))
+    except InputError as error:
+        raise InputError(
+            f"{version.label} and the champion, version {champion.version}, cannot be compared "
+            f"({error}); expected a dataset that both fit: give --data, or --force."
+        ) from error
+    reason = _reason(held, version, champion)
+    if not held.better:
+        raise InputError(
+            f"{reason}; expected a version that does better: give --force to promote it all the "
+            "same."
+        )
+    return Challenge(crown(version), reason)
+
+
+def _compared(mine: pd.DataFrame, theirs: pd.DataFrame) -> Compared:
+    if mine.empty or theirs.empty:
+        raise InputError("there are no validation scenarios")
+    return compare(mine, theirs, "fuel")
+
+
+def _reason(held: Compared, version: ModelVersion, champion: ModelVersion) -> str:
+    return (
+        f"on {held.trials} validation scenarios version {version.version} is safe in "
+        f"{100 * held.safe:+.1f} % of them and burns {held.fuel:+.3g} m/s² against version "
+        f"{champion.version}"
+    )

@@ -1,0 +1,101 @@
+"""Two versions on the same validation data: the safer one is better, then the cheaper one."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from pipeline.dataset.manifest import read_manifest
+from pipeline.errors import InputError
+from pipeline.networks.architecture import find
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.model import Model
+from pipeline.orbit.problem import Problem
+from pipeline.training.loop import Epoch, Trained
+from pipeline.training.recipes import Recipe
+from registry.jobs.champion import challenge, flown_metrics, promote, validation_trials
+from registry.jobs.train import TrainingSettings, train_model
+from registry.models import list_versions, resolve
+from registry.training import DatasetInfo, record_training
+from registry.version import ModelVersion
+
+SCALE = (100.0, 200.0, 50.0, 0.1, 0.2, 0.05)
+
+Register = Callable[..., tuple[ModelVersion, Model]]
+
+
+def network(scale: float) -> Model:
+    """A network that answers with the least-energy transfers, and noise of some size on top.
+
+    Flown, noise of size 0 burns the least energy, and the more noise the more fuel.
+    """
+    encoding = Encoding(Problem(), 3, "minimum-energy", "offset", SCALE, SCALE)
+    found = find("ff1")
+    torch.manual_seed(0)
+    made = found.network(found.config, encoding, 0.0)
+    for parameter in made.parameters():
+        parameter.data *= scale
+    return Model("ff1", found.config, "tuned", encoding, made)
+
+
+@pytest.fixture
+def register(folder: Path, solved: Path, recipe: Recipe) -> Register:
+    def one(scale: float, data: str = "") -> tuple[ModelVersion, Model]:
+        model = network(scale)
+        trained = Trained(model, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
+        used = DatasetInfo(data or str(solved), read_manifest(solved).digest(3), 12, 6)
+        return record_training(trained, recipe=recipe, seed=0, dataset=used), model
+
+    return one
+
+
+def test_a_version_that_burns_less_on_the_same_validation_data_takes_the_champions_place(
+    register: Register, solved: Path
+) -> None:
+    register(1.0)  # the first is champion
+    cheap, model = register(0.0)
+    held = challenge(cheap, validation_trials(model, solved, 3), solved)
+    assert held.champion.version == 2
+    assert resolve("ff1").version == 2
+    assert "on 6 validation scenarios version 2" in held.reason
+
+    dear, model = register(2.0)
+    held = challenge(dear, validation_trials(model, solved, 3), solved)
+    assert held.champion.version == 2
+    assert [v.aliases for v in list_versions()] == [(), ("champion",), ()]
+
+
+def test_a_worse_version_becomes_champion_only_by_force(register: Register) -> None:
+    register(0.0)
+    register(1.0)
+    with pytest.raises(InputError, match=r"version 2 is safe in .*against version 1.*--force"):
+        promote("ff1", 2)
+    assert resolve("ff1").version == 1
+    assert promote("prolearn-ff1", 2, force=True).champion.aliases == ("champion",)
+    assert promote("ff1", 1).champion.version == 1  # the better one needs no force
+    assert [v.aliases for v in list_versions()] == [("champion",), ()]
+
+
+def test_versions_of_other_data_are_compared_on_one_that_is_given(
+    register: Register, solved: Path
+) -> None:
+    register(1.0)
+    register(0.0, data="gone/elsewhere")
+    with pytest.raises(InputError, match=r"gone/elsewhere does not exist.*--data"):
+        promote("ff1", 2)
+    assert promote("ff1", 2, str(solved)).champion.version == 2
+
+
+def test_a_training_says_how_safe_and_dear_it_is_on_validation_data_and_who_is_champion(
+    folder: Path, solved: Path
+) -> None:
+    how = TrainingSettings("ff1", "tuned", n=3, changes={"epochs": 1})
+    version, held = train_model(how, solved, device="cpu", on_epoch=lambda epoch: None)
+    assert held.champion.version == version.version == 1
+    assert 0 <= version.metrics["valid_flown_safe_share"] <= 1
+    assert version.metrics["valid_flown_fuel"] > 0
+    assert (
+        flown_metrics(validation_trials(network(0.0), solved, 3))["valid_flown_fuel"]
+        < (flown_metrics(validation_trials(network(2.0), solved, 3))["valid_flown_fuel"])
+    )
