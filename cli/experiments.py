@@ -174,16 +174,24 @@ def transfer_times(
 
 def report(
     out: Annotated[Path, typer.Option(help="Folder for the report.")] = Path("reports"),
+    evaluation: Annotated[
+        str | None,
+        typer.Option(help="Run of the evaluation; the newest by default.", show_default=False),
+    ] = None,
 ) -> None:
-    """Write tables, figures and the report from the newest results.
+    """Write tables, figures and the report of an evaluation.
 
-    Example:
+    Warm starts, transfer times and trainings go in where they are of the same models on the same
+    data; the report says what is missing or was made with other versions.
+
+    Examples:
 
         prolearn report --out reports/
+        prolearn report --evaluation 0123456789abcdef0123456789abcdef
     """
     from registry.jobs.report import report as run
 
-    files = run(out)
+    files = run(out, evaluation)
     typer.echo(f"The report is {files.html} (and {files.markdown}).")
 
 

@@ -46,7 +46,13 @@ def changed_since(
     tags: Mapping[str, str], decided_by: tuple[tuple[str, ...], tuple[str, ...]]
 ) -> str:
     """The first version that differs from those of an earlier run; empty where none does."""
-    return version_change(json.loads(tags.get(MADE_WITH, "{}")), made_with(*decided_by))
+    return version_change(versions_of(tags), made_with(*decided_by))
+
+
+def versions_of(tags: Mapping[str, str]) -> dict[str, str]:
+    """The versions that decided what an earlier run gave; none where it did not say."""
+    found: dict[str, str] = json.loads(tags.get(MADE_WITH, "{}"))
+    return found
 
 
 def requirements(arch: str) -> list[str]:

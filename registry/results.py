@@ -14,8 +14,6 @@ from pipeline.errors import InputError
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.store import (
     EVALUATION,
-    TRANSFER_TIMES,
-    WARMSTART,
     Store,
     log_metrics,
     log_params,
@@ -29,11 +27,8 @@ from registry.version import ModelVersion, moment
 TABLE = "table"
 """Name of the main table among a run's tables."""
 
-_COMMANDS = {
-    EVALUATION: "prolearn evaluate",
-    WARMSTART: "prolearn warmstart",
-    TRANSFER_TIMES: "prolearn transfer-times",
-}
+SHOWN = 5
+"""Runs that a refusal names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,36 +138,61 @@ def record(
         return run_id
 
 
-def latest(experiment: str, having: Mapping[str, str] | None = None) -> Results:
-    """The newest finished run of an experiment.
+def latest(experiment: str, having: Mapping[str, str] | None = None) -> Results | None:
+    """The newest finished run of an experiment, or None.
 
     Args:
         experiment: EVALUATION, WARMSTART or TRANSFER_TIMES.
         having: parameters that the run must have, such as the optimizer of WARMSTART.
 
     Raises:
-        InputError: where there is none; it names the command that makes one.
         ProlearnError: where the store fails.
     """
-    with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
+    with opened(create=False) as store:
         run = _newest(store, experiment, having or {})
-        if run is None:
-            options = "".join(f" --{name} {value}" for name, value in (having or {}).items())
+        return None if run is None else _read(store, run)
+
+
+def evaluation(run_id: str | None = None) -> Results:
+    """An evaluation: the newest, or the one of a run.
+
+    Raises:
+        InputError: where there is none.
+        ProlearnError: where the store fails.
+    """
+    if run_id is None:
+        if (found := latest(EVALUATION)) is None:
             raise InputError(
-                f"There is no finished run of {experiment} in the tracking store; expected one: "
-                f"run `{_COMMANDS[experiment]}{options}` first."
+                f"There is no finished run of {EVALUATION} in the tracking store; expected one: "
+                "run `prolearn evaluate` first."
             )
+        return found
+    with opened(create=False) as store:
+        known = _finished(store, EVALUATION, {}, most=1000)
+        for run in known:
+            if run.info.run_id == run_id:
+                return _read(store, run)
+    there = ", ".join(run.info.run_id for run in known[:SHOWN]) or "none"
+    raise InputError(
+        f"There is no finished evaluation {run_id!r}; expected the run of one, newest first: "
+        f"{there}."
+    )
+
+
+def _read(store: Store, run: Any) -> Results:
+    """A run with its tables."""
+    with TemporaryDirectory(prefix="prolearn-") as scratch:
         folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
         tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
-        return Results(
-            run_id=run.info.run_id,
-            created=moment(run.info.start_time),
-            table=tables.pop(TABLE),
-            extra=tables,
-            params=dict(run.data.params),
-            metrics=dict(run.data.metrics),
-            tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
-        )
+    return Results(
+        run_id=run.info.run_id,
+        created=moment(run.info.start_time),
+        table=tables.pop(TABLE),
+        extra=tables,
+        params=dict(run.data.params),
+        metrics=dict(run.data.metrics),
+        tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
+    )
 
 
 def fetch_files(results: Results, folder: Path) -> Path:
@@ -237,14 +257,20 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
 
 def _newest(store: Store, experiment: str, having: Mapping[str, str]) -> Any:
     """The newest finished run with some parameters, or None."""
+    return next(iter(_finished(store, experiment, having, most=1)), None)
+
+
+def _finished(store: Store, experiment: str, having: Mapping[str, str], most: int) -> list[Any]:
+    """Finished runs with some parameters, the newest first."""
     asked = ["attributes.status = 'FINISHED'", *(f"params.`{k}` = '{having[k]}'" for k in having)]
-    runs = store.client.search_runs(
-        [store.experiments[experiment]],
-        filter_string=" AND ".join(asked),
-        order_by=["attributes.start_time DESC"],
-        max_results=1,
+    return list(
+        store.client.search_runs(
+            [store.experiments[experiment]],
+            filter_string=" AND ".join(asked),
+            order_by=["attributes.start_time DESC"],
+            max_results=most,
+        )
     )
-    return runs[0] if runs else None
 
 
 def _download(store: Store, run_id: str, path: str, folder: Path) -> str:

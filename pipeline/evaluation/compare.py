@@ -85,7 +85,7 @@ def share_interval(share: float, trials: int) -> Interval:
 
 def mean_interval(values: Float[Array, "k"]) -> Interval:
     """Student's interval of a mean; no more than the mean where values do not vary."""
-    if len(values) < 2 or np.ptp(values) == 0:
+    if len(values) < 2 or np.allclose(values, values[0], rtol=1e-12, atol=1e-15):
         return _mean(values), _mean(values)
     found = stats.ttest_1samp(values, 0.0).confidence_interval(CONFIDENCE)
     return float(found.low), float(found.high)

@@ -6,6 +6,7 @@ from functools import partial
 from time import perf_counter
 
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from pipeline.evaluation.trials import Predictor
 from pipeline.expert import SEEDS, Settings, solve
@@ -44,7 +45,7 @@ class WarmStart:
         training_seed: of the network that it comes from, or 0.
         rule: stopping rule, of RULES.
         convex_solves: joint convex programs.
-        seconds: time to make the seed and to plan.
+        seconds: time to make the seed and to plan, on one thread.
         optimality_gap: of the plan.
         fuel: of the plan, m/s².
         safe: whether the plan is proven safe at all times.
@@ -91,16 +92,17 @@ def run_warmstarts(
     }
     rules = _rules(optimizer, scenarios[0])
     sources = list(seeds)
-    for source in sources:
-        _run(scenarios[0], seeds[source], rules["converged"])  # warm up
     rows: list[WarmStart] = []
-    for trial, scenario in enumerate(scenarios):
-        first = trial % len(sources)
-        for source in sources[first:] + sources[:first]:
-            for rule, optimize in rules.items():
-                plan, seconds = _run(scenario, seeds[source], optimize)
-                rows.append(_row(optimizer, scenario, trial, source, rule, plan, seconds))
-        report()
+    with threadpool_limits(1):
+        for source in sources:
+            _run(scenarios[0], seeds[source], rules["converged"])  # warm up
+        for trial, scenario in enumerate(scenarios):
+            first = trial % len(sources)
+            for source in sources[first:] + sources[:first]:
+                for rule, optimize in rules.items():
+                    plan, seconds = _run(scenario, seeds[source], optimize)
+                    rows.append(_row(optimizer, scenario, trial, source, rule, plan, seconds))
+            report()
     return pd.DataFrame([asdict(row) for row in rows])
 
 

@@ -16,12 +16,14 @@ class Column:
         source: column of the frame.
         text: how a value is written; also decides that the column is aligned right.
         spread: column of the frame that holds the value's spread, where it has one.
+        interval: columns that hold the ends of a share's interval, where it has one.
     """
 
     title: str
     source: str
     text: Callable[[float], str] | None = None
     spread: str = ""
+    interval: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +80,15 @@ def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
     if column.text is None:
         return [" ".join(str(v).split()).replace("|", "\\|") for v in values]
     texts = [column.text(float("nan") if pd.isna(v) else float(v)) for v in values]
-    if not column.spread:
-        return texts
-    spreads = frame[column.spread]
-    return [
-        text if pd.isna(spread) else f"{text} ± {column.text(float(spread))}"
-        for text, spread in zip(texts, spreads, strict=True)
-    ]
+    if column.spread:
+        texts = [
+            text if pd.isna(spread) else f"{text} ± {column.text(float(spread))}"
+            for text, spread in zip(texts, frame[column.spread], strict=True)
+        ]
+    if column.interval:
+        ends = zip(*(frame[end] for end in column.interval), strict=True)
+        texts = [
+            text if pd.isna(low) else f"{text} [{100 * low:.1f}, {100 * high:.1f}]"
+            for text, (low, high) in zip(texts, ends, strict=True)
+        ]
+    return texts

@@ -8,7 +8,7 @@ from pathlib import Path
 import jinja2
 
 from pipeline.files import write_text
-from pipeline.report.answers.questions import answers
+from pipeline.report.answers.questions import questions_section
 from pipeline.report.blocks import Block, Picture, Section, Table
 from pipeline.report.figures.style import save
 from pipeline.report.html import html_page
@@ -48,13 +48,13 @@ def build_report(results: Results, out: Path) -> ReportFiles:
     """
     summary = summarize(results.trials)
     n = reference_size(results.trials)
-    sections = all_sections(results, summary, n)
+    sections = [questions_section(results, summary, n), *all_sections(results, summary, n)]
     blocks = [b for s in sections for b in s.blocks]
     tables = [_write_table(b, out) for b in blocks if isinstance(b, Table)]
     summary_file = out / "tables" / "summary.csv"
     write_text(summary_file, summary.to_csv(index=False, lineterminator="\n"))
     figures = [path for b in blocks if isinstance(b, Picture) for path in _write_figure(b, out)]
-    markdown = _markdown(answers(summary, n), sections)
+    markdown = _markdown(sections)
     page = html_page(TITLE, markdown, out)
     files = ReportFiles(
         out / "report.md", out / "report.html", (*tables, summary_file), tuple(figures)
@@ -64,7 +64,7 @@ def build_report(results: Results, out: Path) -> ReportFiles:
     return files
 
 
-def _markdown(lead: str, sections: Sequence[Section]) -> str:
+def _markdown(sections: Sequence[Section]) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("pipeline.report", ""),
         trim_blocks=True,
@@ -84,7 +84,7 @@ def _markdown(lead: str, sections: Sequence[Section]) -> str:
 
     shown = [(s.title, [written(b) for b in s.blocks]) for s in sections]
     template = environment.get_template("report.md.jinja")
-    return template.render(title=TITLE, lead=lead, sections=shown)
+    return template.render(title=TITLE, sections=shown)
 
 
 def _write_table(table: Table, out: Path) -> Path:

@@ -1,7 +1,7 @@
 """What a report is made from: result tables, example transfers and facts about the run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import pandas as pd
 from jaxtyping import Float
@@ -33,7 +33,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     ),
     "training": (
         *("arch", "recipe", "training_seed", "version", "parameters", "epochs", "best_epoch"),
-        *("valid_loss", "seconds", "device", "train_instances", "weights_kib"),
+        *("valid_loss", "seconds", "device", "threads", "train_instances", "weights_kib"),
     ),
     "curves": ("arch", "recipe", "training_seed", "epoch", "train_loss", "valid_loss"),
 }
@@ -73,7 +73,9 @@ class Results:
         training: a row for each trained model.
         curves: a row for each arch, recipe, training seed and epoch.
         examples: transfers to draw.
-        facts: what the provenance table states, by name.
+        provenance: a row for each run that a table comes from: part, run, made, data, digest,
+            code, versions, machine.
+        notes: what a reader must know of parts that are left out or were made otherwise.
         transfer_times: a row for each trial at each transfer time (experiment 4).
 
     Raises:
@@ -85,7 +87,8 @@ class Results:
     training: pd.DataFrame | None = None
     curves: pd.DataFrame | None = None
     examples: Sequence[Example] = ()
-    facts: Mapping[str, str] = field(default_factory=dict)
+    provenance: pd.DataFrame | None = None
+    notes: Sequence[str] = ()
     transfer_times: pd.DataFrame | None = None
 
     def __post_init__(self) -> None:

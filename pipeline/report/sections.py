@@ -5,8 +5,6 @@ from collections.abc import Mapping
 import pandas as pd
 
 from pipeline.report import paper_values
-from pipeline.report.answers.paper import paper_comparison
-from pipeline.report.answers.times import times_answer
 from pipeline.report.blocks import Block, Picture, Section
 from pipeline.report.figures import scaling as figures_scaling
 from pipeline.report.figures.objectives import objectives_figure
@@ -19,7 +17,7 @@ from pipeline.report.planners import planner_of
 from pipeline.report.results import Results, is_empty
 from pipeline.report.summary.times import summarize_times
 from pipeline.report.tables.objectives import objectives_table
-from pipeline.report.tables.provenance import facts_table
+from pipeline.report.tables.provenance import provenance_table
 from pipeline.report.tables.scaling import scaling_tables
 from pipeline.report.tables.times import times_tables
 from pipeline.report.tables.training import training_table
@@ -67,8 +65,6 @@ def _experiment1(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Se
             f"No trial has n = {paper_values.NETWORK_SIZE}; this section uses n = {n}, the nearest "
             "size evaluated, so the paper's own numbers do not stand beside ours."
         )
-    elif comparison := paper_comparison(summary[summary["n"] == n]):
-        blocks.append(comparison)
     caption = (
         f"Average collisions and fuel of each planner at n = {n} (the paper's Figures 2 and 3). "
         "Experts and baselines in black, grey and dark tones, feed-forward networks in cool and "
@@ -119,7 +115,8 @@ def _experiment2(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
             "6 and 7",
             "The hollow marker is the paper's optimizer at n = 30, nearly "
             f"{paper_values.EXPERT_SECONDS_AT_30:.0f} s; its networks take at most "
-            f"{paper_values.NETWORK_SECONDS}. Its machine and programs are not ours.",
+            f"{paper_values.NETWORK_SECONDS}. Its machine and programs are not ours. All planners "
+            "ran on one thread, in turn on the same scenarios.",
         ),
     ]
     pictures = [
@@ -145,7 +142,10 @@ def _experiment4(results: Results, look: Mapping[str, Style]) -> Section:
     if times is None or times.empty:
         return Section(
             title,
-            ["No other transfer times were tried: `prolearn transfer-times` fills this section."],
+            [
+                "No other transfer times of these models on these data: `prolearn transfer-times` "
+                "fills this section."
+            ],
         )
     summary = summarize_times(times)
     several = bool((summary["seeds"] > 1).any())
@@ -166,15 +166,12 @@ def _experiment4(results: Results, look: Mapping[str, Style]) -> Section:
     trials = int(summary["trials"].max())
     about = (
         f"The paper announces this experiment and reports no results. {trials:,} test scenarios of "
-        f"n = {times['n'].iloc[0]} keep their initial and goal states, and the transfer takes "
-        "another time: with other T at the Δt of the training, or with other Δt at its T. The "
-        "networks are those trained before; none was trained anew. LSTMs read and answer one node "
-        "after the other, so they take any T. Feed-forward networks take no part at other T: "
-        "their first and last layers are 6nT numbers wide, so their weights are for one T alone. "
-        "None of the paper's networks reads Δt: with straight lines as input it predicts the same "
-        "states at any Δt, and only their flight differs."
+        f"n = {times['n'].iloc[0]} keep their ends, and the transfer takes another time: with "
+        "other T at the Δt of the training, or with other Δt at its T. No network was trained "
+        "anew. LSTMs take any T; feed-forward networks are 6nT numbers wide, so they take part at "
+        "one T alone. None of the paper's networks reads Δt."
     )
-    return Section(title, [about, times_answer(summary), *pictures, *times_tables(summary)])
+    return Section(title, [about, *pictures, *times_tables(summary)])
 
 
 def _examples(results: Results) -> Section:
@@ -196,7 +193,6 @@ def _examples(results: Results) -> Section:
 
 
 def _provenance(results: Results) -> Section:
-    if not results.facts:
+    if results.provenance is None or results.provenance.empty:
         return Section("Provenance", ["Nothing is known about how these results were made."])
-    facts = pd.DataFrame(list(results.facts.items()), columns=["fact", "value"])
-    return Section("Provenance", [facts_table(facts)])
+    return Section("Provenance", [provenance_table(results.provenance)])

@@ -20,8 +20,8 @@ OPTIMIZERS = (
     "expert cuts where craft come close, solves each cluster of craft on its own, and keeps craft "
     "apart at all times. Without a seed the plain SCP starts blank: no pair has a direction of "
     "its own, so all are told to pass radially. The expert starts from each craft's own LP, which "
-    "is a seed for the plain SCP. Times are those from scenario to controls, with that of the "
-    "seed."
+    "is a seed for the plain SCP. Times are those from scenario to controls on one thread, with "
+    "that of the seed."
 )
 
 BOXES = (
@@ -34,8 +34,8 @@ def warmstart_section(warmstarts: pd.DataFrame | None, look: Mapping[str, Style]
     """Figures and tables of each optimizer that was run; what is missing says how to get it."""
     if warmstarts is None or warmstarts.empty:
         missing = (
-            "No warm starts were run: `prolearn warmstart` and `prolearn warmstart --optimizer "
-            "plain` fill this section."
+            "No warm starts of these models on these data: `prolearn warmstart` and `prolearn "
+            "warmstart --optimizer plain` fill this section."
         )
         return Section(TITLE, [missing])
     return Section(TITLE, [OPTIMIZERS, *_plain(warmstarts, look), *_expert(warmstarts, look)])

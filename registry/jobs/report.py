@@ -1,52 +1,153 @@
-"""The report, made from the newest results in the tracking store."""
+"""The report of one evaluation, with what else is of the same models on the same data."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import InputError
+from pipeline.evaluation.warmstart import OPTIMIZERS
+from pipeline.provenance import version_change
 from pipeline.report import Example, ReportFiles, build_report
 from pipeline.report import Results as ReportResults
-from registry.models import newest_trainings
-from registry.results import Results, fetch_files, latest
-from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART
+from registry.environment import versions_of
+from registry.models import list_versions
+from registry.results import Results, evaluation, fetch_files, latest
+from registry.store import TRANSFER_TIMES, WARMSTART
 from registry.tables import training_table
+from registry.version import ModelVersion
+
+SAME = ("dataset_digest", "models")
+"""Parameters that the runs of one report share."""
+
+PARTS = {
+    **{
+        f"Experiment 3, {name}": (WARMSTART, {"optimizer": name}, f"warmstart --optimizer {name}")
+        for name in OPTIMIZERS
+    },
+    "Experiment 4": (TRANSFER_TIMES, {}, "transfer-times"),
+}
+"""By name, the experiment, what else a run of it must have, and the command that makes one."""
 
 
-def report(out: Path) -> ReportFiles:
-    """Write the report into a folder.
+def report(out: Path, run_id: str | None = None) -> ReportFiles:
+    """Write the report of an evaluation into a folder.
+
+    Args:
+        out: the folder.
+        run_id: the evaluation's run; the newest by default.
 
     Raises:
-        InputError: where nothing was evaluated yet.
+        InputError: where nothing was evaluated yet, or there is no such run.
         ProlearnError: where the store fails.
     """
-    evaluation = latest(EVALUATION)
-    training = training_table(newest_trainings())
+    first = evaluation(run_id)
+    same = {name: first.params.get(name, "") for name in SAME}
+    parts = {
+        name: latest(experiment, same | having) for name, (experiment, having, _) in PARTS.items()
+    }
+    versions = _models(first)
+    training = training_table(versions)
     results = ReportResults(
-        trials=evaluation.table,
-        warmstarts=_table(WARMSTART),
-        transfer_times=_table(TRANSFER_TIMES),
+        trials=first.table,
+        warmstarts=_joined([parts[name] for name in parts if name != "Experiment 4"]),
+        transfer_times=_joined([parts["Experiment 4"]]),
         training=training.training,
         curves=training.curves,
-        examples=_examples(evaluation),
-        facts=_facts(evaluation),
+        examples=_examples(first),
+        provenance=_provenance(first, parts, versions),
+        notes=_notes(first, parts, versions),
     )
     return build_report(results, out)
 
 
-def _table(experiment: str) -> pd.DataFrame | None:
-    """The newest table of an experiment; a report without it says which command makes it."""
-    try:
-        return latest(experiment).table
-    except InputError:
-        return None
+def _models(first: Results) -> list[ModelVersion]:
+    """The models of an evaluation that are still registered."""
+    wanted = first.params.get("models", "").split(",")
+    return [version for version in list_versions() if version.uri in wanted]
 
 
-def _examples(evaluation: Results) -> list[Example]:
+def _joined(parts: Sequence[Results | None]) -> pd.DataFrame | None:
+    tables = [part.table for part in parts if part is not None]
+    return pd.concat(tables, ignore_index=True) if tables else None
+
+
+def _notes(
+    first: Results, parts: Mapping[str, Results | None], versions: Sequence[ModelVersion]
+) -> list[str]:
+    """What a reader must know of parts that are left out or made with other versions."""
+    notes = []
+    for name, part in parts.items():
+        experiment, having, command = PARTS[name]
+        if part is None and (other := latest(experiment, having)) is not None:
+            notes.append(
+                f"{name}: the newest run ({other.run_id}, {_day(other)}) is of other models or "
+                f"other data than this evaluation, and is left out; `prolearn {command}` makes "
+                "one."
+            )
+        change = "" if part is None else version_change(*map(versions_of, (part.tags, first.tags)))
+        if change:
+            notes.append(f"{name} was made with {change} for the evaluation.")
+    gone = len(set(filter(None, first.params.get("models", "").split(",")))) - len(versions)
+    if gone:
+        notes.append(f"Training: {gone} of the evaluated models are no longer registered.")
+    return notes
+
+
+def _provenance(
+    first: Results, parts: Mapping[str, Results | None], versions: Sequence[ModelVersion]
+) -> pd.DataFrame:
+    """A row for each run that a table of the report comes from."""
+    runs = {"Experiments 1 and 2, examples": first, **parts}
+    rows = [
+        _row(
+            name, run.run_id, _day(run), run.params, run.params.get("dataset_digest", ""), run.tags
+        )
+        for name, run in runs.items()
+        if run is not None
+    ]
+    rows += [
+        _row(
+            f"Training {v.label}, seed {v.training_seed}",
+            v.run_id,
+            v.created.strftime("%Y-%m-%d %H:%M UTC"),
+            {"data": v.params.get("dataset", "")},
+            v.dataset_digest,
+            v.tags,
+        )
+        for v in versions
+    ]
+    return pd.DataFrame(rows)
+
+
+def _row(
+    part: str,
+    run: str,
+    made: str,
+    params: Mapping[str, str],
+    digest: str,
+    tags: Mapping[str, str],
+) -> dict[str, str]:
+    return {
+        "part": part,
+        "run": run,
+        "made": made,
+        "data": params.get("data", ""),
+        "digest": digest,
+        "code": tags.get("git_commit", tags.get("prolearn_version", "")),
+        "versions": ", ".join(f"{k} {v}" for k, v in sorted(versions_of(tags).items())),
+        "machine": f"{tags.get('platform', '').partition('-')[0]}, {tags.get('cores', '')} cores",
+    }
+
+
+def _day(run: Results) -> str:
+    return run.created.strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _examples(first: Results) -> list[Example]:
     with TemporaryDirectory(prefix="prolearn-") as scratch:
-        folder = fetch_files(evaluation, Path(scratch))
+        folder = fetch_files(first, Path(scratch))
         return [_read_example(path) for path in sorted(folder.glob("*.npz"))]
 
 
@@ -60,17 +161,3 @@ def _read_example(path: Path) -> Example:
             tracks=tracks,
             collision_radius=float(stored["collision_radius"]),
         )
-
-
-def _facts(evaluation: Results) -> dict[str, str]:
-    tags = evaluation.tags
-    return {
-        "Evaluation run": evaluation.run_id,
-        "Evaluated": evaluation.created.strftime("%Y-%m-%d %H:%M UTC"),
-        "Dataset": evaluation.params.get("data", ""),
-        "Dataset digest": evaluation.params.get("dataset_digest", ""),
-        "Swarm sizes": evaluation.params.get("sizes", ""),
-        "Code": tags.get("git_commit", tags.get("prolearn_version", "")),
-        "Machine": f"{tags.get('platform', '').partition('-')[0]}, {tags.get('cores', '')} cores",
-        "Python, torch": f"{tags.get('python_version', '')}, {tags.get('torch_version', '')}",
-    }

@@ -1,1 +1,1 @@
-"""Sentences that the numbers write."""
+"""The questions that the paper asks, each with a verdict and the numbers that it rests on."""

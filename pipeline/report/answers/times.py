@@ -1,118 +1,105 @@
 """Whether networks serve other transfer times, answered by the numbers of experiment 4."""
 
-from collections.abc import Mapping, Sequence
-from math import sqrt
-from typing import Any
-
 import pandas as pd
 
+from pipeline.evaluation.compare import CHANCE, compare
+from pipeline.report.answers.answer import FREE, Answer, flown, with_ratio
+from pipeline.report.answers.networks import of, picked
 from pipeline.report.numbers import ratio, share
-from pipeline.report.planners import is_network, name_of
+from pipeline.report.planners import is_network
 from pipeline.report.results import PREDICTED
 from pipeline.report.summary.times import WAYS, Training, of_way, trained_on
-
-Row = Mapping[Any, Any]
-Rows = Sequence[Row]
-"""Averages of one planner at one transfer time; at all of them, from the shortest on."""
 
 DEARER = 1.1
 """Factor by which fuel over bound may exceed that at the training's time: the quality is kept."""
 
-ERRORS = 2.0
-"""Standard errors by which the share of safe trials may fall short of that at the same time."""
-
-KEPT = (
-    "Quality counts as kept where fuel over bound is no more than "
-    f"{100 * (DEARER - 1):.0f} % above that at the training's transfer time and the share of safe "
-    f"trials no more than {ERRORS:g} standard errors below."
-)
+Row = tuple[float, pd.DataFrame]
+"""A transfer time in minutes, and one planner's trials there."""
 
 
-def times_answer(summary: pd.DataFrame) -> str:
-    """A paragraph in Markdown: over which transfer times the safest network keeps its quality.
+def times_answers(times: pd.DataFrame | None, training: pd.DataFrame | None) -> list[Answer]:
+    """A row for each way to another transfer time, where a network took part at all of them.
+
+    Quality counts as kept where fuel over bound is no more than DEARER times that at the
+    training's transfer time, and no fewer of the same scenarios are safe, beyond chance.
 
     Args:
-        summary: from ``summarize_times``.
+        times: a row for each trial at each transfer time.
+        training: a row for each trained model.
     """
-    trained = trained_on(summary)
-    question = (
-        f"**Do networks trained for {trained.minutes:g} min (T = {trained.nodes}, "
-        f"Δt = {trained.time_step:g} s) serve other transfer times?**"
-    )
-    flown = summary[summary["reading"] != PREDICTED]
-    sentences = [
-        f"{called} {_safest(of_way(flown, way), trained)}."
-        for way, called in zip(WAYS, ("With other T", "With other Δt"), strict=True)
-    ]
-    return " ".join([question, *sentences, *_free(flown), KEPT])
+    if times is None or times.empty:
+        return []
+    trials = with_ratio(times[times["reading"] != PREDICTED])
+    minutes = ((trials["nodes"] - 1) * trials["time_step"] / 60).round(6)
+    trials, trained = trials.assign(minutes=minutes), trained_on(times)
+    found = []
+    for way, called in zip(WAYS, ("nodes T", "time steps Δt"), strict=True):
+        rows = of_way(trials, way).drop_duplicates(
+            ["planner", "recipe", "training_seed", "trial", "minutes"]
+        )
+        answer = _answer(rows, trained, training, called)
+        found += [answer] if answer else []
+    return found
 
 
-def _safest(rows: pd.DataFrame, trained: Training) -> str:
-    """What becomes of the network that is safest on average over all transfer times."""
-    times = rows["minutes"].nunique()
-    networks = rows[rows["planner"].map(is_network)].groupby(["planner", "recipe"])
-    everywhere = networks.filter(lambda one: len(one) == times)
-    if everywhere.empty or times < 2:
-        return "no network took part"
-    means = everywhere.groupby(["planner", "recipe"])[["safe_share", "fuel_ratio"]].mean()
-    ranked = means.reset_index().sort_values(["safe_share", "fuel_ratio"], ascending=[False, True])
-    planner, recipe = str(ranked["planner"].iloc[0]), str(ranked["recipe"].iloc[0])
-    mine = _rows(everywhere[(everywhere.planner == planner) & (everywhere.recipe == recipe)])
-    name = name_of(planner) + (f" ({recipe} recipe)" if recipe else "")
-    home = [k for k, row in enumerate(mine) if row["minutes"] == trained.minutes]
+def _answer(
+    rows: pd.DataFrame, trained: Training, training: pd.DataFrame | None, called: str
+) -> Answer | None:
+    everywhere = rows["minutes"].nunique()
+    networks = rows[rows["planner"].map(is_network)]
+    fits = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique") == everywhere
+    name = picked(networks[fits], training)
+    if name is None or everywhere < 2:
+        return None
+    mine, free = _by_time(of(networks, name)), _by_time(rows[rows["planner"] == FREE])
+    home = [k for k, (minutes, _) in enumerate(mine) if minutes == trained.minutes]
     if not home:
-        return f"the network that is safest on average, {name}, flown, {_range(mine)}"
-    row = mine[home[0]]
-    there = f"{share(row['safe_share'])} and {ratio(row['fuel_ratio'])} at {trained.minutes:g} min"
-    return (
-        f"the network that is safest on average, {name}, keeps its quality "
-        f"{_where(mine, home[0])}: flown, it {_range(mine)}, against {there}"
+        return None
+    first, last = _kept_around(mine, home[0])
+    where = f"{mine[first][0]:.3g} to {mine[last][0]:.3g} min"
+    verdict = (
+        "Yes, at every time tried"
+        if last - first == everywhere - 1
+        else "No, at no other time tried"
+        if first == last
+        else f"Only from {where}"
+    )
+    there = flown(mine[home[0]][1])
+    return Answer(
+        f"Does a network trained for {trained.minutes:g} min serve other {called}?",
+        verdict,
+        f"{there.name}, best on validation of those that fit: at {trained.minutes:g} min "
+        f"{there.text}; {_worst(mine)}",
+        f"Own LP: {_worst(free)}" if free else "",
     )
 
 
-def _rows(of_one_planner: pd.DataFrame) -> Rows:
-    return of_one_planner.sort_values("minutes").to_dict("records")
+def _by_time(rows: pd.DataFrame) -> list[Row]:
+    return [(float(str(minutes)), part) for minutes, part in rows.groupby("minutes")]
 
 
-def _range(mine: Rows) -> str:
+def _worst(mine: list[Row]) -> str:
     """The worst of one planner over its transfer times."""
-    least = min(mine, key=lambda row: row["safe_share"])
-    dearest = max(mine, key=lambda row: row["fuel_ratio"])
+    numbers = [(minutes, flown(rows)) for minutes, rows in mine]
+    least = min(numbers, key=lambda row: row[1].safe)
+    dearest = max(numbers, key=lambda row: row[1].fuel)
     return (
-        f"is safe in at least {share(least['safe_share'])} of the trials (at "
-        f"{least['minutes']:.3g} min) and burns at most {ratio(dearest['fuel_ratio'])} times the "
-        f"bound (at {dearest['minutes']:.3g} min)"
+        f"at worst safe in {share(least[1].safe)} ({least[0]:.3g} min) and "
+        f"{ratio(dearest[1].fuel)} of the bound ({dearest[0]:.3g} min)"
     )
 
 
-def _where(mine: Rows, home: int) -> str:
+def _kept_around(mine: list[Row], home: int) -> tuple[int, int]:
     """The transfer times around the training's, without a gap, at which the quality is kept."""
     first = last = home
-    while first > 0 and _kept(mine[first - 1], mine[home]):
+    while first > 0 and _kept(mine[first - 1][1], mine[home][1]):
         first -= 1
-    while last < len(mine) - 1 and _kept(mine[last + 1], mine[home]):
+    while last < len(mine) - 1 and _kept(mine[last + 1][1], mine[home][1]):
         last += 1
-    if last - first == len(mine) - 1:
-        return "at every time tried"
-    if first == last:
-        return "at no other time tried"
-    return f"only from {mine[first]['minutes']:.3g} to {mine[last]['minutes']:.3g} min"
+    return first, last
 
 
-def _kept(row: Row, home: Row) -> bool:
-    error = sqrt(_variance(row) + _variance(home))
-    safe: bool = row["safe_share"] >= home["safe_share"] - ERRORS * error
-    return safe and row["fuel_ratio"] <= DEARER * home["fuel_ratio"]
-
-
-def _variance(row: Row) -> float:
-    """Of the share of safe trials: that of a mean of yes and no."""
-    return float(row["safe_share"] * (1 - row["safe_share"]) / row["trials"])
-
-
-def _free(flown: pd.DataFrame) -> list[str]:
-    """What any network has to beat."""
-    rows = _rows(flown[flown["planner"] == "minimum energy"])
-    if not rows:
-        return []
-    return [f"The closed-form minimum-energy transfer, which needs no training, {_range(rows)}."]
+def _kept(rows: pd.DataFrame, home: pd.DataFrame) -> bool:
+    held = compare(rows, home)
+    less_safe = held.safe < 0 and held.safe_by_chance <= CHANCE
+    return not less_safe and flown(rows).fuel <= DEARER * flown(home).fuel

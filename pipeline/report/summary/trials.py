@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from pipeline.evaluation.compare import share_interval
 from pipeline.report.paper_values import NETWORK_SIZE
 from pipeline.report.planners import in_order
 from pipeline.report.results import FLOWN, PLAN, PREDICTED
@@ -34,8 +35,8 @@ def summarize(trials: pd.DataFrame) -> pd.DataFrame:
         ``GROUP`` and seeds (trainings averaged), trials, collisions_mean, collisions_max,
         conflicts_mean, safe_share (NaN where predicted), separation_min (m), fuel_mean (m/s²),
         bound_mean, fuel_ratio (mean over the trials of fuel / bound), boundary_error and
-        dynamics_error (mean, m), seconds_mean, convex_solves_mean, and the columns of ``SPREAD``
-        (NaN where there is one training).
+        dynamics_error (mean, m), seconds_mean, convex_solves_mean, the columns of ``SPREAD`` (NaN
+        where there is one training), safe_low and safe_high (Wilson's interval of the share).
     """
     bound = trials["fuel_lower_bound"].astype(float)
     rows = trials.assign(
@@ -80,7 +81,20 @@ def _over_seeds(each: pd.DataFrame) -> pd.DataFrame:
     summary = groups.agg({c: extremes.get(c, "mean") for c in values})
     summary.insert(len(GROUP), "seeds", groups["training_seed"].nunique()["training_seed"])
     spread = groups[list(SPREAD)].std().rename(columns=SPREAD)
-    return summary.assign(**{column: spread[column] for column in SPREAD.values()})
+    summary = summary.assign(**{column: spread[column] for column in SPREAD.values()})
+    return with_interval(summary, "safe_share", "safe")
+
+
+def with_interval(summary: pd.DataFrame, column: str, name: str) -> pd.DataFrame:
+    """Wilson's interval of a share of the trials, as columns ``name``_low and ``name``_high.
+
+    Trainings with other seeds flew the same trials, so they add none.
+    """
+    pairs = zip(summary[column].astype(float), summary["trials"], strict=True)
+    found = [share_interval(share, int(trials)) for share, trials in pairs]
+    return summary.assign(
+        **{f"{name}_low": [low for low, _ in found], f"{name}_high": [high for _, high in found]}
+    )
 
 
 def _ordered(summary: pd.DataFrame) -> pd.DataFrame:

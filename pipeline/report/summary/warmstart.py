@@ -5,7 +5,7 @@ import pandas as pd
 
 from pipeline.plan import SOLVED
 from pipeline.report.planners import in_order, planner_of
-from pipeline.report.summary.trials import as_share
+from pipeline.report.summary.trials import as_share, with_interval
 
 GROUP = ["optimizer", "n", "rule", "seed"]
 """What a row of the summary stands for."""
@@ -24,8 +24,9 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
         ``GROUP`` and seeds (trainings averaged), trials, solves_mean, one_solve_share (at most one
         convex solve), seconds_median, seconds_mean, seconds_deviation (standard deviation over the
         trials), gap_mean (of the finite gaps), fuel_mean, solved_share, safe_share, time_ratio (to
-        the median of seed "none" of the same optimizer, n and rule; NaN without one), and the
-        columns of ``SPREAD`` (NaN where there is one training).
+        the median of seed "none" of the same optimizer, n and rule; NaN without one), the columns
+        of ``SPREAD`` (NaN where there is one training), and Wilson's intervals safe_low,
+        safe_high, solved_low and solved_high.
     """
     gap = warmstarts["optimality_gap"].astype(float)
     rows = warmstarts.assign(
@@ -56,6 +57,7 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
     summary.insert(len(GROUP), "seeds", groups["training_seed"].nunique()["training_seed"])
     spread = groups[list(SPREAD)].std().rename(columns=SPREAD)
     summary = summary.assign(**{column: spread[column] for column in SPREAD.values()})
+    summary = with_interval(with_interval(summary, "safe_share", "safe"), "solved_share", "solved")
     order = {seed: k for k, seed in enumerate(seeds_in_order(summary["seed"]))}
     return summary.sort_values(
         GROUP, key=lambda c: c.map(order) if c.name == "seed" else c, ignore_index=True

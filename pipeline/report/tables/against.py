@@ -10,9 +10,12 @@ from pipeline.report.numbers import number, ratio, share
 from pipeline.report.planners import name_of
 from pipeline.report.results import PREDICTED
 from pipeline.report.summary.trials import SPREAD
-from pipeline.report.tables.spread import spread_note
+from pipeline.report.tables.spread import INTERVALS, SAFE, spread_note
 
 PLANNER = ["planner", "recipe", "reading"]
+
+ENDS = (" low", " high")
+"""What columns of the ends of an interval in the CSV file are called by."""
 
 SPREAD_SUFFIX = " ±"
 """What a column of spreads in the CSV file is called by."""
@@ -47,7 +50,7 @@ def tables_against(summary: pd.DataFrame, variable: Against) -> list[Table]:
             *("collisions", "collisions_mean", number),
             f"Average node collisions (Eq. 5) {by}.{note}",
         ),
-        _pivot(claimed, variable, "safe", "safe_share", share, f"{safe}{by}.{note}"),
+        _pivot(claimed, variable, "safe", "safe_share", share, f"{safe}{by}.{INTERVALS}{note}"),
         _pivot(
             summary,
             variable,
@@ -68,7 +71,7 @@ def _pivot(
     # The summary's order is kept: pivoting would sort planners and values by name.
     frame = rows[PLANNER].drop_duplicates()
     headings = list(dict.fromkeys(rows[variable.column]))
-    shown = {value: ""}
+    shown = {value: ""} | (dict(zip(SAFE, ENDS, strict=True)) if value == "safe_share" else {})
     if rows[SPREAD[value]].notna().any():
         shown[SPREAD[value]] = SPREAD_SUFFIX
     for source, suffix in shown.items():
@@ -80,7 +83,13 @@ def _pivot(
         Column("Recipe", "recipe"),
         Column("Reading", "reading"),
         *(
-            Column(title, heading, text, heading + SPREAD_SUFFIX if len(shown) > 1 else "")
+            Column(
+                title,
+                heading,
+                text,
+                heading + SPREAD_SUFFIX if SPREAD[value] in shown else "",
+                (heading + ENDS[0], heading + ENDS[1]) if SAFE[0] in shown else None,
+            )
             for heading, title in variable.printed.items()
         ),
     ]

@@ -8,7 +8,7 @@ from pipeline.report import paper_values
 from pipeline.report.blocks import Column, Table
 from pipeline.report.numbers import count, error, number, ratio, share
 from pipeline.report.planners import EXPERTS, name_of
-from pipeline.report.tables.spread import spread_note
+from pipeline.report.tables.spread import INTERVALS, SAFE, spread_note
 
 
 def objectives_table(summary: pd.DataFrame, n: int) -> Table:
@@ -31,7 +31,7 @@ def objectives_table(summary: pd.DataFrame, n: int) -> Table:
         Column("Collisions, max.", "collisions_max", count),
         Column("paper ", "paper_collisions_max", count),
         Column("Pairs too close, av.", "conflicts_mean", number),
-        Column("Safe at all times", "safe_share", share, "safe_spread"),
+        Column("Safe at all times", "safe_share", share, "safe_spread", SAFE),
         Column("Fuel, av. (m/s²)", "fuel_mean", number, "fuel_spread"),
         Column("paper  ", "paper_fuel_mean", number),
         Column("Fuel / bound, av.", "fuel_ratio", ratio, "fuel_ratio_spread"),
@@ -43,7 +43,7 @@ def objectives_table(summary: pd.DataFrame, n: int) -> Table:
         "Table 2). Collisions count pairs and nodes (Eq. 5); pairs too close count pairs that "
         "come within the collision radius at any time; fuel is Eq. 4; the bound is the fuel that "
         "the craft need when they ignore each other; errors are averages of each trial's largest."
-        f"{spread_note(frame)}"
+        f"{INTERVALS}{spread_note(frame)}"
     )
     return Table("experiment1", caption, frame, columns)
 

@@ -1,6 +1,12 @@
-"""What ± means in a table."""
+"""What ± and brackets mean in a table."""
 
 import pandas as pd
+
+SAFE = ("safe_low", "safe_high")
+"""Columns of the interval of the share of safe trials."""
+
+INTERVALS = " Brackets are Wilson's 95 % intervals of a share."
+"""What brackets mean, for captions."""
 
 
 def spread_note(frame: pd.DataFrame) -> str:

@@ -1,6 +1,7 @@
 """Table of the trainings, with the paper's numbers beside ours."""
 
 import math
+from typing import Any
 
 import pandas as pd
 
@@ -39,10 +40,12 @@ def training_table(training: pd.DataFrame) -> Table:
         Column("Time (s)", "seconds", number, "seconds_spread"),
         Column("paper (s)", "paper_seconds", number),
         Column("Device", "device"),
+        Column("Threads", "threads"),
     ]
     caption = (
         "Training of each model beside the paper's layers and training times (its Tables 1 and "
-        "3). Losses of different recipes have different targets and do not compare."
+        "3). Losses of different recipes have different targets and do not compare; nor do times "
+        "on other numbers of threads."
         f"{spread_note(frame)}"
     )
     return Table("training", caption, frame, columns)
@@ -65,8 +68,13 @@ def _over_seeds(training: pd.DataFrame) -> pd.DataFrame:
         valid_loss_spread=("valid_loss", "std"),
         seconds=("seconds", "mean"),
         seconds_spread=("seconds", "std"),
-        device=("device", lambda v: ", ".join(sorted({str(k) for k in v}))),
+        device=("device", _distinct),
+        threads=("threads", _distinct),
     )
+
+
+def _distinct(values: "pd.Series[Any]") -> str:
+    return ", ".join(sorted({str(value) for value in values if pd.notna(value)})) or "–"
 
 
 def _layers(arch: str) -> str:

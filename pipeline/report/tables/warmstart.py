@@ -7,7 +7,7 @@ from pipeline.report.numbers import number, ratio, share
 from pipeline.report.planners import label_name
 from pipeline.report.results import PLAIN
 from pipeline.report.summary.warmstart import summarize_warmstarts
-from pipeline.report.tables.spread import spread_note
+from pipeline.report.tables.spread import INTERVALS, SAFE, spread_note
 
 
 def warmstart_tables(warmstarts: pd.DataFrame, optimizer: str) -> list[Table]:
@@ -35,12 +35,12 @@ def _expert_table(frame: pd.DataFrame, n: int) -> Table:
         Column("Time, median (s)", "seconds_median", number),
         Column("Time / no seed", "time_ratio", ratio, "ratio_spread"),
         Column("Gap, av. (%)", "gap_percent", number, "gap_percent_spread"),
-        Column("Safe at all times", "safe_share", share),
+        Column("Safe at all times", "safe_share", share, interval=SAFE),
     ]
     trials = int(frame["trials"].max())
     caption = (
         f"Convex solves and time of the expert from each seed at n = {n} over {trials:,} trials. "
-        f"The gap is fuel over its lower bound, less one.{spread_note(frame)}"
+        f"The gap is fuel over its lower bound, less one.{INTERVALS}{spread_note(frame)}"
     )
     return Table(f"experiment3-n{n}", caption, frame, columns)
 
@@ -55,13 +55,13 @@ def _plain_table(frame: pd.DataFrame, n: int) -> Table:
         Column("Time, median (s)", "seconds_median", number),
         Column("Time / no seed", "time_ratio", ratio, "ratio_spread"),
         Column("Gap, av. (%)", "gap_percent", number, "gap_percent_spread"),
-        Column("Clear at the nodes", "solved_share", share),
-        Column("Safe at all times", "safe_share", share),
+        Column("Clear at the nodes", "solved_share", share, interval=("solved_low", "solved_high")),
+        Column("Safe at all times", "safe_share", share, interval=SAFE),
     ]
     trials = int(frame["trials"].max())
     caption = (
         f"Convex solves and time of the plain SCP from each seed at n = {n} over {trials:,} "
         "trials, until converged. s.d. is the standard deviation over the trials; the gap is fuel "
-        f"over its lower bound, less one.{spread_note(frame)}"
+        f"over its lower bound, less one.{INTERVALS}{spread_note(frame)}"
     )
     return Table(f"experiment3-plain-n{n}", caption, frame, columns)

@@ -127,6 +127,7 @@ def results(trials, warmstarts, example) -> Results:
                 "valid_loss": 0.00125,
                 "seconds": 12.5,
                 "device": "cpu",
+                "threads": "2",
                 "train_instances": 8000,
                 "weights_kib": 4.82,
             }
@@ -141,5 +142,18 @@ def results(trials, warmstarts, example) -> Results:
             for e in (1, 2, 3)
         ]
     )
-    facts = {"commit": "0123abc", "pairs | nodes": "see <http://example.org> and [a](http://b.c)"}
-    return Results(trials, warmstarts, training, curves, [example], facts)
+    provenance = pd.DataFrame(
+        [
+            {
+                "part": "pairs | nodes",
+                "run": "0123456789abcdef",
+                "made": "2026-01-01 12:00 UTC",
+                "data": "see <http://example.org> and [a](http://b.c)",
+                "digest": "fedcba9876543210",
+                "code": "0123abc",
+                "versions": "numpy 2.0",
+                "machine": "Linux, 2 cores",
+            }
+        ]
+    )
+    return Results(trials, warmstarts, training, curves, [example], provenance)

@@ -52,7 +52,7 @@ def test_the_contents_lead_to_the_sections(report):
     page = References()
     page.feed(report.html.read_text())
     anchors = [v[1:] for v in page.found if v.startswith("#")]
-    assert len(anchors) == 7
+    assert len(anchors) == 8
     assert set(anchors) <= page.ids
 
 
