@@ -12,6 +12,8 @@ from pipeline.errors import InputError, ProlearnError
 LOCK_SECONDS = 120.0
 """How long another process may take to set up a fresh store; a few seconds is usual."""
 
+ADVICE = "move it away, or set MLFLOW_TRACKING_URI to another file"
+
 
 def database_path(uri: str) -> Path:
     """Absolute path of the file behind an ``sqlite:///`` address.
@@ -58,29 +60,54 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
 
 
 def check_database(path: Path) -> None:
-    """Refuse a file that is no sound store of MLflow; a missing or empty one is about to be.
+    """Refuse a file that is no store of MLflow; a missing or empty one is about to be.
+
+    Only its list of tables is read: how sound the rest is, ``check_whole`` finds out.
 
     Raises:
         InputError: says what the file is instead.
     """
-    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+    if _is_new(path):
         return
-    advice = "move it away, or set MLFLOW_TRACKING_URI to another file"
     try:
-        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
+        with _read_only(path) as database:
             tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
-            (verdict,) = database.execute("PRAGMA quick_check(1)").fetchone()
     except sqlite3.DatabaseError as error:
         raise InputError(
-            f"{path} cannot be read ({error}); expected an SQLite tracking store: {advice}."
+            f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
         ) from error
-    if verdict != "ok":
-        raise InputError(
-            f"{path} is damaged ({verdict.splitlines()[-1]}); expected a sound SQLite tracking "
-            f"store: restore a copy, {advice}."
-        )
     if tables and not tables & {"experiments", "alembic_version"}:
         raise InputError(
             f"{path} is an SQLite database of something else; expected a tracking store of "
-            f"MLflow: {advice}."
+            f"MLflow: {ADVICE}."
         )
+
+
+def check_whole(path: Path) -> None:
+    """Refuse a database that is damaged; all of it is read, so this is for when it has failed.
+
+    Raises:
+        InputError: says what is wrong with it.
+    """
+    if _is_new(path):
+        return
+    try:
+        with _read_only(path) as database:
+            (verdict,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    except sqlite3.OperationalError:  # locked, or a disk that fails: no word on the content
+        return
+    except sqlite3.DatabaseError as error:
+        verdict = str(error)
+    if verdict != "ok":
+        raise InputError(
+            f"{path} is damaged ({verdict.splitlines()[-1]}); expected a sound SQLite tracking "
+            f"store: restore a copy, {ADVICE}."
+        )
+
+
+def _is_new(path: Path) -> bool:
+    return not path.exists() or (path.is_file() and path.stat().st_size == 0)
+
+
+def _read_only(path: Path) -> closing[sqlite3.Connection]:
+    return closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True))

@@ -20,7 +20,7 @@ from mlflow.telemetry import set_telemetry_client
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
-from registry.sqlite import database_path, guarded
+from registry.sqlite import check_whole, database_path, guarded
 
 DEFAULT_URI = "sqlite:///mlflow.db"
 
@@ -122,10 +122,17 @@ def with_experiment(store: Store, name: str) -> Store:
 
 @contextmanager
 def explained(uri: str) -> Iterator[None]:
-    """Turn what MLflow raises into one sentence about the store at ``uri``."""
+    """Turn what MLflow raises into one sentence about the store at ``uri``.
+
+    Raises:
+        InputError: where it is an SQLite file and that is damaged.
+        ProlearnError: otherwise.
+    """
     try:
         yield
     except (MlflowException, SQLAlchemyError, OSError) as error:
+        if uri.startswith("sqlite:"):
+            check_whole(database_path(uri))
         reason = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
         raise ProlearnError(
             f"The tracking store {_shown(uri)} failed ({reason[:300]}); expected one that can be "

@@ -13,7 +13,7 @@ import pytest
 
 from pipeline.errors import InputError, ProlearnError
 from registry.models import list_versions
-from registry.store import EXPERIMENTS, connect, explained, tracking_uri
+from registry.store import EXPERIMENTS, connect, explained, opened, recorded_run, tracking_uri
 
 
 def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:
@@ -93,6 +93,58 @@ def test_a_damaged_database_gives_a_sentence(folder: Path) -> None:
     (folder / "mlflow.db").write_bytes(content)
     with pytest.raises(InputError, match=r"(damaged|cannot be read)"):
         connect()
+
+
+def bytes_read() -> int:
+    """By this process, from disk or from the system's cache."""
+    counts = Path("/proc/self/io").read_text().split()
+    return int(counts[counts.index("rchar:") + 1])
+
+
+@pytest.mark.skipif(not Path("/proc/self/io").exists(), reason="needs Linux's count of bytes")
+def test_opening_a_large_store_reads_little_of_it(folder: Path) -> None:
+    connect()  # what is read once is read now
+    before = bytes_read()
+    connect()
+    small = bytes_read() - before
+    with closing(sqlite3.connect(folder / "mlflow.db")) as database:
+        database.execute("CREATE TABLE much (data BLOB)")
+        database.executemany("INSERT INTO much VALUES (randomblob(10000))", [()] * 3000)
+        database.commit()
+
+    before = bytes_read()
+    connect()
+
+    assert (folder / "mlflow.db").stat().st_size > 30e6
+    assert bytes_read() - before < small + 5e6
+
+
+def damage(database: Path, table: str) -> None:
+    """Overwrite the page on which a table begins."""
+    with closing(sqlite3.connect(database)) as opened:
+        (size,) = opened.execute("PRAGMA page_size").fetchone()
+        query = "SELECT rootpage FROM sqlite_master WHERE name = ?"
+        (page,) = opened.execute(query, (table,)).fetchone()
+    content = bytearray(database.read_bytes())
+    content[(page - 1) * size : page * size] = b"\xff" * size
+    database.write_bytes(content)
+
+
+def test_damage_that_opening_does_not_meet_is_named_when_an_operation_does(folder: Path) -> None:
+    store = connect()
+    with recorded_run(store, EXPERIMENTS[0], "x", {}) as run_id:
+        store.client.log_param(run_id, "seed", 0)
+    damage(folder / "mlflow.db", "params")
+
+    connect()
+    with pytest.raises(InputError, match=r"mlflow\.db is damaged .*restore a copy"), opened():
+        store.client.get_run(run_id)
+
+
+def test_a_failure_of_a_sound_store_is_not_called_damage(folder: Path) -> None:
+    with pytest.raises(ProlearnError, match="failed") as caught, opened() as store:
+        store.client.get_run("0" * 32)
+    assert not isinstance(caught.value, InputError)
 
 
 def test_the_database_of_something_else_is_left_alone(fresh: Path) -> None:
