@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.urls import public
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -36,7 +37,7 @@ class Group(TyperGroup):
 
 
 def _stop(message: str, status: int) -> None:
-    typer.echo(f"prolearn: {message}", err=True)
+    typer.echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
     raise typer.Exit(status)
 
 

@@ -7,6 +7,7 @@ import typer
 
 from cli.watch import watching
 from pipeline.errors import InputError
+from pipeline.urls import public_url
 
 if TYPE_CHECKING:
     from pipeline.dataset.workers import Workers
@@ -100,7 +101,8 @@ def sample(
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
     with watching("sampling") as watch:
         run(out, {n: one}, problem, jobs=jobs, watch=watch)
-    typer.echo(f"{count} scenarios of n={n} are in {out}; solve them: prolearn solve {out}")
+    where = public_url(out)
+    typer.echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
 
 
 def solve(
@@ -124,7 +126,7 @@ def solve(
 
         prolearn solve data/n10
         prolearn solve data/n10 --jobs 8 --separation nodes
-        prolearn solve s3://bucket/n10 --backend dask --scheduler tcp://10.0.0.1:8786
+        prolearn solve s3://bucket/n10 --backend dask --scheduler tcp://HOST:8786
     """
     _solve(folder, _workers(jobs, backend, scheduler), separation, solver)
 
@@ -185,14 +187,15 @@ def verify(
         rows = watch.rows
     for fault in faults:
         typer.echo(f"{fault.path}: {fault.what}", err=True)
+    where = public_url(folder)
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
     if faults and not mend:
-        typer.echo(f"{many} in {folder}; mend it: prolearn verify {folder} --repair", err=True)
+        typer.echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
         raise typer.Exit(1)
     if faults:
-        typer.echo(f"{folder} is mended: {many}.")
+        typer.echo(f"{where} is mended: {many}.")
     else:
-        typer.echo(f"{folder} is sound: {rows} rows.")
+        typer.echo(f"{where} is sound: {rows} rows.")
 
 
 def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":
@@ -209,7 +212,8 @@ def _solve(folder: str, workers: "Workers", separation: SeparationName, solver: 
     settings = Settings(separation=separation.value, solver=solver.value)
     with watching("solving", can_fail=True) as watch:
         run(folder, settings, workers=workers, watch=watch)
-    typer.echo(f"{folder} is solved ({watch.rows} now, {watch.failed} without a plan).")
+    done = f"{watch.rows} now, {watch.failed} without a plan"
+    typer.echo(f"{public_url(folder)} is solved ({done}).")
 
 
 def _shares(text: str) -> tuple[float, float, float]:

@@ -18,6 +18,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from pipeline.urls import public
+
 LINE_SECONDS = 5.0
 """How often work that is not on a terminal says where it is."""
 
@@ -32,7 +34,7 @@ class RateColumn(ProgressColumn):
 
 def say(sentence: str) -> None:
     """Tell a person what they should know, beside the output."""
-    typer.echo(f"prolearn: {sentence}", err=True)
+    typer.echo(f"prolearn: {public(sentence)}", err=True)
 
 
 Advance = Callable[[int, str], None]

@@ -7,6 +7,7 @@ import typer
 
 from cli.progress import progress
 from cli.train import RecipeName
+from pipeline.urls import public_url
 
 if TYPE_CHECKING:
     from registry.jobs.tune import Tuned
@@ -18,7 +19,7 @@ def tune(
     recipe: Annotated[
         RecipeName, typer.Option(help="Recipe that the trials start from.")
     ] = RecipeName.TUNED,
-    data: Annotated[Path, typer.Option(help="Solved dataset.")] = Path("data/paper"),
+    data: Annotated[str, typer.Option(help="Solved dataset, a folder or a URL.")] = "data/paper",
     n: Annotated[int, typer.Option("--n", help="Swarm size to train on.")] = 10,
     epochs: Annotated[int | None, typer.Option(help="Most epochs of a trial.")] = None,
     device: Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")] = "auto",
@@ -64,7 +65,7 @@ def tune(
     typer.echo(_summary(found, arch, recipe, data, n))
 
 
-def _summary(found: "Tuned", arch: str, recipe: str, data: Path, n: int) -> str:
+def _summary(found: "Tuned", arch: str, recipe: str, data: str, n: int) -> str:
     options = " ".join(
         f"--{name.replace('_', '-')} {value:.4g}"
         if isinstance(value, float)
@@ -74,6 +75,6 @@ def _summary(found: "Tuned", arch: str, recipe: str, data: Path, n: int) -> str:
     return (
         f"{found.trials} trials are complete in {found.storage}; best {found.rmse:.4g} m from the "
         f"expert's positions on validation data; MLflow run {found.run_id}.\n"
-        f"Train with its settings: prolearn train --arch {arch} --recipe {recipe} --data {data} "
-        f"--n {n} {options}"
+        f"Train with its settings: prolearn train --arch {arch} --recipe {recipe} --data "
+        f"{public_url(data)} --n {n} {options}"
     )

@@ -19,6 +19,7 @@ from registry.store import (
     log_params,
     metrics_now,
     opened,
+    recorded,
     recorded_run,
 )
 from registry.story import EVALUATION_DATA, dataset_input
@@ -85,7 +86,7 @@ def earlier_run(
     Raises:
         ProlearnError: where the store fails.
     """
-    wanted = {name: str(value) for name, value in params.items()}
+    wanted = recorded(params)
     with opened(create=False) as store:
         run = _newest(store, experiment, {name: wanted[name] for name in kind})
     if run is None or run.data.params != wanted:
@@ -189,7 +190,7 @@ def _read(store: Store, run: Any) -> Results:
         created=moment(run.info.start_time),
         table=tables.pop(TABLE),
         extra=tables,
-        params=dict(run.data.params),
+        params=recorded(run.data.params),
         metrics=dict(run.data.metrics),
         tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
     )

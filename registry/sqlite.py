@@ -8,6 +8,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.urls import public_url
 
 LOCK_SECONDS = 120.0
 """How long another process may take to set up a fresh store; a few seconds is usual."""
@@ -24,8 +25,8 @@ def database_path(uri: str) -> Path:
     name = uri.partition(":///")[2].partition("?")[0]
     if not name or name == ":memory:":
         raise InputError(
-            f"MLFLOW_TRACKING_URI is {uri!r}; expected a file, such as sqlite:///mlflow.db, since "
-            "a store in memory is lost when the command ends."
+            f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected a file, such as "
+            "sqlite:///mlflow.db, since a store in memory is lost when the command ends."
         )
     return Path(name).absolute()
 

@@ -2,7 +2,6 @@
 
 import logging
 import os
-import re
 import ssl
 import time
 import urllib.error
@@ -10,6 +9,7 @@ import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any, SupportsFloat
 
@@ -20,6 +20,7 @@ from mlflow.telemetry import set_telemetry_client
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.urls import public, public_url
 from registry.sqlite import check_whole, database_path, guarded
 
 DEFAULT_URI = "sqlite:///mlflow.db"
@@ -90,8 +91,8 @@ def connect(*, create: bool = True) -> Store:
             return _connect_sqlite(uri, create)
         if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
             raise InputError(
-                f"MLFLOW_TRACKING_URI is {uri!r}; expected sqlite:///FILE or the address of a "
-                "tracking server, since MLflow no longer keeps runs in folders."
+                f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected sqlite:///FILE or the "
+                "address of a tracking server, since MLflow no longer keeps runs in folders."
             )
         if uri.startswith(("http://", "https://")):
             _check_reachable(uri)
@@ -130,13 +131,14 @@ def explained(uri: str) -> Iterator[None]:
     """
     try:
         yield
-    except (MlflowException, SQLAlchemyError, OSError) as error:
+    except (MlflowException, SQLAlchemyError, OSError, ImportError) as error:
         if uri.startswith("sqlite:"):
             check_whole(database_path(uri))
         reason = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
         raise ProlearnError(
-            f"The tracking store {_shown(uri)} failed ({reason[:300]}); expected one that can be "
-            "read and written: check MLFLOW_TRACKING_URI, the server and the space on the disk."
+            f"The tracking store {public_url(uri)} failed ({public(reason, uri)[:300]}); expected "
+            "one that can be read and written: check MLFLOW_TRACKING_URI, the server and the space "
+            "on the disk."
         ) from error
 
 
@@ -155,9 +157,20 @@ def recorded_run(
         yield run.info.run_id
 
 
+def recorded(params: Mapping[str, Any]) -> dict[str, str]:
+    """Parameters as the store keeps them: as text, without the secrets of URLs."""
+    return {key: str(shown(value)) for key, value in params.items()}
+
+
+def shown(value: Any) -> Any:
+    """A parameter's value without the secrets of a URL; any other stays what it is."""
+    text = str(value)
+    return public_url(text) if "://" in text else value
+
+
 def log_params(store: Store, run_id: str, params: Mapping[str, Any]) -> None:
     """Log parameters, in as few requests as MLflow allows."""
-    entities = [Param(key, str(value)) for key, value in params.items()]
+    entities = [Param(key, value) for key, value in recorded(params).items()]
     for batch in _batches(entities, MOST_PARAMS):
         store.client.log_batch(run_id, params=batch)
 
@@ -237,19 +250,16 @@ def _experiment(client: Any, name: str, location: str | None) -> str:
 def _check_reachable(uri: str) -> None:
     """Refuse a server that does not answer; any answer at all counts as one."""
     try:
-        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=REACH_SECONDS).close()
+        # urllib takes a password for a part of the host's name; health needs none.
+        health = f"{public_url(uri).rstrip('/')}/health"
+        urllib.request.urlopen(health, timeout=REACH_SECONDS).close()
     except urllib.error.HTTPError:
         return
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, HTTPException) as error:
         reason = getattr(error, "reason", error)
         if isinstance(reason, ssl.SSLError):  # it answers; MLflow has its own rules for these
             return
         raise ProlearnError(
-            f"The tracking server {_shown(uri)} does not answer ({reason}); expected a reachable "
-            "MLflow server: start it, or correct or unset MLFLOW_TRACKING_URI."
+            f"The tracking server {public_url(uri)} does not answer ({public(reason, uri)}); "
+            "expected a reachable MLflow server: start it, or correct or unset MLFLOW_TRACKING_URI."
         ) from error
-
-
-def _shown(uri: str) -> str:
-    """The address without user and password."""
-    return re.sub(r"//[^/@]*@", "//", uri)

@@ -12,6 +12,7 @@ from mlflow.entities import Dataset, DatasetInput, InputTag, Metric
 from pipeline.errors import InputError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
+from pipeline.urls import public_url
 
 CURVES = ("train_loss", "valid_loss")
 
@@ -141,11 +142,12 @@ def dataset_input(
     """MLflow's record that a run has used a dataset.
 
     Args:
-        path: the dataset's folder, as given.
+        path: the dataset's folder, as given; the secrets of a URL are left out.
         digest: of its content.
         context: TRAINING_DATA or EVALUATION_DATA.
         profile: further facts about it.
     """
+    path = public_url(path)
     # A run has a dataset of one name and digest once, whatever it used it for.
     suffix = "" if context == TRAINING_DATA else f"-{context}"
     entity = Dataset(

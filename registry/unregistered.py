@@ -12,6 +12,7 @@ from safetensors import safe_open
 
 from pipeline.errors import ProlearnError
 from pipeline.files import write_text
+from registry.store import shown
 
 WEIGHTS = "weights.safetensors"
 
@@ -33,11 +34,17 @@ def weights_kib(folder: Path) -> float:
 def keep(folder: Path, arch: str, story: Mapping[str, Any]) -> Path:
     """Copy a saved network to ``unregistered/<arch>-<time>`` with what its run would have said.
 
+    Args:
+        folder: the network's.
+        arch: its architecture.
+        story: fields of ``registry.story.Story``.
+
     Raises:
         ProlearnError: where that cannot be written either.
     """
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
     kept = Path("unregistered").absolute() / f"{arch}-{stamp}"
+    story = {**story, "params": {key: shown(value) for key, value in story["params"].items()}}
     try:
         shutil.copytree(folder, kept)
         write_text(kept / STORY, json.dumps(story, indent=1, default=str) + "\n")

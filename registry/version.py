@@ -8,7 +8,7 @@ from typing import Any
 from mlflow.exceptions import MlflowException
 
 from registry.environment import MADE_WITH
-from registry.store import TRAINING, Store
+from registry.store import TRAINING, Store, recorded
 from registry.story import RECIPE_PARAMS
 
 PREFIX = "prolearn-"
@@ -114,7 +114,7 @@ def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
         aliases=tuple(sorted(a for a, v in aliases.items() if int(v) == int(found.version))),
         dataset_digest=tags.get("dataset_digest", ""),
         created=moment(found.creation_timestamp),
-        params=dict(run.data.params) if run else {},
+        params=recorded(run.data.params) if run else {},
         metrics=dict(run.data.metrics) if run else {},
         tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k} if run else {},
     )

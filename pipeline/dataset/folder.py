@@ -1,16 +1,19 @@
 """The folder of a dataset, on this machine or wherever else a URL leads."""
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote_to_bytes
 
 import pyarrow as pa
 
-from pipeline.errors import ProlearnError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.files import PREFIX, SUFFIX, published
+from pipeline.urls import public, public_url
 
 Where = str | Path
 """A path, or a URL such as s3://bucket/n10."""
@@ -20,11 +23,18 @@ Stamp = tuple[int, int]
 
 
 class Folder(ABC):
-    """Files by their name inside a folder; what is written appears whole or not at all."""
+    """Files by their name inside a folder.
+
+    What is written appears whole or not at all wherever the filesystem can do that.
+    """
 
     @abstractmethod
     def __str__(self) -> str:
-        """The folder as it was given."""
+        """The folder as it was given, without the secrets of a URL."""
+
+    def told(self, error: Exception) -> str:
+        """What is wrong, without the secrets of the folder's URL."""
+        return reason(error)
 
     @abstractmethod
     def is_there(self) -> bool:
@@ -137,14 +147,37 @@ def open_folder(where: Where | Folder) -> Folder:
 
     Raises:
         InputError: for a URL that leads nowhere.
+        ProlearnError: where what it leads to is not reached.
     """
     if isinstance(where, Folder):
         return where
+    if str(where).lower().startswith("file://"):
+        return LocalFolder(_path_of(str(where)))
     if "://" in str(where):
         from pipeline.dataset.remote import RemoteFolder  # Arrow's filesystems, for URLs alone
 
         return RemoteFolder.at(str(where))
     return LocalFolder(Path(where))
+
+
+def _path_of(url: str) -> Path:
+    """The path in a file:// URL of this machine.
+
+    Raises:
+        InputError: where it is of another machine, or no path.
+    """
+    host, slash, path = url.partition("://")[2].partition("/")
+    if host.lower() not in ("", "localhost") or not slash:
+        raise InputError(
+            f"{public_url(url)} is not on this machine; expected file:///FOLDER, or a URL of a "
+            "filesystem that pyarrow or fsspec reaches."
+        )
+    if "?" in path or "#" in path:
+        raise InputError(
+            f"{public_url(url)} goes on with ? or #; expected file:///FOLDER, where these two are "
+            "written %3F and %23."
+        )
+    return Path(slash + os.fsdecode(unquote_to_bytes(path)))
 
 
 def _is_unfinished(name: str) -> bool:
@@ -163,11 +196,13 @@ def writing(folder: Folder, name: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise ProlearnError(
-            f"{name} cannot be written to {folder} ({reason(error)}); what was there is intact: "
-            "make room or give a folder that can be written to, and run the same command again."
+            f"{name} cannot be written to {folder} ({folder.told(error)}); what was there is "
+            "intact: make room or give a folder that can be written to, and run the same command "
+            "again."
         ) from error
 
 
-def reason(error: OSError) -> str:
-    """What the operating system, or a store, says is wrong."""
-    return (error.strerror or str(error)).splitlines()[0]
+def reason(error: Exception, *urls: str) -> str:
+    """What the operating system, or a store, says is wrong, without the secrets of URLs."""
+    said = getattr(error, "strerror", None) or str(error)
+    return public(next(iter(said.strip().splitlines()), type(error).__name__), *urls)

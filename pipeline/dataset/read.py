@@ -12,6 +12,7 @@ from pipeline.dataset.schema import problem_of, stacked
 from pipeline.dataset.shards import read_shard
 from pipeline.errors import InputError
 from pipeline.plan import SOLVED
+from pipeline.urls import public_url
 
 LEARNED = ("initial", "goal", "states")
 """Columns that training reads."""
@@ -84,6 +85,6 @@ def examples_of(table: pa.Table, n: int) -> Examples:
 def no_examples(where: Where | Folder, n: int, split: str) -> InputError:
     """The refusal of a split with nothing to learn from."""
     return InputError(
-        f"{where} has no solved instance of n={n} in its {split} split; expected some: sample "
-        "more scenarios."
+        f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
+        "some: sample more scenarios."
     )

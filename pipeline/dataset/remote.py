@@ -1,9 +1,8 @@
 """Dataset folders behind a URL: on object stores, in memory, wherever Arrow or fsspec reaches."""
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import fsspec
@@ -12,15 +11,25 @@ from pyarrow import fs
 
 from pipeline.dataset.folder import Folder, Stamp, reason, writing
 from pipeline.errors import InputError, ProlearnError
+from pipeline.urls import public, public_url
 
 
 @dataclass(frozen=True)
 class RemoteFolder(Folder):
-    """A folder on a filesystem of Arrow or fsspec, where a single put makes a file visible."""
+    """A folder on a filesystem of Arrow or fsspec.
 
-    url: str
-    files: Any
-    root: str
+    On object stores one put makes a file visible, whole. Others have no atomic rename that Arrow
+    reaches: a file may be seen while it is written, and its digest is then not the manifest's.
+
+    Attributes:
+        url: as it was given, secrets and all.
+        files: Arrow's filesystem.
+        root: the folder's path there, in which secrets may be left.
+    """
+
+    url: str = field(repr=False)
+    files: Any = field(repr=False)
+    root: str = field(repr=False)
 
     @classmethod
     def at(cls, url: str) -> "RemoteFolder":
@@ -35,18 +44,24 @@ class RemoteFolder(Folder):
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
             pass
         except OSError as error:
-            raise ProlearnError(f"{_public(url)} is not reached ({reason(error)}).") from error
+            raise _not_reached(url, error) from None
         try:
             found, root = fsspec.url_to_fs(url)
+        except OSError as error:
+            raise _not_reached(url, error) from None
         except (ValueError, ImportError) as error:
             raise InputError(
-                f"{_public(url)} is on no known filesystem ({error}); expected a path, or a URL "
-                "that pyarrow or fsspec reads."
-            ) from error
+                f"{public_url(url)} is on no known filesystem ({public(error, url)}); expected a "
+                "path, or a URL that pyarrow or fsspec reads."
+            ) from None
         return cls(url, fs.PyFileSystem(fs.FSSpecHandler(found)), root)
 
     def __str__(self) -> str:
-        return _public(self.url)
+        return public_url(self.url)
+
+    def told(self, error: Exception) -> str:
+        """What is wrong, without the secrets of the folder's URL."""
+        return reason(error, self.url)
 
     def is_there(self) -> bool:
         """Whether the folder exists."""
@@ -55,7 +70,7 @@ class RemoteFolder(Folder):
     def names(self) -> list[str]:
         """Every file in it and below, in order."""
         below = fs.FileSelector(self.root, allow_not_found=True, recursive=True)
-        with _reaching(self.url):
+        with self._reaching():
             found = self.files.get_file_info(below)
         top = self.root.strip("/") + "/"
         return sorted(
@@ -77,42 +92,55 @@ class RemoteFolder(Folder):
 
     def read(self, name: str) -> bytes:
         """A file's content."""
-        with self.opened(name) as file:
+        with self._telling(), self._open(name) as file:
             return file.read()
 
     def opened(self, name: str) -> Any:
         """A file for Arrow to read parts of."""
-        return self.files.open_input_file(self._path(name))
+        with self._telling():
+            return self._open(name)
 
     def publish(self, name: str, content: bytes) -> None:
-        """Put the file with one write, which the filesystem makes visible when it is complete."""
+        """Put the file with one write."""
         path = self._path(name)
-        with writing(self, name):
+        with writing(self, name), self._telling():
             self.files.create_dir(path.rpartition("/")[0], recursive=True)
             with self.files.open_output_stream(path) as file:
                 file.write(content)
 
     def remove(self, name: str) -> None:
         """Remove a file."""
-        with writing(self, name):
+        with writing(self, name), self._telling():
             self.files.delete_file(self._path(name))
 
     def _path(self, name: str) -> str:
         return f"{self.root.rstrip('/')}/{name}"
 
     def _type(self, path: str) -> Any:
-        with _reaching(self.url):
+        with self._reaching():
             return self.files.get_file_info(path).type
 
+    def _open(self, name: str) -> Any:
+        return self.files.open_input_file(self._path(name))
 
-def _public(url: str) -> str:
-    """A URL without the secret that it may carry."""
-    return re.sub(r"//[^/@]*@", "//", url)
+    @contextmanager
+    def _reaching(self) -> Iterator[None]:
+        try:
+            with self._telling():
+                yield
+        except OSError as error:
+            raise _not_reached(self.url, error) from error
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Whatever a library raises, as an OSError without secrets, in its chain neither."""
+        try:
+            yield
+        except Exception as error:
+            told = self.told(error)
+            number = getattr(error, "errno", None)
+            raise (OSError(number, told) if number else OSError(told)) from None
 
 
-@contextmanager
-def _reaching(url: str) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise ProlearnError(f"{_public(url)} is not reached ({reason(error)}).") from error
+def _not_reached(url: str, error: Exception) -> ProlearnError:
+    return ProlearnError(f"{public_url(url)} is not reached ({reason(error, url)}).")

@@ -49,7 +49,7 @@ def read_shard(folder: Folder, name: str, columns: Sequence[str] | None = None) 
             return _table(file, None if columns is None else list(columns))
     except (OSError, pa.ArrowException) as error:
         raise InputError(
-            f"{name} in {folder} cannot be read ({error}); mend the dataset with "
+            f"{name} in {folder} cannot be read ({folder.told(error)}); mend the dataset with "
             f"`prolearn verify {folder} --repair`."
         ) from error
 

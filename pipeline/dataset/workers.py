@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from pipeline.dataset.watch import SILENT, Watch
 from pipeline.dataset.worker import call
 from pipeline.errors import InputError, ProlearnError
+from pipeline.urls import public, public_url
 
 BACKENDS = ("loky", "dask")
 
@@ -57,8 +58,8 @@ class Workers:
             )
         if self.scheduler and self.backend != "dask":
             raise InputError(
-                f"scheduler is {self.scheduler!r} and backend is {self.backend!r}; expected "
-                "--backend dask with a scheduler."
+                f"scheduler is {public_url(self.scheduler)!r} and backend is {self.backend!r}; "
+                "expected --backend dask with a scheduler."
             )
 
     def work(
@@ -135,9 +136,10 @@ class Workers:
                 with joblib.parallel_config(backend="dask", client=client):
                     yield
             except TimeoutError as error:
+                where = public_url(self.scheduler)
                 raise ProlearnError(
-                    f"the scheduler at {self.scheduler} has no workers; start some with "
-                    f"`dask worker {self.scheduler}`."
+                    f"the scheduler at {where} has no workers; start some with "
+                    f"`dask worker {where}`."
                 ) from error
 
 
@@ -154,7 +156,8 @@ def _client(scheduler: str) -> Iterator[Any]:
         client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ProlearnError(
-            f"no Dask scheduler answers at {scheduler} ({error}); start one with `dask scheduler`."
+            f"no Dask scheduler answers at {public_url(scheduler)} ({public(error, scheduler)}); "
+            "start one with `dask scheduler`."
         ) from error
     with client:
         yield client

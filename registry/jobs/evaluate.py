@@ -16,6 +16,7 @@ from pipeline.errors import InputError
 from pipeline.evaluation.trials import run_trials
 from pipeline.report.results import Example
 from pipeline.scenario import Scenario
+from pipeline.urls import public_url
 from registry.jobs.entrants import networks, unlearned
 from registry.jobs.example import example_transfer, label_of
 from registry.jobs.model_results import add_to_model
@@ -92,7 +93,8 @@ def test_scenarios(data: Where, n: int, trials: int | None = None) -> list[Scena
     columns = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
     found = scenarios_of(solved_rows(data, n, "test", columns))
     if not found:
-        raise InputError(f"{data} has no test scenarios of n={n}; expected some: sample more.")
+        where = public_url(data)
+        raise InputError(f"{where} has no test scenarios of n={n}; expected some: sample more.")
     return found[:trials]
 
 

@@ -13,7 +13,7 @@ from pipeline.training.validation import position_rmse
 from registry.environment import TRAINED_BY, changed_since
 from registry.jobs.champion import Challenge, challenge, flown_metrics, validation_trials
 from registry.models import list_versions
-from registry.store import connect
+from registry.store import connect, recorded
 from registry.story import recipe_params
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
@@ -65,7 +65,7 @@ def trained_before(
         "dataset_digest": read_manifest(data).digest(how.n),
     }
     connect()
-    same = {key: str(value) for key, value in wanted.items()}.items()
+    same = recorded(wanted).items()
     found = [version for version in list_versions() if same <= version.params.items()]
     changes = {version.uri: changed_since(version.tags, TRAINED_BY) for version in found}
     current = [version for version in found if not changes[version.uri]]

@@ -13,6 +13,7 @@ from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.dataset.examples import Examples
+from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.read import examples
 from pipeline.errors import InputError, ProlearnError
@@ -102,7 +103,7 @@ class Tuned:
 def tune(
     arch: str,
     recipe: str,
-    data: Path,
+    data: Where,
     *,
     trials: int,
     n: int,

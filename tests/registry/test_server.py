@@ -18,7 +18,7 @@ from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.models import load, resolve
 from registry.results import latest, record
-from registry.store import EVALUATION
+from registry.store import EVALUATION, opened
 from registry.training import DatasetInfo, record_training
 
 
@@ -105,6 +105,22 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     assert time.monotonic() - started < 40
     (kept,) = (folder / "unregistered").iterdir()
     np.testing.assert_array_equal(load_network(kept).predict(initial, goal), wanted)
+
+
+def test_a_server_whose_address_has_a_password_is_used_with_it_and_named_without(
+    server: "subprocess.Popen[bytes]", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uri = os.environ["MLFLOW_TRACKING_URI"].replace("://", "://robot:pa55word@")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    run_id = record(EVALUATION, pd.DataFrame({"n": [2]}), params={"data": uri})
+    assert latest(EVALUATION).run_id == run_id
+    assert "pa55word" not in str(latest(EVALUATION).params)
+
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    with pytest.raises(ProlearnError, match=r"http://127\.0\.0\.1.* failed") as caught, opened():
+        end(server)
+        mlflow.MlflowClient().search_experiments()
+    assert "pa55word" not in str(caught.value)
 
 
 def test_weights_are_kept_where_the_server_is_away_from_the_start(

@@ -80,6 +80,25 @@ def test_the_secret_in_a_url_is_not_shown():
     assert str(open_folder(url)).startswith("s3://bucket/n10")
 
 
+@pytest.mark.parametrize("host", ["", "localhost", "LOCALHOST"])
+def test_a_file_url_is_the_folder_on_this_machine_with_its_lock_and_its_renames(host, tmp_path):
+    path = tmp_path / "my data é#1%20"
+    url = f"file://{host}{path.as_uri().removeprefix('file://')}"
+    assert open_folder(url) == open_folder(path)
+    sample(url, {2: Sample(count=2)}, Problem(), jobs=1)
+    with sole_writer(open_folder(path)), pytest.raises(InputError, match=r"is being written by"):
+        solve(url, Settings(), workers=ONE)
+    solve(url, Settings(), workers=ONE)
+    assert list(verify(path, workers=ONE)) == []
+    assert (path / "_lock").exists()
+
+
+@pytest.mark.parametrize("url", ["file://elsewhere/data", "file://data", "file://", "file:///a?b"])
+def test_a_file_url_of_another_machine_or_of_no_path_is_refused(url):
+    with pytest.raises(InputError, match=r"^file:.* expected file:///FOLDER"):
+        open_folder(url)
+
+
 def test_a_url_of_no_known_kind_is_refused():
     with pytest.raises(InputError, match="nowhere://x is on no known filesystem"):
         open_folder("nowhere://x")

@@ -1,0 +1,74 @@
+"""URLs as they may be shown: without user, password, token, query and fragment."""
+
+import re
+from urllib.parse import unquote
+
+HIDDEN = "..."
+
+_URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")
+"""A URL inside a sentence; a second one directly behind the first is one of its own."""
+
+_CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")
+"""What ends a sentence, a bracket or a quotation, not the URL in it."""
+
+_BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")
+"""User and password of an address that was given without its scheme."""
+
+
+def public(text: object, *urls: object) -> str:
+    """A text without the secrets of the URLs in it.
+
+    Plain paths, ``sqlite:///FILE`` and ``tcp://HOST:PORT`` stay as they are.
+
+    Args:
+        text: a sentence, such as what a library says is wrong, or a URL without spaces.
+        urls: URLs that the sentence may be about; their secrets leave it in any form, with spaces,
+            without the scheme, or quoted alone.
+    """
+    told = str(text)
+    for url in map(str, urls):
+        _, before, _, after = _parts(url)
+        for piece in {before, after, unquote(before), unquote(after)}:
+            told = told.replace(piece, "") if len(piece) > 1 else told
+        for word in sorted(_words(before, after), key=len, reverse=True):
+            told = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", HIDDEN, told)
+    return _URL.sub(_in_sentence, told)
+
+
+def public_url(url: object) -> str:
+    """A URL, which may have spaces in it, without its secrets; a path as it is.
+
+    Where it cannot be told what is secret and what is not, as with a ``/`` in a password, only
+    the scheme is left.
+    """
+    scheme, _, shown, _ = _parts(str(url))
+    return scheme + shown
+
+
+def _parts(url: str) -> tuple[str, str, str, str]:
+    """Scheme, secrets before the host, what may be shown, and secrets after the path."""
+    scheme, mark, rest = url.partition("://")
+    if not mark:
+        bare = _BARE.match(url)
+        return ("", bare[0], url[bare.end() :], "") if bare else ("", "", url, "")
+    authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
+    tail = rest[len(authority) :]
+    if "@" in tail and (":" in authority or "@" in authority or "://" in tail):
+        return scheme + mark, rest, HIDDEN, ""
+    begin = authority.rfind("@") + 1
+    end = len(re.split(r"[?#]", rest, maxsplit=1)[0])
+    return scheme + mark, rest[:begin], rest[begin:end], rest[end:]
+
+
+def _words(before: str, after: str) -> set[str]:
+    """Passwords and values of a query, as a library may quote them alone, whole or in part."""
+    password = (before.partition(":")[2] or before).rstrip("@")
+    values = [pair.partition("=")[2] or pair for pair in re.split(r"[?#&;]", after)]
+    words = [password, *re.split(r"[/:@?#]", password), *values]
+    return {form for word in words for form in (word, unquote(word)) if form}
+
+
+def _in_sentence(found: re.Match[str]) -> str:
+    closing = _CLOSING.search(found[0])
+    end = closing.start() if closing else len(found[0])
+    return public_url(found[0][:end]) + found[0][end:]
