@@ -1,13 +1,14 @@
 """Commands that run the paper's experiments, from evaluate to transfer-times, and the report."""
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cli.app import float_list, int_list, name_list
-from cli.progress import progress, say
+from cli.progress import say, stage
 
 if TYPE_CHECKING:
     from registry.results import Outcome
@@ -48,12 +49,10 @@ def evaluate(
         prolearn evaluate
         prolearn evaluate --models ff1,lstm2 --n 2..30 --data data/paper
     """
-    from pipeline.dataset.manifest import read_manifest
     from registry.jobs.evaluate import evaluate as run
 
     sizes = None if n is None else int_list(n)
-    total = len(sizes or read_manifest(data).samples)
-    with progress("evaluating", total) as advance:
+    with stage("evaluating") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -62,7 +61,8 @@ def evaluate(
             timed=timed,
             resume=resume,
             say=say,
-            report=lambda stage: advance(1, stage),
+            expect=shown.expect,
+            report=partial(shown.advance, 1),
         )
     _done("Evaluated", outcome)
 
@@ -110,7 +110,7 @@ def warmstart(
     from registry.jobs.warmstart import warmstart as run
 
     sizes = int_list(SIZES[optimizer] if n is None else n)
-    with progress("warm starts", trials * len(sizes)) as advance:
+    with stage("warm starts") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -119,7 +119,8 @@ def warmstart(
             optimizer=optimizer.value,
             resume=resume,
             say=say,
-            report=lambda done: advance(done, ""),
+            expect=shown.expect,
+            report=shown.advance,
         )
     _done("Warm starts done", outcome)
 
@@ -150,14 +151,13 @@ def transfer_times(
     Examples:
 
         prolearn transfer-times
-        prolearn transfer-times --models ff1,lstm2 --nodes 6,11,16 --time-step 60,120,240
+        prolearn transfer-times --models lstm2 --nodes 6,11,16 --time-step 60,240
     """
     from registry.jobs.transfer_times import transfer_times as run
 
     grids = int_list(nodes, "--nodes")
     steps = None if time_step is None else float_list(time_step, "--time-step")
-    total = len(grids) + len(grids if steps is None else steps)
-    with progress("transfer times", total) as advance:
+    with stage("transfer times") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -167,7 +167,8 @@ def transfer_times(
             trials=trials,
             resume=resume,
             say=say,
-            report=lambda stage: advance(1, stage),
+            expect=shown.expect,
+            report=partial(shown.advance, 1),
         )
     _done("Transfer times done", outcome)
 

@@ -1,5 +1,7 @@
 """Commands about registered models: list, show, promote, export, register."""
 
+from collections import Counter
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -10,14 +12,26 @@ from rich.console import Console
 from rich.table import Table
 
 from cli.app import Group
+from cli.progress import each
+from pipeline.errors import InputError
 
 if TYPE_CHECKING:
+    from registry.jobs.export import ExportedModel
     from registry.version import ModelVersion
 
 app = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    help="Registered models: list them, show, promote, export or register one.",
+    rich_markup_mode="markdown",
+    help="""Registered models: list them, show, promote, export or register one.
+
+    Wherever a model is asked for, an architecture alone means its champion.
+
+    Examples:
+
+        prolearn models list
+        prolearn models show lstm2
+    """,
 )
 
 
@@ -44,7 +58,14 @@ AGES = ((86400, "d"), (3600, "h"), (60, "min"))
 
 @app.command(name="list")
 def list_models() -> None:
-    """All versions: alias, validation error, collisions and fuel when flown, dataset, age."""
+    """All versions: alias, validation error, collisions and fuel when flown, dataset, age.
+
+    Collisions and fuel are there once `prolearn evaluate` has measured them.
+
+    Example:
+
+        prolearn models list
+    """
     from registry.models import list_versions
 
     table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
@@ -86,7 +107,16 @@ def _age(created: datetime) -> str:
 def show(
     model: ModelArgument,
 ) -> None:
-    """One version in full: parameters, metrics, dataset, environment."""
+    """One version in full: parameters, metrics, dataset, environment.
+
+    An architecture alone means its champion.
+
+    Examples:
+
+        prolearn models show lstm2
+        prolearn models show lstm2:paper
+        prolearn models show prolearn-lstm2/3
+    """
     from registry.models import resolve
 
     version = resolve(model)
@@ -141,10 +171,19 @@ def promote(
 
 @app.command()
 def export(
-    model: ModelArgument,
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            help="ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI; one or several.",
+            show_default=False,
+        ),
+    ],
     out: Annotated[
         Path | None,
-        typer.Option(help="The file; NAME-vVERSION.onnx by default.", show_default=False),
+        typer.Option(
+            help="The file, or a folder for several models; NAME-vVERSION.onnx by default.",
+            show_default=False,
+        ),
     ] = None,
     file_format: Annotated[Format, typer.Option("--format", help="Format.")] = Format.ONNX,
     n: Annotated[
@@ -162,7 +201,7 @@ def export(
         typer.Option("--flown", help="Project onto transfers that can be flown; adds controls."),
     ] = False,
 ) -> None:
-    """Write a model as one file for on-board use, with a model card beside it.
+    """Write models for on-board use, each as one file with a model card beside it.
 
     States in m and m/s go in and come out; scaling is inside. onnxruntime's answer is compared
     with torch's before the file takes its name.
@@ -171,10 +210,33 @@ def export(
 
         prolearn models export lstm2 --format onnx
         prolearn models export ff1/3 --n 12 --flown --out ff1-n12.onnx
+        prolearn models export ff1 lstm2 --out onboard/
     """
     from registry.jobs.export import export as run
+    from registry.models import resolve
 
-    made = run(model, out, n=n, flown=flown)
+    versions = [resolve(model) for model in models]  # a name that is wrong stops all of them
+    targets = _targets(versions, out)
+    for version, target in each("exporting", list(zip(versions, targets, strict=True))):
+        _say(run(version, target, n=n, flown=flown))
+
+
+def _targets(versions: Sequence["ModelVersion"], out: Path | None) -> list[Path | None]:
+    """The file of each model; None for its default."""
+    from registry.jobs.export import file_name
+
+    if len(versions) == 1:
+        return [out]
+    names = [file_name(version) for version in versions]
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise InputError(f"{name} is asked for {count} times; expected different models.")
+    if out is not None and out.is_file():
+        raise InputError(f"--out is the file {out}; expected a folder for several models.")
+    return [(out or Path()) / name for name in names]
+
+
+def _say(made: "ExportedModel") -> None:
     checked = made.file.checked
     times = ", ".join(f"{seconds * 1e3:.3g} ms (n={n})" for n, seconds in checked.seconds.items())
     typer.echo(f"{made.file.path}: {made.file.kib:.0f} KiB, for {checked.sizes}.")
@@ -191,6 +253,8 @@ def register(
     folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.", show_default=False)],
 ) -> None:
     """Register a trained network that was kept because the tracking store had failed.
+
+    The folder stays as it is.
 
     Example:
 

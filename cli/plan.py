@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from pipeline.plan import Plan, Planner
 
 from cli.dataset import SeparationName
+from cli.progress import each
 from pipeline.errors import InputError
 
 
@@ -75,7 +76,7 @@ def plan(
             raise InputError(f"{path}: {error}") from error
     chosen = _planner(planner, separation, effort, raw=raw)
     failed = False
-    for scenario, target in zip(asked, targets, strict=True):
+    for scenario, target in each("planning", list(zip(asked, targets, strict=True))):
         made = chosen.plan([scenario])[0]
         write_plan(target, made, scenario.problem)
         failed |= made.status != SOLVED

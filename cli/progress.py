@@ -1,8 +1,10 @@
 """Progress of long work: a bar on a terminal, plain lines elsewhere."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from time import monotonic
+from typing import Protocol, TypeVar
 
 import typer
 from rich.console import Console
@@ -12,10 +14,12 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     Task,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 from rich.text import Text
 
 from pipeline.urls import public
@@ -37,12 +41,26 @@ def say(sentence: str) -> None:
     typer.echo(f"prolearn: {public(sentence)}", err=True)
 
 
-Advance = Callable[[int, str], None]
-"""Called with the units just done and a note to show."""
+class NoteColumn(ProgressColumn):
+    """The note, cut where there is no room for it."""
+
+    def render(self, task: Task) -> Text:
+        """The last note."""
+        return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")
+
+
+class Shown(Protocol):
+    """Progress on the screen."""
+
+    def advance(self, done: int, note: str = "") -> None:
+        """Count units just done, with a note to show."""
+
+    def end(self, note: str) -> None:
+        """Say why no more units come, where there were fewer than thought."""
 
 
 @contextmanager
-def progress(what: str, total: int) -> Iterator[Advance]:
+def progress(what: str, total: int) -> Iterator[Shown]:
     """Show how far some work is.
 
     Args:
@@ -50,43 +68,117 @@ def progress(what: str, total: int) -> Iterator[Advance]:
         total: units of it.
     """
     console = Console(stderr=True)
-    with_bar = _bar if console.is_terminal else _lines
-    with with_bar(console, what, total) as advance:
-        yield advance
+    if console.is_terminal:
+        with _columns(console) as bar:
+            yield _Bar(bar, bar.add_task(what, total=total, note=""))
+    else:
+        yield _Lines(console, what, total)
+
+
+class Stage:
+    """Work that says how much there is of it once it knows; where there is none, nothing shows."""
+
+    def __init__(self, what: str, stack: ExitStack) -> None:
+        self._what, self._stack = what, stack
+        self._shown: Shown | None = None
+
+    def expect(self, total: int) -> None:
+        """Begin to show progress towards so many units."""
+        self._stack.close()
+        self._shown = None
+        if total > 0:
+            self._shown = self._stack.enter_context(progress(self._what, total))
+
+    def advance(self, done: int, note: str = "") -> None:
+        """Count units just done, with a note to show."""
+        if self._shown:
+            self._shown.advance(done, note)
+
+    def end(self, note: str) -> None:
+        """Say why no more units come, where there were fewer than thought."""
+        if self._shown:
+            self._shown.end(note)
 
 
 @contextmanager
-def _bar(console: Console, what: str, total: int) -> Iterator[Advance]:
-    columns = (
+def stage(what: str) -> Iterator[Stage]:
+    """Show how far some work is that finds out itself how much there is to do.
+
+    Args:
+        what: the work, such as "evaluating".
+    """
+    with ExitStack() as stack:
+        yield Stage(what, stack)
+
+
+Item = TypeVar("Item")
+
+
+def each(what: str, items: Sequence[Item]) -> Iterator[Item]:
+    """The items one by one, showing how many of them are done where there are several."""
+    with stage(what) as shown:
+        shown.expect(len(items) if len(items) > 1 else 0)
+        for item in items:
+            yield item
+            shown.advance(1)
+
+
+def _columns(console: Console) -> Progress:
+    """The bar; where the terminal is narrow, it and the note shrink and no number does."""
+    whole = Column(no_wrap=True)
+    return Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        RateColumn(),
-        TimeElapsedColumn(),
+        MofNCompleteColumn(table_column=whole),
+        RateColumn(table_column=whole),
+        TimeElapsedColumn(table_column=whole),
         TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
+        TimeRemainingColumn(table_column=whole),
+        NoteColumn(),
+        console=console,
+        redirect_stdout=sys.stdout.isatty(),  # what goes to a file or a pipe must go there
     )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task(what, total=total, note="")
-        yield lambda done, note: bar.update(task, advance=done, note=note)
 
 
-@contextmanager
-def _lines(console: Console, what: str, total: int) -> Iterator[Advance]:
-    started = last = monotonic()
-    count = 0
+class _Bar:
+    """A bar on a terminal."""
 
-    def advance(done: int, note: str) -> None:
-        nonlocal count, last
-        count += done
+    def __init__(self, bar: Progress, task: TaskID) -> None:
+        self._bar, self._task = bar, task
+
+    def advance(self, done: int, note: str = "") -> None:
+        self._bar.update(self._task, advance=done, note=note)
+
+    def end(self, note: str) -> None:
+        task = self._bar.tasks[self._task]
+        if not task.finished:
+            self._bar.update(self._task, total=task.completed, note=note)
+
+
+class _Lines:
+    """Plain lines, now and then and at the end."""
+
+    def __init__(self, console: Console, what: str, total: int) -> None:
+        self._console, self._what, self._total = console, what, total
+        self._started = self._last = monotonic()
+        self._count = 0
+
+    def advance(self, done: int, note: str = "") -> None:
+        self._count += done
         now = monotonic()
-        if now - last >= LINE_SECONDS or count >= total:
-            last = now
-            parts = [f"{what}: {count}/{total} after {now - started:.0f} s"]
-            if 0 < count < total and now > started:
-                rate = count / (now - started)
-                parts += [f"{rate:.3g}/s", f"{(total - count) / rate:.0f} s left"]
-            console.print(", ".join(parts + [note] * bool(note)), highlight=False, soft_wrap=True)
+        if now - self._last >= LINE_SECONDS or self._count >= self._total:
+            self._last = now
+            self._print(now - self._started, note)
 
-    yield advance
+    def end(self, note: str) -> None:
+        if self._count < self._total:
+            self._total = self._count
+            self.advance(0, note)
+
+    def _print(self, seconds: float, note: str) -> None:
+        parts = [f"{self._what}: {self._count}/{self._total} after {seconds:.0f} s"]
+        if 0 < self._count < self._total and seconds > 0:
+            rate = self._count / seconds
+            parts += [f"{rate:.3g}/s", f"{(self._total - self._count) / rate:.0f} s left"]
+        said = ", ".join(parts + [note] * bool(note))
+        self._console.print(said, highlight=False, soft_wrap=True, markup=False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.app import int_list, name_list
-from cli.progress import Advance, progress, say
+from cli.progress import Shown, progress, say
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -93,14 +93,15 @@ def train(
             typer.echo(f"Trained before: {_summary(earlier)}")
             continue
         title = f"training {one} ({recipe})" + (f", seed {k}" if len(seeds) > 1 else "")
-        with progress(title, most[one]) as advance:
+        with progress(title, most[one]) as shown:
 
-            def report(epoch: "Epoch", advance: Advance = advance) -> None:
-                advance(1, f"validation loss {epoch.valid_loss:.4g}")
+            def report(epoch: "Epoch", shown: Shown = shown) -> None:
+                shown.advance(1, f"loss {epoch.valid_loss:.4g}")
 
             version, held = train_model(
                 how, data, device=device, on_epoch=report, memory=memory * 1e9
             )
+            shown.end("ended early")
         typer.echo(_summary(version))
         typer.echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.progress import progress
+from cli.progress import stage
 from cli.train import RecipeName
 from pipeline.urls import public_url
 
@@ -43,11 +43,17 @@ def tune(
     from registry.jobs.tune import tune as run
 
     last = 0
-    with progress(f"tuning {arch}", trials) as advance:
+    with stage(f"tuning {arch}") as shown:
+
+        def expect(left: int) -> None:
+            nonlocal last
+            last = trials - left
+            shown.expect(left)
 
         def report(complete: int, best: float) -> None:
             nonlocal last
-            advance(complete - last, f"best {best:.4g} m")
+            complete = min(complete, trials)  # other processes may have done more
+            shown.advance(complete - last, f"best {best:.4g} m")
             last = complete
 
         found = run(
@@ -60,8 +66,10 @@ def tune(
             device=device,
             epochs=epochs,
             storage=storage,
+            expect=expect,
             on_trial=report,
         )
+        shown.end("others diverged")
     typer.echo(_summary(found, arch, recipe, data, n))
 
 

@@ -1,9 +1,9 @@
 """A stage's progress on the terminal."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 
-from cli.progress import Advance, progress, say
+from cli.progress import Stage, say, stage
 from pipeline.dataset.watch import Watch
 
 
@@ -15,25 +15,21 @@ class StageWatch(Watch):
         failed: how many of them failed.
     """
 
-    def __init__(self, what: str, stack: ExitStack, *, can_fail: bool) -> None:
+    def __init__(self, shown: Stage, *, can_fail: bool) -> None:
         self.rows = self.failed = 0
-        self._what, self._stack, self._can_fail = what, stack, can_fail
-        self._advance: Advance | None = None
+        self._shown, self._can_fail = shown, can_fail
 
     def expect(self, rows: int) -> None:
         """Start to show progress where there is something to do."""
-        self._stack.close()
-        self._advance = None
-        if rows:
-            self._advance = self._stack.enter_context(progress(self._what, rows))
+        self._shown.expect(rows)
 
     def done(self, rows: int, failed: int = 0) -> None:
         """Show what is done, and the share that failed."""
         self.rows += rows
         self.failed += failed
-        if self._advance and rows:
+        if rows:
             note = f"{self.failed / self.rows:.1%} failed" if self._can_fail else ""
-            self._advance(rows, note)
+            self._shown.advance(rows, note)
 
     def say(self, sentence: str) -> None:
         """Say it."""
@@ -48,5 +44,5 @@ def watching(what: str, *, can_fail: bool = False) -> Iterator[StageWatch]:
         what: what it does, such as "solving".
         can_fail: whether rows may fail without the stage failing.
     """
-    with ExitStack() as stack:
-        yield StageWatch(what, stack, can_fail=can_fail)
+    with stage(what) as shown:
+        yield StageWatch(shown, can_fail=can_fail)

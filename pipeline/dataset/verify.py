@@ -76,7 +76,6 @@ def verify(
     manifest = read_manifest(folder)
     checks = list(_checks(manifest))
     expected = {check.name for check in checks}
-    watch.expect(sum(check.counted for check in checks))
     present = folder.names()
     for name in present:
         if name not in expected and not _belongs(name, manifest):
@@ -89,7 +88,9 @@ def verify(
     for check in checks:
         if check.name not in there:
             yield Fault(check.name, "is missing")
-    checks = [check for check in checks if check.name in there] + timings
+    checks = [check for check in checks if check.name in there]
+    watch.expect(sum(check.counted for check in checks))
+    checks += timings
     for check, found in workers.work(_judged, checks, lambda c: folder.read(c.name), watch):
         yield from (Fault(check.name, what) for what in found)
         watch.done(check.counted)

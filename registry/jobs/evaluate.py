@@ -1,6 +1,7 @@
 """Experiments 1 and 2 on the test split of a dataset, recorded for the report and the UI."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,7 +34,8 @@ def evaluate(
     timed: int,
     resume: bool = False,
     say: Callable[[str], None] = lambda sentence: None,
-    report: Callable[[str], None] = lambda stage: None,
+    expect: Callable[[int], None] = lambda total: None,
+    report: Callable[[str], None] = lambda done: None,
 ) -> Outcome:
     """Evaluate networks, expert and baselines, and record it.
 
@@ -45,7 +47,8 @@ def evaluate(
         timed: scenarios of each size that are timed one at a time.
         resume: leave it where it was done before, with the same data, models and settings.
         say: told where it was done before by other versions, and so is done again.
-        report: called with a planner's turn before each swarm size.
+        expect: told how often ``report`` will be called, where anything is left to do.
+        report: called with the swarm size after each planner's trials of it.
 
     Raises:
         InputError: for unknown models, sizes that are not in the dataset, trials < 1 or timed < 0.
@@ -70,10 +73,16 @@ def evaluate(
     }
     if resume and (earlier := earlier_run(EVALUATION, params, say=say)):
         return Outcome(earlier, earlier=True)
-    tables = []
-    for n in chosen:
-        report(f"n={n}")
-        tables.append(run_trials(entrants, scenarios[n], timed=min(timed, len(scenarios[n]))))
+    expect(len(chosen) * len(entrants))
+    tables = [
+        run_trials(
+            entrants,
+            scenarios[n],
+            timed=min(timed, len(scenarios[n])),
+            report=partial(report, f"n={n}"),
+        )
+        for n in chosen
+    ]
     table = pd.concat(tables, ignore_index=True)
     drawn = scenarios[min(chosen, key=lambda n: abs(n - 10))][0]
     for network in learned:

@@ -10,6 +10,7 @@ from pipeline.networks.onnx_export import export as export_onnx
 from registry.card import BY_SIZE, model_card
 from registry.models import load
 from registry.results import model_metric_by_size
+from registry.version import ModelVersion
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,17 @@ class ExportedModel:
     card: Path
 
 
+def file_name(version: ModelVersion) -> str:
+    """What the file of a model is called where nobody names it."""
+    return f"{version.name}-v{version.version}.onnx"
+
+
 def export(
-    reference: str, out: Path | None = None, *, n: int | None = None, flown: bool = False
+    reference: str | ModelVersion,
+    out: Path | None = None,
+    *,
+    n: int | None = None,
+    flown: bool = False,
 ) -> ExportedModel:
     """Export a registered model as ONNX, and write its card as ``<out>.md``.
 
@@ -54,7 +64,7 @@ def export(
         "nodes": model.problem.nodes,
         "units": {"states": "m, m/s", "controls": "m/s^2"},
     }
-    path = out or Path(f"{version.name}-v{version.version}.onnx")
+    path = out or Path(file_name(version))
     file = export_onnx(model, path, n=n, flown=flown, about=about)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     card = path.with_name(path.name + ".md")

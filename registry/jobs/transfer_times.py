@@ -31,7 +31,8 @@ def transfer_times(
     trials: int,
     resume: bool = False,
     say: Callable[[str], None] = lambda sentence: None,
-    report: Callable[[str], None] = lambda stage: None,
+    expect: Callable[[int], None] = lambda total: None,
+    report: Callable[[str], None] = lambda done: None,
 ) -> Outcome:
     """Give the same ends other transfer times, and record what becomes of every plan.
 
@@ -44,6 +45,7 @@ def transfer_times(
         trials: most scenarios.
         resume: leave it where it was done before, with the same data, models and settings.
         say: told where it was done before by other versions, and so is done again.
+        expect: told how often ``report`` will be called, where anything is left to do.
         report: called with T and Δt after each of them.
 
     Raises:
@@ -67,6 +69,7 @@ def transfer_times(
     }
     if resume and (earlier := earlier_run(TRANSFER_TIMES, params, say=say)):
         return Outcome(earlier, earlier=True)
+    expect(len(varied))
     table = run_transfer_times(
         _entrants_on(learned), scenarios, varied, report=lambda done: report(_called(done))
     )

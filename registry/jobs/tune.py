@@ -111,6 +111,7 @@ def tune(
     device: str = "auto",
     epochs: int | None = None,
     storage: Path | None = None,
+    expect: Callable[[int], None] = lambda left: None,
     on_trial: Callable[[int, float], None] = lambda complete, best: None,
 ) -> Tuned:
     """Train with ever better settings until so many trials are complete, earlier ones included.
@@ -125,6 +126,7 @@ def tune(
         device: "auto" or a device's name.
         epochs: most epochs of a trial, or the recipe's.
         storage: SQLite file of the study; optuna.db beside the tracking store by default.
+        expect: told how many trials are left to do, before the first of them.
         on_trial: called after each trial with the number complete and the best error in m.
 
     Raises:
@@ -144,6 +146,7 @@ def tune(
         path = (storage or _storage_beside(store)).absolute()
         with _explained(optuna, path):
             study = _study(optuna, path, search)
+            expect(max(0, trials - len(_complete(optuna, study))))
             with _parent(store, study, search) as run_id:
                 _search(optuna, study, store, search, trials, run_id, on_trial)
             return _found(optuna, study, path, run_id)

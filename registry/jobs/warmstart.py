@@ -23,6 +23,7 @@ def warmstart(
     optimizer: str = EXPERT,
     resume: bool = False,
     say: Callable[[str], None] = lambda sentence: None,
+    expect: Callable[[int], None] = lambda total: None,
     report: Callable[[int], None] = lambda trials: None,
 ) -> Outcome:
     """Start an optimizer from every seed on the same scenarios, and record it.
@@ -36,6 +37,7 @@ def warmstart(
         resume: leave it where it was done before, with the same optimizer, data, models and
             settings.
         say: told where it was done before by other versions, and so is done again.
+        expect: told how many scenarios there are, where anything is left to do.
         report: called after each scenario.
 
     Raises:
@@ -59,6 +61,7 @@ def warmstart(
     }
     if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"], say)):
         return Outcome(earlier, earlier=True)
+    expect(sum(map(len, scenarios.values())))
     tables = [
         run_warmstarts(predictors, scenarios[n], optimizer, report=lambda: report(1)) for n in sizes
     ]

@@ -78,6 +78,36 @@ def test_a_feed_forward_file_serves_up_to_its_training_s_size_and_any_one_size_b
     assert session(folder / "twelve.onnx").get_inputs()[0].shape == ["batch", 12, 6]
 
 
+def test_several_models_go_into_a_folder_under_their_own_names(
+    folder: Path, ff1: Model, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
+) -> None:
+    record_training(trained_lstm, recipe=recipe, seed=0, dataset=dataset)
+    said = export("ff1", "lstm1", "--n", "3", "--out", "onboard/new")
+
+    names = ["prolearn-ff1-v1.onnx", "prolearn-lstm1-v1.onnx"]
+    wanted = {name + end for name in names for end in ("", ".md")}
+    assert {path.name for path in (folder / "onboard" / "new").iterdir()} == wanted
+    for name, model in zip(names, (ff1, trained_lstm.model), strict=True):
+        assert_answers_like(folder / "onboard" / "new" / name, model, 3)
+        assert f"{name}:" in said
+    assert "exporting: 2/2" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("ff1", "lstm2"), "no model 'lstm2'"),
+        (("ff1", "prolearn-ff1/1"), "prolearn-ff1-v1.onnx is asked for 2 times"),
+    ],
+)
+def test_one_wrong_name_among_several_stops_all_before_anything_is_written(
+    arguments: tuple[str, ...], words: str, folder: Path, ff1: Model
+) -> None:
+    done = CliRunner().invoke(app, ["models", "export", *arguments])
+    assert (done.exit_code, list(folder.glob("*onnx*"))) == (2, [])
+    assert words in done.output
+
+
 def test_a_flown_file_gives_controls_that_obey_the_dynamics_and_meet_the_goal(
     folder: Path, ff1: Model
 ) -> None:
