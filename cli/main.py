@@ -25,6 +25,10 @@ app = typer.Typer(
 
     Sample scenarios, solve them with the convex expert, train networks on its plans, compare
     them, and report. Each stage is a command; `prolearn COMMAND --help` has examples.
+
+    Example:
+
+        prolearn dataset --preset demo --out data/demo
     """,
 )
 

@@ -1,0 +1,56 @@
+"""Help: every command has examples that can be given as they stand."""
+
+import os
+import shlex
+import subprocess
+import sys
+
+import pytest
+from typer.main import get_command
+
+from cli.main import app
+
+
+def walk(command, path=()):
+    """Every command and group, by the words that call it."""
+    yield path, command
+    for name, one in getattr(command, "commands", {}).items():
+        yield from walk(one, (*path, name))
+
+
+COMMANDS = dict(walk(get_command(app)))
+
+
+def examples(command):
+    """The command lines after ``Example:`` or ``Examples:``."""
+    _, _, after = (command.help or "").replace("Examples:", "Example:").partition("Example:")
+    return [line.strip() for line in after.splitlines() if line.strip()]
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "prolearn")
+def test_every_command_has_an_example_that_parses(path):
+    lines = examples(COMMANDS[path])
+    assert lines
+    for line in lines:
+        program, *words = shlex.split(line)
+        assert program == "prolearn"
+        found, command = (), COMMANDS[()]
+        while words and words[0] in getattr(command, "commands", {}):
+            found, command = (*found, words[0]), command.commands[words.pop(0)]
+        assert found[: len(path)] == path, "an example is of the command that it stands at"
+        command.make_context(" ".join(found), words)  # refuses options and values that are unknown
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "prolearn")
+def test_on_80_columns_every_example_is_a_line_of_its_own(path):
+    done = subprocess.run(
+        [sys.executable, "-c", "from cli.main import app; app()", *path, "--help"],
+        env=os.environ | {"COLUMNS": "80"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    shown = [line.strip() for line in done.stdout.splitlines()]
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    for line in examples(COMMANDS[path]):
+        assert line in shown
