@@ -36,11 +36,11 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parent) -> s
     return digest.hexdigest()[:DIGITS]
 
 
-def version_change(was: Mapping[str, str], now: Mapping[str, str]) -> str:
+def version_change(was: Mapping[str, str], now: Mapping[str, str], then: str = "now it is") -> str:
     """The first version that differs, what it was and what it is now; empty where none does."""
     for name in sorted({*was, *now}):
         if was.get(name) != now.get(name):
-            return f"{name} {was.get(name, 'unknown')}, now it is {now.get(name, 'not used')}"
+            return f"{name} {was.get(name, 'unknown')}, {then} {now.get(name, 'not used')}"
     return ""
 
 

@@ -85,7 +85,7 @@ class RemoteFolder(Folder):
 
     def stamp(self, name: str) -> Stamp | None:
         """A file's size and last change, or None where it is not there or the store keeps none."""
-        with _reaching(self.url):
+        with self._reaching():
             info = self.files.get_file_info(self._path(name))
         known = info.type == fs.FileType.File and info.size is not None and info.mtime_ns
         return (info.size, info.mtime_ns) if known else None

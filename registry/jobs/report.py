@@ -86,9 +86,11 @@ def _notes(
                 f"other data than this evaluation, and is left out; `prolearn {command}` makes "
                 "one."
             )
-        change = "" if part is None else version_change(*map(versions_of, (part.tags, first.tags)))
-        if change:
-            notes.append(f"{name} was made with {change} for the evaluation.")
+        if part is not None:
+            versions_differ = version_change(
+                versions_of(part.tags), versions_of(first.tags), "the evaluation with"
+            )
+            notes += [f"{name} was made with {versions_differ}."] if versions_differ else []
     gone = len(set(filter(None, first.params.get("models", "").split(",")))) - len(versions)
     if gone:
         notes.append(f"Training: {gone} of the evaluated models are no longer registered.")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.dataset.examples import Examples
-from pipeline.dataset.manifest import Sample
+from pipeline.dataset.manifest import Sample, read_manifest
 from pipeline.dataset.sample import sample
 from pipeline.dataset.solve import solve
 from pipeline.dataset.workers import Workers
@@ -95,6 +95,12 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sample(path, {CRAFT: one}, Problem(), jobs=1)
     solve(path, Settings(), workers=Workers(jobs=1))
     return path
+
+
+@pytest.fixture
+def on_solved(solved: Path) -> DatasetInfo:
+    """That dataset, as what a network was trained on."""
+    return DatasetInfo(str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
 
 
 @pytest.fixture

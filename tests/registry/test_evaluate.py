@@ -19,12 +19,12 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
     trained: Trained,
     trained_lstm: Trained,
     recipe: Recipe,
-    dataset: DatasetInfo,
+    on_solved: DatasetInfo,
     solved: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for one in (trained, trained_lstm):
-        record_training(one, recipe=recipe, seed=0, dataset=dataset)
+        record_training(one, recipe=recipe, seed=0, dataset=on_solved)
     add, asked = job.add_to_model, {"sizes": (CRAFT,), "trials": 1, "timed": 0, "resume": True}
 
     def first_only(network: Any, *rest: Any) -> None:

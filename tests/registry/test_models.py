@@ -9,7 +9,6 @@ import mlflow
 import numpy as np
 import pytest
 
-from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
@@ -286,12 +285,6 @@ def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
 
 def named(data: Path, *references: str) -> list[tuple[str, int]]:
     return [(net.label, net.version.version) for net in networks(references, data)]
-
-
-@pytest.fixture
-def on_solved(solved: Path) -> DatasetInfo:
-    """A dataset that is there, for networks that were trained on it."""
-    return DatasetInfo(str(solved), read_manifest(solved).digest(3), 20, 5)
 
 
 def test_trainings_with_other_seeds_stand_side_by_side(

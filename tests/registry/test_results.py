@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ from registry.results import (
     ModelResults,
     add_model_results,
     earlier_run,
+    evaluation,
     fetch_files,
     latest,
     record,
 )
-from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART, connect, recorded_run
+from registry.store import EVALUATION, WARMSTART, connect, recorded_run
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
 
@@ -63,19 +65,20 @@ def test_the_newest_finished_run_counts(folder: Path) -> None:
     assert len(found.table) == 2
 
 
-@pytest.mark.parametrize(
-    ("experiment", "command"),
-    [
-        (EVALUATION, "prolearn evaluate"),
-        (WARMSTART, "prolearn warmstart"),
-        (TRANSFER_TIMES, "prolearn transfer-times"),
-    ],
-)
-def test_without_results_the_command_that_makes_them_is_named(
-    folder: Path, experiment: str, command: str
-) -> None:
-    with pytest.raises(InputError, match=f"run `{command}` first"):
-        latest(experiment)
+def test_without_an_evaluation_the_command_that_makes_one_is_named(folder: Path) -> None:
+    with pytest.raises(InputError, match="run `prolearn evaluate` first"):
+        evaluation()
+    assert latest(WARMSTART) is None
+
+
+def test_an_evaluation_is_found_by_its_run(folder: Path) -> None:
+    first = record(EVALUATION, TRIALS, params={})
+    second = record(EVALUATION, TRIALS.head(1), params={})
+    other = record(WARMSTART, TRIALS, params={})
+    assert len(evaluation(first).table) == 2
+    assert evaluation().run_id == second
+    with pytest.raises(InputError, match=f"{other!r}; .*newest first: {second}, {first}"):
+        evaluation(other)
 
 
 def test_a_run_that_breaks_off_is_marked_as_failed(folder: Path) -> None:
@@ -144,3 +147,16 @@ def test_an_experiment_was_done_earlier_only_with_the_same_parameters(folder: Pa
     record(EVALUATION, TRIALS, params={"trials": 5, "sizes": "10"})
     # the report shows the newest results, so older ones do not count as done
     assert earlier_run(EVALUATION, {"sizes": "10", "trials": 100}) is None
+
+
+def test_an_experiment_of_other_versions_is_not_taken_for_done_and_says_which(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    run_id = record(EVALUATION, TRIALS, params={"trials": 100})
+    tags = evaluation().tags
+    versions = json.loads(tags["made_with"]) | {"clarabel": "0.1.2"}
+    connect().client.set_tag(run_id, "made_with", json.dumps(versions))
+    assert earlier_run(EVALUATION, {"trials": 100}, say=said.append) is None
+    (sentence,) = said
+    assert f"run {run_id} of prolearn-evaluation was made with clarabel 0.1.2, now" in sentence

@@ -26,11 +26,11 @@ CRAFT = 3
 
 @pytest.fixture
 def registered(
-    folder: Path, trained: Trained, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, trained: Trained, trained_lstm: Trained, recipe: Recipe, on_solved: DatasetInfo
 ) -> None:
     """A feed-forward network and an LSTM."""
     for one in (trained, trained_lstm):
-        record_training(one, recipe=recipe, seed=0, dataset=dataset)
+        record_training(one, recipe=recipe, seed=0, dataset=on_solved)
 
 
 def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
@@ -137,9 +137,11 @@ def close_nodes(states: np.ndarray) -> int:
 
 
 def test_networks_of_another_problem_than_the_dataset_are_refused(
-    folder: Path, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo, solved: Path
+    folder: Path, trained_lstm: Trained, recipe: Recipe, on_solved: DatasetInfo, solved: Path
 ) -> None:
     elsewhere = trained_lstm.model.on(replace(trained_lstm.model.problem, time_step=90.0))
-    record_training(replace(trained_lstm, model=elsewhere), recipe=recipe, seed=0, dataset=dataset)
+    record_training(
+        replace(trained_lstm, model=elsewhere), recipe=recipe, seed=0, dataset=on_solved
+    )
     with pytest.raises(InputError, match=r"time_step 120 and the network lstm1 .* with 90;"):
         transfer_times([], solved, n=CRAFT, nodes=(11,), time_steps=None, trials=2)

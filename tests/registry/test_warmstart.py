@@ -17,9 +17,9 @@ CRAFT = 3
 
 
 @pytest.fixture
-def registered(folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> None:
+def registered(folder: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo) -> None:
     """A feed-forward network."""
-    record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
 
 
 def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
@@ -40,14 +40,6 @@ def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
     assert latest(WARMSTART).run_id == plain.run_id
     more = warmstart([], solved, sizes=(CRAFT,), trials=3, optimizer="plain", resume=True)
     assert not more.earlier
-
-
-def test_without_the_plain_scps_results_the_command_that_makes_them_is_named(
-    registered: None, solved: Path
-) -> None:
-    warmstart([], solved, sizes=(CRAFT,), trials=1)
-    with pytest.raises(InputError, match="run `prolearn warmstart --optimizer plain` first"):
-        latest(WARMSTART, {"optimizer": "plain"})
 
 
 def test_an_optimizer_that_is_not_there_is_refused(registered: None, solved: Path) -> None:

@@ -9,7 +9,6 @@ from pipeline.report.tables.scaling import scaling_tables
 from pipeline.report.tables.training import training_table
 from pipeline.report.tables.warmstart import warmstart_tables
 
-
 ALL_OF_3 = "100 % [43.9, 100.0]"
 """With Wilson's interval, which ends at 3 / (3 + 1.96²)."""
 

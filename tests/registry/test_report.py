@@ -1,0 +1,95 @@
+"""The report is one story: an evaluation, and what else is of its models on its data."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from cli.main import app
+from pipeline.training.loop import Trained
+from pipeline.training.recipes import Recipe
+from registry.jobs.evaluate import evaluate
+from registry.jobs.report import report
+from registry.jobs.transfer_times import transfer_times
+from registry.jobs.warmstart import warmstart
+from registry.store import connect
+from registry.training import DatasetInfo, record_training
+
+CRAFT = 3
+
+
+@pytest.fixture
+def done(
+    folder: Path,
+    solved: Path,
+    trained: Trained,
+    trained_lstm: Trained,
+    recipe: Recipe,
+    on_solved: DatasetInfo,
+) -> dict[str, str]:
+    """Run ids: all experiments with ff1 alone, then an evaluation and times with lstm1, too."""
+    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    asked = {"n": CRAFT, "nodes": (6, 11), "time_steps": None, "trials": 1}
+    runs = {
+        "evaluation": evaluate([], solved, sizes=[CRAFT], trials=2, timed=1),
+        "expert": warmstart([], solved, sizes=[CRAFT], trials=1),
+        "plain": warmstart([], solved, sizes=[CRAFT], trials=1, optimizer="plain"),
+        "times": transfer_times([], solved, **asked),
+    }
+    record_training(trained_lstm, recipe=recipe, seed=0, dataset=on_solved)
+    runs["later evaluation"] = evaluate([], solved, sizes=[CRAFT], trials=2, timed=1)
+    runs["later times"] = transfer_times([], solved, **asked)
+    return {name: outcome.run_id for name, outcome in runs.items()}
+
+
+def made(out: Path) -> tuple[str, "pd.Series[str]", pd.DataFrame]:
+    """The text, the runs by part, and the table of the trainings."""
+    tables = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("provenance", "training"))
+    provenance, training = tables
+    runs = provenance.set_index("part")["run"]
+    return (out / "report.md").read_text(), runs, training
+
+
+def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
+    done: dict[str, str], folder: Path
+) -> None:
+    said = CliRunner().invoke(
+        app, ["report", "--out", "earlier", "--evaluation", done["evaluation"]]
+    )
+    assert said.exit_code == 0, said.output
+    text, runs, training = made(folder / "earlier")
+    assert dict(runs.iloc[:4]) == {
+        "Experiments 1 and 2, examples": done["evaluation"],
+        "Experiment 3, expert": done["expert"],
+        "Experiment 3, plain": done["plain"],
+        "Experiment 4": done["times"],
+    }
+    assert list(runs.index[4:]) == ["Training ff1:tuned, seed 0"]
+    assert list(training["arch"]) == ["ff1"]
+    assert "is left out" not in text
+    assert "LSTM1" not in text
+
+
+def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str], folder: Path) -> None:
+    report(folder / "newest")
+    text, runs, training = made(folder / "newest")
+    assert runs["Experiments 1 and 2, examples"] == done["later evaluation"]
+    assert runs["Experiment 4"] == done["later times"]
+    assert not any("Experiment 3" in part for part in runs.index)
+    assert set(training["arch"]) == {"ff1", "lstm1"}
+    for optimizer in ("expert", "plain"):
+        assert f"Experiment 3, {optimizer}: the newest run ({done[optimizer]}, 20" in text
+        assert f"`prolearn warmstart --optimizer {optimizer}` makes one" in text
+    assert "No warm starts of these models on these data" in text
+
+
+def test_what_was_made_with_other_versions_is_said(done: dict[str, str], folder: Path) -> None:
+    client = connect().client
+    versions = json.loads(client.get_run(done["times"]).data.tags["made_with"])
+    client.set_tag(done["times"], "made_with", json.dumps(versions | {"torch": "1.0"}))
+    report(folder / "earlier", done["evaluation"])
+    assert (
+        "Experiment 4 was made with torch 1.0, the evaluation with 2" in made(folder / "earlier")[0]
+    )
