@@ -1,5 +1,7 @@
 """Search for better hyperparameters with Optuna: a trial a nested run, on validation data alone."""
 
+import hashlib
+import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +19,7 @@ from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.read import examples
 from pipeline.errors import InputError, ProlearnError
+from pipeline.provenance import made_with
 from pipeline.training.loop import train
 from pipeline.training.recipes import Recipe, recipe_for
 from pipeline.training.search import SPACE, Between
@@ -74,9 +77,11 @@ class Search:
 
     @property
     def name(self) -> str:
-        """The same for searches whose trials can be compared."""
-        r = self.recipe
-        return f"{self.arch}-{r.name}-n{self.learn.n}-{r.epochs}ep-{self.dataset.digest[:12]}"
+        """The same for searches whose trials can be compared: on the same data, by this code."""
+        r, data = self.recipe, self.dataset.digest[:12]
+        code = made_with(*TRAINED_BY)
+        versions = hashlib.sha256(json.dumps(dict(code), sort_keys=True).encode()).hexdigest()[:8]
+        return f"{self.arch}-{r.name}-n{self.learn.n}-{r.epochs}ep-{data}-{versions}"
 
 
 @dataclass(frozen=True)
