@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Models = Annotated[
     str | None,
     typer.Option(
-        help="Models, such as ff1,lstm2:paper; by default the newest of each recipe and seed.",
+        help="Models, such as ff1,lstm2:paper; by default the newest trained on the data.",
         show_default=False,
     ),
 ]
@@ -25,7 +25,9 @@ Data = Annotated[
 ]
 Resume = Annotated[
     bool,
-    typer.Option("--resume", help="Nothing to do where data, models and settings are as before."),
+    typer.Option(
+        "--resume", help="Nothing to do where data, models, settings and versions are as before."
+    ),
 ]
 
 
@@ -100,7 +102,8 @@ def warmstart(
 ) -> None:
     """Experiment 3: start an optimizer from each network's plan and from simple seeds.
 
-    The report shows the newest results of each optimizer.
+    Networks, straight line, minimum energy and the own LPs give seeds; the report sets both
+    optimizers side by side.
 
     Examples:
 
