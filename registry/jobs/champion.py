@@ -8,7 +8,7 @@ from pipeline.dataset.folder import Where
 from pipeline.dataset.read import solved_rows
 from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
-from pipeline.evaluation.compare import Compared, compare
+from pipeline.evaluation.compare import compare
 from pipeline.evaluation.trials import Entrant, run_trials
 from pipeline.networks.flown import Flown
 from pipeline.networks.model import Model
@@ -73,11 +73,10 @@ def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Chall
         return Challenge(crown(version), "the first version of its model")
     try:
         model, _ = load(champion)
-        held = _compared(trials, validation_trials(model, data, version.n))
+        held = _held(version, trials, champion, validation_trials(model, data, version.n))
     except InputError as error:
         return Challenge(champion, f"version {champion.version} cannot be compared: {error}")
-    reason = _reason(held, version, champion)
-    return Challenge(crown(version) if held.better else champion, reason)
+    return Challenge(crown(version) if held.better else champion, held.reason)
 
 
 def promote(name: str, number: int, data: Where | None = None, *, force: bool = False) -> Challenge:
@@ -101,30 +100,40 @@ def promote(name: str, number: int, data: Where | None = None, *, force: bool = 
     where = data or version.params.get("dataset", "")
     try:
         (one, _), (other, _) = load(version), load(champion)
-        held = _compared(*(validation_trials(m, where, version.n) for m in (one, other)))
+        mine, theirs = (validation_trials(model, where, version.n) for model in (one, other))
+        held = _held(version, mine, champion, theirs)
     except InputError as error:
         raise InputError(
             f"{version.label} and the champion, version {champion.version}, cannot be compared "
             f"({error}); expected a dataset that both fit: give --data, or --force."
         ) from error
-    reason = _reason(held, version, champion)
     if not held.better:
         raise InputError(
-            f"{reason}; expected a version that does better: give --force to promote it all the "
-            "same."
+            f"{held.reason}; expected a version that does better: give --force to promote it all "
+            "the same."
         )
-    return Challenge(crown(version), reason)
+    return Challenge(crown(version), held.reason)
 
 
-def _compared(mine: pd.DataFrame, theirs: pd.DataFrame) -> Compared:
+@dataclass(frozen=True)
+class _Held:
+    """A version held against the champion."""
+
+    better: bool
+    reason: str
+
+
+def _held(
+    version: ModelVersion, mine: pd.DataFrame, champion: ModelVersion, theirs: pd.DataFrame
+) -> _Held:
     if mine.empty or theirs.empty:
         raise InputError("there are no validation scenarios")
-    return compare(mine, theirs, "fuel")
-
-
-def _reason(held: Compared, version: ModelVersion, champion: ModelVersion) -> str:
-    return (
-        f"on {held.trials} validation scenarios version {version.version} is safe in "
-        f"{100 * held.safe:+.1f} % of them and burns {held.fuel:+.3g} m/s² against version "
-        f"{champion.version}"
+    held = compare(mine, theirs, "fuel")
+    ours, others = flown_metrics(mine), flown_metrics(theirs)
+    safe, fuel = "valid_flown_safe_share", "valid_flown_fuel"
+    reason = (
+        f"of {held.trials} validation scenarios {100 * ours[safe]:.1f} % are safe with version "
+        f"{version.version} and {100 * others[safe]:.1f} % with version {champion.version}, at "
+        f"{ours[fuel]:.3g} and {others[fuel]:.3g} m/s²"
     )
+    return _Held(held.better, reason)
