@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from judge import Case, least_fuel
 from judged import check_rows, document, judged
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from pipeline.evaluation.baselines import BASELINES, fuel_lower_bounds
 from pipeline.evaluation.trials import Entrant, run_trials
+from pipeline.evaluation.warmstart import run_warmstarts
 from pipeline.expert import Expert, Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
@@ -111,3 +113,36 @@ def test_the_bound_is_the_optimum_that_highs_finds_and_proves():
         problem = Case.of(document(scenario))
         found = least_fuel(problem, scenario.initial, scenario.goal)
         assert found.proven.sum() * (1 - 1e-6) <= bound <= found.attained.sum() * (1 + 1e-9)
+
+
+@dataclass
+class Watched:
+    """The expert, and how many threads of linear algebra it had whenever it was asked."""
+
+    threads: list[int]
+    name: str = "watched"
+
+    def plan(self, scenarios):
+        self.threads.append(max(pool["num_threads"] for pool in threadpool_info()))
+        return Expert().plan(scenarios)
+
+
+def test_planners_are_timed_on_one_thread_whatever_they_have_otherwise():
+    watched = Watched([])
+    with threadpool_limits(2):
+        run_trials([Entrant(watched)], SCENARIOS[:2], timed=2)
+    assert watched.threads == [1, 1, 1, 2]  # warm-up, two timed, all at once
+
+
+def test_seeds_are_timed_on_one_thread():
+    threads = []
+
+    class Seed:
+        def predict(self, initial, goal):
+            threads.append(max(pool["num_threads"] for pool in threadpool_info()))
+            return fly(initial, minimum_energy(initial, goal, PROBLEM), PROBLEM)
+
+    with threadpool_limits(2):
+        run_warmstarts({("seed", 0): Seed()}, SCENARIOS[:1])
+    assert len(threads) > 1
+    assert set(threads) == {1}

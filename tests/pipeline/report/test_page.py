@@ -125,6 +125,14 @@ def test_each_optimizer_of_experiment_3_can_be_missing(trials, both, tmp_path):
     assert "`prolearn warmstart`" in text
 
 
+def test_captions_of_run_times_say_on_how_many_threads_they_were_taken(report):
+    text = report.markdown.read_text()
+    (times,) = (line for line in text.splitlines() if "Time to plan one instance" in line)
+    assert "on one thread" in times
+    assert "from scenario to controls on one thread" in text
+    assert "| Threads" in text
+
+
 def test_untimed_trials_leave_out_the_run_times(trials, tmp_path):
     untimed = trials.assign(seconds=float("nan"))
     files = build_report(Results(untimed), tmp_path)
