@@ -10,7 +10,9 @@ from registry.version import ModelVersion
 
 _WHOLE = ("parameters", "epochs", "train_instances")
 
-_VALIDATED = ("valid_position_rmse", "valid_flown_safe_share", "valid_flown_fuel")
+_VALIDATED = (
+    *("valid_position_rmse", "valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"),
+)
 
 _TRAINING = (
     "arch",
@@ -38,8 +40,8 @@ class TrainingTables:
     Attributes:
         training: a row for each, with columns arch, recipe, training_seed, version, parameters,
             epochs, best_epoch, valid_loss (at the best epoch), valid_position_rmse (m),
-            valid_flown_safe_share, valid_flown_fuel (m/s²), seconds, device, threads,
-            train_instances and weights_kib; what a run does not say is missing.
+            valid_flown_safe_share, valid_flown_fuel (m/s²), valid_flown_trials, seconds,
+            device, threads, train_instances and weights_kib; what a run does not say is missing.
         curves: columns arch, recipe, training_seed, epoch, train_loss and valid_loss.
     """
 

@@ -54,6 +54,7 @@ def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
     return {
         "valid_flown_safe_share": float(trials["safe"].mean()),
         "valid_flown_fuel": float(trials["fuel"].mean()),
+        "valid_flown_trials": float(len(trials)),
     }
 
 

@@ -2,32 +2,40 @@
 
 import pandas as pd
 
-from pipeline.evaluation.compare import compare
+from pipeline.evaluation.compare import compare, share_interval
 from pipeline.report.answers.answer import CHEAP, FREE, SAFE, Answer, Flown, flown
 from pipeline.report.numbers import share
 from pipeline.report.paper_values import NETWORK_SIZE
 from pipeline.report.planners import is_network
 from pipeline.report.results import PREDICTED
 
-VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel"]
+VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
 
 Name = tuple[str, str]
 """A network: planner and recipe."""
 
 
 def picked(rows: pd.DataFrame, training: pd.DataFrame | None) -> Name | None:
-    """The network that did best on validation data, of those in some rows: safest, then cheapest.
+    """The network that did best on validation data, of those in some rows.
 
-    None where their trainings did not record it: no network is chosen by the trials themselves.
+    That is the cheapest of those that are as safe as the safest, but for chance: whose share of
+    safe scenarios is within Wilson's interval of the highest. None where trainings did not record
+    it: no network is chosen by the trials themselves.
     """
     if training is None or not {*VALIDATED} <= {*training.columns}:
         return None
     known = training.dropna(subset=VALIDATED).assign(recipe=training["recipe"].fillna(""))
-    means = known.groupby(["arch", "recipe"], as_index=False)[VALIDATED].mean()
-    ranked = means.sort_values(VALIDATED, ascending=[False, True], kind="stable")
     there = set(zip(rows["planner"], rows["recipe"].fillna(""), strict=True))
-    names = [(str(a), str(r)) for a, r in zip(ranked["arch"], ranked["recipe"], strict=True)]
-    return next((name for name in names if name in there), None)
+    means = {
+        (str(arch), str(recipe)): [float(x) for x in group[VALIDATED].mean()]
+        for (arch, recipe), group in known.groupby(["arch", "recipe"])
+        if (arch, recipe) in there
+    }
+    if not means:
+        return None
+    share, _, trials = max(means.values())
+    low, _ = share_interval(share, int(trials))
+    return min((fuel, name) for name, (share, fuel, _) in means.items() if share >= low)[1]
 
 
 def of(rows: pd.DataFrame, name: Name) -> pd.DataFrame:
@@ -72,9 +80,12 @@ def _answer(question: str, plans: pd.DataFrame, name: Name | None, n: int) -> An
         chosen = flown(mine)
         parts.append(f"{chosen.name}, best on validation: {chosen.text}")
     parts.append(f"all {len(every)}: safe in {_range([one.safe for one in every])}")
+    said = verdict([chosen] if chosen else every)
+    if chosen and chosen.trainings == 1 and not verdict(every).startswith(said[:2]):
+        said += ", for one training"
     return Answer(
         question,
-        verdict([chosen] if chosen else every),
+        said,
         "; ".join(parts),
         _baseline(free, mine),
     )
@@ -87,7 +98,7 @@ def verdict(networks: list[Flown]) -> str:
         return "No: neither safe nor cheap" if dear else "No: not safe"
     if all(one.safe_interval[0] >= SAFE for one in networks):
         if all(one.fuel_interval[1] <= CHEAP for one in networks):
-            return "Yes" if all(one.trainings > 1 for one in networks) else "Yes, for one training"
+            return "Yes"
         return "No: safe, not cheap" if networks[0].fuel_interval[0] > CHEAP else "Open: fuel"
     return "Open: too few trials"
 

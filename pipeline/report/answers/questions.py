@@ -11,6 +11,7 @@ from pipeline.report.answers.paper import paper_answers
 from pipeline.report.answers.seeds import seeds_answer
 from pipeline.report.answers.times import times_answers
 from pipeline.report.blocks import Block, Column, Section, Table
+from pipeline.report.numbers import share
 from pipeline.report.results import Results
 
 TITLE = "Questions"
@@ -18,7 +19,7 @@ TITLE = "Questions"
 CAPTION = (
     "The paper's questions, and what the numbers say. Brackets are 95 % intervals: Wilson's of a "
     "share, Student's of a mean; planners that flew the same trials are compared trial by trial. "
-    f"Safe means that no pair comes within the collision radius at any time, in {SAFE:.0%} of "
+    f"Safe means that no pair comes within the collision radius at any time, in {share(SAFE)} of "
     f"trials by the whole interval; cheap, at most {CHEAP:g} times the bound on fuel. Where one "
     "network speaks for the others it was picked on validation data, never by these trials. The "
     "baseline, each craft's own optimum, costs nothing."

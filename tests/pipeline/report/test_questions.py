@@ -24,7 +24,7 @@ def shares(safe, of=400):
 def trained(*rows):
     """Networks with their share of safe validation scenarios and their fuel there."""
     columns = ["arch", "recipe", "valid_flown_safe_share", "valid_flown_fuel"]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=columns).assign(valid_flown_trials=500)
 
 
 def flown(rows, planner, recipe, safe, fuel, n=10, seed=0, reading="flown"):
@@ -52,11 +52,12 @@ def ask(rows):
 
 
 def test_the_network_that_speaks_for_the_others_is_picked_by_validation_not_by_the_trials(ask):
-    training = trained(("ff1", "tuned", 0.60, 1.0), ("lstm1", "tuned", 0.55, 0.5))
+    training = trained(("ff1", "tuned", 0.60, 1.0), ("lstm1", "tuned", 0.50, 0.5))
     answer = ask(training, ff1=(190, 1.3, 2), lstm1=(240, 1.2, 2))
     assert answer.numbers.startswith("FF1 tuned, best on validation: safe in 47.5 % [")
     assert "all 2: safe in 47.5 % to 60 %" in answer.numbers
-    tied = trained(("ff1", "tuned", 0.60, 1.0), ("lstm1", "tuned", 0.60, 0.5))
+    # Wilson's interval of 60 % in 500 begins at 55.6 %: 58 % may be as safe, and is cheaper.
+    tied = trained(("ff1", "tuned", 0.60, 1.0), ("lstm1", "tuned", 0.58, 0.5))
     assert "LSTM1 tuned, best" in ask(tied, ff1=(190, 1.3, 2), lstm1=(240, 1.2, 2)).numbers
 
 
@@ -89,7 +90,7 @@ def test_the_best_free_baseline_stands_beside_and_is_compared_trial_by_trial(ask
         (200, 1.3, 2, "No: neither safe nor cheap"),
         (200, 1.05, 2, "No: not safe"),
         (400, 1.05, 2, "Yes"),
-        (400, 1.05, 1, "Yes, for one training"),
+        (400, 1.05, 1, "Yes"),
         (400, 1.3, 2, "No: safe, not cheap"),
         (384, 1.05, 2, "Open: too few trials"),  # 96 % [93.6, 97.5] has 95 % in it
     ],
@@ -97,6 +98,12 @@ def test_the_best_free_baseline_stands_beside_and_is_compared_trial_by_trial(ask
 def test_a_verdict_is_what_the_intervals_leave_no_doubt_about(ask, safe, fuel, seeds, verdict):
     answer = ask(trained(("ff1", "tuned", 0.5, 1.0)), ff1=(safe, fuel, seeds))
     assert answer.verdict == verdict
+
+
+def test_what_one_training_does_and_others_do_not_is_said_of_it_alone(ask):
+    training = trained(("ff1", "tuned", 0.9, 1.0), ("lstm1", "tuned", 0.5, 1.0))
+    assert ask(training, ff1=(400, 1.0, 1), lstm1=(200, 1.0, 1)).verdict == "Yes, for one training"
+    assert ask(training, ff1=(400, 1.0, 2), lstm1=(200, 1.0, 1)).verdict == "Yes"
 
 
 def test_the_largest_swarm_has_a_row_of_its_own(rows):
