@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from pipeline.plan import Plan, Planner
+    from pipeline.plan import Plan
+    from pipeline.planners.planner import Planner
 
 from cli.dataset import SeparationName
 from cli.progress import each
@@ -100,7 +101,7 @@ def _planner(
     name: str, separation: SeparationName, effort: Effort | None, *, raw: bool
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
-    from pipeline.evaluation.named import named_planner
+    from pipeline.planners.named import named_planner
 
     told: Any = {"separation": separation.value, "effort": effort and effort.value, "raw": raw}
     found = named_planner(name, **told)

@@ -5,10 +5,10 @@ python docs/picture.py
 
 from pathlib import Path
 
-from pipeline.evaluation.baselines import BASELINES
-from pipeline.expert import Expert
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import track
+from pipeline.planners.baselines import BASELINES
+from pipeline.planners.expert import Expert
 from pipeline.report import Example, figure_transfer
 from pipeline.scenario import draw
 

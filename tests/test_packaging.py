@@ -6,6 +6,10 @@ import sys
 
 import pytest
 
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+from pipeline.scenario.document import write_scenario
+
 
 @pytest.mark.parametrize("package", ["pipeline", "registry", "cli"])
 def test_the_import_packages_belong_to_prolearn_alone(package):
@@ -31,3 +35,20 @@ def test_help_imports_no_heavy_package(command):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "Usage: prolearn" in done.stdout
+
+
+@pytest.mark.parametrize("planner", ["expert", "own-LP"])
+def test_planning_without_a_model_needs_neither_mlflow_nor_torch(planner, tmp_path):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
+    code = (
+        "import sys\n"
+        "from cli.main import app\n"
+        f"sys.argv = 'prolearn plan s.json --out p.json --planner {planner}'.split()\n"
+        "try:\n    app()\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        "found = {'torch', 'mlflow', 'cvxpy', 'pandas'} & set(sys.modules)\n"
+        "assert not found, found\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr

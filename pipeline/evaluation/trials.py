@@ -13,7 +13,8 @@ from pipeline.arrays import Array
 from pipeline.orbit.fuel import fuel, implied_controls
 from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect
-from pipeline.plan import SOLVED, Plan, Planner, is_safe
+from pipeline.plan import SOLVED, Plan, is_safe
+from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
 WARM_UP = 1

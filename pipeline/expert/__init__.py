@@ -1,19 +1,8 @@
 """The expert: sequential convex programming (SCP) with half-space collision constraints."""
 
-from pipeline.expert.expert import Expert, solve
+from pipeline.expert.expert import solve
 from pipeline.expert.own import own_optima
-from pipeline.expert.seeded import Seeded
 from pipeline.expert.seeds import SEEDS
 from pipeline.expert.settings import BEST, EFFORTS, FIRST_SAFE, Settings
 
-__all__ = [
-    "BEST",
-    "EFFORTS",
-    "FIRST_SAFE",
-    "SEEDS",
-    "Expert",
-    "Seeded",
-    "Settings",
-    "own_optima",
-    "solve",
-]
+__all__ = ["BEST", "EFFORTS", "FIRST_SAFE", "SEEDS", "Settings", "own_optima", "solve"]

@@ -1,7 +1,6 @@
-"""The expert planner: a scenario, and perhaps a seed, in; a plan with its certificate out."""
+"""The expert: a scenario, and perhaps a seed, in; a plan with its certificate out."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from time import perf_counter
 
 from jaxtyping import Float
@@ -56,23 +55,6 @@ def solve(scenario: Scenario, seed: Seed | None = None, settings: Settings | Non
         reasons = [tried, *filter(None, (found.obstacle, plan.message))]
         return replace(plan, status=UNSOLVED, message=": ".join(reasons))
     return plan
-
-
-@dataclass(frozen=True)
-class Expert:
-    """The expert as a planner.
-
-    Attributes:
-        settings: how to work.
-        name: what tables call it.
-    """
-
-    settings: Settings = field(default_factory=Settings)
-    name: str = "expert"
-
-    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario."""
-        return [replace(solve(s, settings=self.settings), planner=self.name) for s in scenarios]
 
 
 def _seed_controls(scenario: Scenario, seed: Seed) -> Float[Array, "n intervals 3"]:

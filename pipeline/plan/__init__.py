@@ -1,7 +1,7 @@
 """Plans: what each craft is to do, with a certificate that anyone can check."""
 
 from pipeline.plan.certificate import Certificate, certify, gap_of
-from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan, Planner
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.planned import is_safe, planned
 
 __all__ = [
@@ -11,7 +11,6 @@ __all__ = [
     "UNSOLVED",
     "Certificate",
     "Plan",
-    "Planner",
     "certify",
     "gap_of",
     "is_safe",

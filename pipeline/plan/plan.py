@@ -1,14 +1,12 @@
-"""A plan, and the one thing all planners have in common: scenarios in, plans out."""
+"""A plan, and what can become of a scenario."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.plan.certificate import Certificate
-from pipeline.scenario import Scenario
 
 SOLVED = "solved"
 """Dynamics, both ends in all six components, thrust limit and separation all hold."""
@@ -46,17 +44,3 @@ class Plan:
     convex_solves: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
-
-
-@runtime_checkable
-class Planner(Protocol):
-    """Whatever turns scenarios into plans: the expert, a baseline, a network."""
-
-    @property
-    def name(self) -> str:
-        """What tables and plans call it."""
-        ...
-
-    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario, in order; the scenarios share one problem and one n."""
-        ...

@@ -10,8 +10,8 @@ from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.evaluation.compare import compare
 from pipeline.evaluation.trials import Entrant, run_trials
-from pipeline.networks.flown import Flown
 from pipeline.networks.model import Model
+from pipeline.planners.network import Flown
 from registry.models import champion_of, crown, load, resolve
 from registry.version import ModelVersion
 

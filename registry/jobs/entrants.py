@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pipeline.dataset.folder import Where
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.evaluation.baselines import BASELINES, fuel_lower_bounds
 from pipeline.evaluation.trials import Entrant
-from pipeline.expert import Expert, Settings
-from pipeline.networks.flown import Flown, check_problem
+from pipeline.expert import Settings
 from pipeline.networks.model import Model
+from pipeline.planners.baselines import BASELINES, fuel_lower_bounds
+from pipeline.planners.expert import Expert
+from pipeline.planners.network import Flown, check_problem
 from registry.models import load, newest_trainings, resolve
 from registry.version import ModelVersion
 

@@ -7,7 +7,7 @@ import pandas as pd
 
 from pipeline.dataset.folder import Where
 from pipeline.evaluation.trials import Entrant
-from pipeline.expert import Expert
+from pipeline.planners.expert import Expert
 from pipeline.report.figures.scaling import COLLISIONS, FUEL, SAFE, scaling_figure
 from pipeline.report.figures.style import save, styles
 from pipeline.report.figures.transfer import figure_transfer

@@ -4,12 +4,13 @@ import re
 from dataclasses import replace
 
 from pipeline.errors import InputError
-from pipeline.evaluation.baselines import fuel_lower_bounds
-from pipeline.evaluation.named import NAMES, Separation, refuse_effort
-from pipeline.expert import EFFORTS, Seeded
+from pipeline.expert import EFFORTS
 from pipeline.networks.catalogue import architecture_names
-from pipeline.networks.flown import Flown
-from pipeline.plan import Planner
+from pipeline.planners.baselines import fuel_lower_bounds
+from pipeline.planners.named import NAMES, Separation, refuse_effort
+from pipeline.planners.network import Flown
+from pipeline.planners.planner import Planner
+from pipeline.planners.seeded import Seeded
 from registry.models import load
 from registry.version import PREFIX
 

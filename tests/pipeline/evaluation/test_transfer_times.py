@@ -8,11 +8,11 @@ from judge import Case, exact_step, least_fuel
 from judged import check_rows, judged
 
 from pipeline.errors import InputError
-from pipeline.evaluation.baselines import BASELINES
 from pipeline.evaluation.transfer_times import NODES, TIME_STEP, run_transfer_times, variations
 from pipeline.evaluation.trials import Entrant
-from pipeline.expert import Expert
 from pipeline.orbit.problem import Problem
+from pipeline.planners.baselines import BASELINES
+from pipeline.planners.expert import Expert
 from pipeline.scenario import draw
 
 PROBLEM = Problem()

@@ -8,12 +8,13 @@ from judge import Case, least_fuel
 from judged import check_rows, document, judged
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.evaluation.baselines import BASELINES, fuel_lower_bounds
 from pipeline.evaluation.trials import Entrant, run_trials
 from pipeline.evaluation.warmstart import run_warmstarts
-from pipeline.expert import Expert, Settings
+from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
+from pipeline.planners.baselines import BASELINES, fuel_lower_bounds
+from pipeline.planners.expert import Expert
 from pipeline.scenario import draw
 
 PROBLEM = Problem()

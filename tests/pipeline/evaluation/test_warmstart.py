@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import pytest
 
 from pipeline.evaluation.warmstart import RULES, run_warmstarts
-from pipeline.expert import SEEDS, Expert
+from pipeline.expert import SEEDS
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import own_seed
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation
+from pipeline.planners.expert import Expert
 from pipeline.scenario import draw
 
 SCENARIOS = [draw("rings", 0, 10, k, Problem()) for k in (1, 2, 3, 5)]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Expert, Seeded, Settings, interior_point, solve
+from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Settings, interior_point, solve
 from pipeline.expert.own import goal_miss
 from pipeline.expert.scp import Search
 from pipeline.expert.subproblem import UnsolvableError
@@ -17,6 +17,8 @@ from pipeline.orbit.rings import pro_states
 from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED
+from pipeline.planners.expert import Expert
+from pipeline.planners.seeded import Seeded
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 PROBLEM = Problem()

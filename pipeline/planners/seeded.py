@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from pipeline.expert.expert import solve
-from pipeline.expert.settings import Settings
-from pipeline.plan import Plan, Planner
+from pipeline.expert import Settings, solve
+from pipeline.plan import Plan
+from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
 

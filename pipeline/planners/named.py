@@ -4,9 +4,10 @@ from dataclasses import replace
 from typing import Literal
 
 from pipeline.errors import InputError
-from pipeline.evaluation.baselines import BASELINES
-from pipeline.expert import EFFORTS, Expert
-from pipeline.plan import Planner
+from pipeline.expert import EFFORTS
+from pipeline.planners.baselines import BASELINES
+from pipeline.planners.expert import Expert
+from pipeline.planners.planner import Planner
 
 EXPERT = "expert"
 

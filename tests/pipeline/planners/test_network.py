@@ -8,12 +8,12 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.flown import Flown, check_problem
 from pipeline.networks.model import Model
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan import SOLVED, UNSAFE
+from pipeline.planners.network import Flown, check_problem
 from pipeline.scenario import Scenario, draw
 
 PROBLEM = Problem()
