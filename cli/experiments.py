@@ -11,7 +11,7 @@ from cli.app import float_list, int_list, name_list
 from cli.progress import say, stage
 
 if TYPE_CHECKING:
-    from registry.results import Outcome
+    from registry.results import Done
 
 Models = Annotated[
     str | None,
@@ -199,6 +199,6 @@ def report(
     typer.echo(f"The report is {files.html} (and {files.markdown}).")
 
 
-def _done(what: str, outcome: "Outcome") -> None:
+def _done(what: str, outcome: "Done") -> None:
     when = " before" if outcome.earlier else ""
     typer.echo(f"{what}{when}; MLflow run {outcome.run_id}. Next: prolearn report")

@@ -33,7 +33,7 @@ SHOWN = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Results:
+class Run:
     """A finished run of an experiment.
 
     Attributes:
@@ -56,7 +56,7 @@ class Results:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Done:
     """What came of an experiment.
 
     Attributes:
@@ -139,7 +139,7 @@ def record(
         return run_id
 
 
-def latest(experiment: str, having: Mapping[str, str] | None = None) -> Results | None:
+def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | None:
     """The newest finished run of an experiment, or None.
 
     Args:
@@ -154,7 +154,7 @@ def latest(experiment: str, having: Mapping[str, str] | None = None) -> Results 
         return None if run is None else _read(store, run)
 
 
-def evaluation(run_id: str | None = None) -> Results:
+def evaluation(run_id: str | None = None) -> Run:
     """An evaluation: the newest, or the one of a run.
 
     Raises:
@@ -180,12 +180,12 @@ def evaluation(run_id: str | None = None) -> Results:
     )
 
 
-def _read(store: Store, run: Any) -> Results:
+def _read(store: Store, run: Any) -> Run:
     """A run with its tables."""
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
         tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
-    return Results(
+    return Run(
         run_id=run.info.run_id,
         created=moment(run.info.start_time),
         table=tables.pop(TABLE),
@@ -196,14 +196,14 @@ def _read(store: Store, run: Any) -> Results:
     )
 
 
-def fetch_files(results: Results, folder: Path) -> Path:
+def fetch_files(run: Run, folder: Path) -> Path:
     """Download the files recorded with a run into a folder, and return where they are.
 
     Raises:
         ProlearnError: where the store fails, or the run has none.
     """
     with opened(create=False) as store:
-        return Path(_download(store, results.run_id, "files", folder))
+        return Path(_download(store, run.run_id, "files", folder))
 
 
 @dataclass(frozen=True)

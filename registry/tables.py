@@ -49,7 +49,7 @@ class TrainingTables:
     curves: pd.DataFrame
 
 
-def training_table(versions: Sequence[ModelVersion]) -> TrainingTables:
+def training_tables(versions: Sequence[ModelVersion]) -> TrainingTables:
     """What the report says about some versions.
 
     Raises:

@@ -24,7 +24,7 @@ NEGLIGIBLE = 1e-13
 TOLERANCE = 1e-7
 """Relative tolerance of a joint program: far below what a round gains."""
 
-SOLVED = ("Solved", "AlmostSolved")
+OPTIMAL = ("Solved", "AlmostSolved")
 """What Clarabel calls an optimum."""
 
 Entries = tuple[Int[Array, "e"], Int[Array, "e"], Float[Array, "e"]]
@@ -67,9 +67,9 @@ def solve(sub: Subproblem) -> Optimum:
             make a subproblem infeasible.
     """
     found = new_solver(sub).solve()
-    if str(found.status) not in SOLVED:
+    if str(found.status) not in OPTIMAL:
         found = new_solver(sub, careful=True).solve()
-    if str(found.status) not in SOLVED:
+    if str(found.status) not in OPTIMAL:
         raise UnsolvableError(f"the convex solver stopped with {found.status}")
     n, m, k = sub.shape
     x, z = np.asarray(found.x), np.asarray(found.z)

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.interior_point import (
-    SOLVED,
+    OPTIMAL,
     controls_of,
     new_solver,
     right_hand_side,
@@ -86,7 +86,7 @@ def own_optima(
         solver.update(b=b)
         found = solver.solve()
         multipliers = -np.asarray(found.z)[:6] * scale * one.unit
-        feasible[k] = str(found.status) in SOLVED
+        feasible[k] = str(found.status) in OPTIMAL
         if feasible[k]:
             controls[k] = controls_of(np.asarray(found.x), one).reshape(-1, 3)
             bound[k] = _proven(multipliers, wanted, reach, problem.max_acceleration)

@@ -239,9 +239,9 @@ class Search:
         )
         if self.settings.solver == "clarabel":
             return interior_point.solve(sub)
-        from pipeline.expert import reference  # cvxpy takes a second to import
+        from pipeline.expert import readable  # cvxpy takes a second to import
 
-        return reference.solve(sub)
+        return readable.solve(sub)
 
     def _judge(self, clusters: list[Cluster]) -> None:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""

@@ -21,7 +21,7 @@ from pipeline.urls import public_url
 from registry.jobs.entrants import networks, unlearned
 from registry.jobs.example import example_transfer, label_of
 from registry.jobs.model_results import add_to_model
-from registry.results import Outcome, earlier_run, record
+from registry.results import Done, earlier_run, record
 from registry.store import EVALUATION
 
 
@@ -36,7 +36,7 @@ def evaluate(
     say: Callable[[str], None] = lambda sentence: None,
     expect: Callable[[int], None] = lambda total: None,
     report: Callable[[str], None] = lambda done: None,
-) -> Outcome:
+) -> Done:
     """Evaluate networks, expert and baselines, and record it.
 
     Args:
@@ -72,7 +72,7 @@ def evaluate(
         "models": ",".join(network.version.uri for network in learned),
     }
     if resume and (earlier := earlier_run(EVALUATION, params, say=say)):
-        return Outcome(earlier, earlier=True)
+        return Done(earlier, earlier=True)
     expect(len(chosen) * len(entrants))
     tables = [
         run_trials(
@@ -88,7 +88,7 @@ def evaluate(
     for network in learned:
         add_to_model(network, table, drawn, data, digest)
     # Last, since a finished run is what ``resume`` looks for.
-    return Outcome(_record(table, params, example_transfer(drawn, entrants), data, digest))
+    return Done(_record(table, params, example_transfer(drawn, entrants), data, digest))
 
 
 def test_scenarios(data: Where, n: int, trials: int | None = None) -> list[Scenario]:

@@ -9,13 +9,12 @@ import pandas as pd
 
 from pipeline.evaluation.warmstart import OPTIMIZERS
 from pipeline.provenance import version_change
-from pipeline.report import Example, ReportFiles, build_report
-from pipeline.report import Results as ReportResults
+from pipeline.report import Example, ReportFiles, Results, build_report
 from registry.environment import versions_of
 from registry.models import list_versions
-from registry.results import Results, evaluation, fetch_files, latest
+from registry.results import Run, evaluation, fetch_files, latest
 from registry.store import TRANSFER_TIMES, WARMSTART
-from registry.tables import training_table
+from registry.tables import training_tables
 from registry.version import ModelVersion
 
 SAME = ("dataset_digest", "models")
@@ -48,8 +47,8 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
         name: latest(experiment, same | having) for name, (experiment, having, _) in PARTS.items()
     }
     versions = _models(first)
-    training = training_table(versions)
-    results = ReportResults(
+    training = training_tables(versions)
+    results = Results(
         trials=first.table,
         warmstarts=_joined([parts[name] for name in parts if name != "Experiment 4"]),
         transfer_times=_joined([parts["Experiment 4"]]),
@@ -62,19 +61,19 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     return build_report(results, out)
 
 
-def _models(first: Results) -> list[ModelVersion]:
+def _models(first: Run) -> list[ModelVersion]:
     """The models of an evaluation that are still registered."""
     wanted = first.params.get("models", "").split(",")
     return [version for version in list_versions() if version.uri in wanted]
 
 
-def _joined(parts: Sequence[Results | None]) -> pd.DataFrame | None:
+def _joined(parts: Sequence[Run | None]) -> pd.DataFrame | None:
     tables = [part.table for part in parts if part is not None]
     return pd.concat(tables, ignore_index=True) if tables else None
 
 
 def _notes(
-    first: Results, parts: Mapping[str, Results | None], versions: Sequence[ModelVersion]
+    first: Run, parts: Mapping[str, Run | None], versions: Sequence[ModelVersion]
 ) -> list[str]:
     """What a reader must know of parts that are left out or made with other versions."""
     notes = []
@@ -98,7 +97,7 @@ def _notes(
 
 
 def _provenance(
-    first: Results, parts: Mapping[str, Results | None], versions: Sequence[ModelVersion]
+    first: Run, parts: Mapping[str, Run | None], versions: Sequence[ModelVersion]
 ) -> pd.DataFrame:
     """A row for each run that a table of the report comes from."""
     runs = {"Experiments 1 and 2, examples": first, **parts}
@@ -143,11 +142,11 @@ def _row(
     }
 
 
-def _day(run: Results) -> str:
+def _day(run: Run) -> str:
     return run.created.strftime("%Y-%m-%d %H:%M UTC")
 
 
-def _examples(first: Results) -> list[Example]:
+def _examples(first: Run) -> list[Example]:
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         folder = fetch_files(first, Path(scratch))
         return [_read_example(path) for path in sorted(folder.glob("*.npz"))]

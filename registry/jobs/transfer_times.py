@@ -17,7 +17,7 @@ from pipeline.evaluation.trials import Entrant
 from pipeline.orbit.problem import Problem
 from registry.jobs.entrants import Network, networks, unlearned
 from registry.jobs.evaluate import test_scenarios
-from registry.results import Outcome, earlier_run, record
+from registry.results import Done, earlier_run, record
 from registry.store import TRANSFER_TIMES
 
 
@@ -33,7 +33,7 @@ def transfer_times(
     say: Callable[[str], None] = lambda sentence: None,
     expect: Callable[[int], None] = lambda total: None,
     report: Callable[[str], None] = lambda done: None,
-) -> Outcome:
+) -> Done:
     """Give the same ends other transfer times, and record what becomes of every plan.
 
     Args:
@@ -68,12 +68,12 @@ def transfer_times(
         "models": ",".join(network.version.uri for network in learned),
     }
     if resume and (earlier := earlier_run(TRANSFER_TIMES, params, say=say)):
-        return Outcome(earlier, earlier=True)
+        return Done(earlier, earlier=True)
     expect(len(varied))
     table = run_transfer_times(
         _entrants_on(learned), scenarios, varied, report=lambda done: report(_called(done))
     )
-    return Outcome(record(TRANSFER_TIMES, table, params=params, dataset=(str(data), digest)))
+    return Done(record(TRANSFER_TIMES, table, params=params, dataset=(str(data), digest)))
 
 
 def _entrants_on(learned: Sequence[Network]) -> EntrantsOn:

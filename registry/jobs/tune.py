@@ -54,7 +54,7 @@ GRACE_SECONDS = 180
 
 
 @dataclass(frozen=True)
-class Search:
+class Tuning:
     """What is searched, and on what.
 
     Attributes:
@@ -145,7 +145,7 @@ def tune(
     followed = followed if epochs is None else replace(followed, epochs=epochs)
     learn, valid = examples(data, n, "train"), examples(data, n, "valid")
     dataset = DatasetInfo(str(data), read_manifest(data).digest(n), len(learn), len(valid))
-    search = Search(arch, followed, learn, valid, dataset, seed, device)
+    search = Tuning(arch, followed, learn, valid, dataset, seed, device)
     with opened() as opened_store:
         store = with_experiment(opened_store, TUNING)
         path = (storage or _storage_beside(store)).absolute()
@@ -187,7 +187,7 @@ def _explained(optuna: Any, path: Path) -> Iterator[None]:
         ) from error
 
 
-def _study(optuna: Any, path: Path, search: Search) -> "Study":
+def _study(optuna: Any, path: Path, search: Tuning) -> "Study":
     path.parent.mkdir(parents=True, exist_ok=True)
     # Several processes must not make its tables at once. Optuna calls its heartbeat experimental.
     with FileLock(f"{path}.lock"), warnings.catch_warnings():
@@ -204,7 +204,7 @@ def _study(optuna: Any, path: Path, search: Search) -> "Study":
 
 
 @contextmanager
-def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
+def _parent(store: Store, study: "Study", search: Tuning) -> Iterator[str]:
     """The run that holds those of the trials: the study's own, wherever it began."""
     known = study.user_attrs.get(PARENT)
     try:
@@ -225,7 +225,7 @@ def _search(
     optuna: Any,
     study: "Study",
     store: Store,
-    search: Search,
+    search: Tuning,
     trials: int,
     run_id: str,
     on_trial: Callable[[int, float], None],
@@ -249,7 +249,7 @@ def _search(
         )
 
 
-def _trial(trial: "Trial", store: Store, search: Search) -> float:
+def _trial(trial: "Trial", store: Store, search: Tuning) -> float:
     """Train once and record it as a nested run; the validation error in m."""
     recipe = replace(search.recipe, **{name: _suggest(trial, name) for name in SPACE})
     with recorded_run(

@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.evaluation.warmstart import EXPERT, OPTIMIZERS, run_warmstarts
 from registry.jobs.entrants import networks
 from registry.jobs.evaluate import test_scenarios
-from registry.results import Outcome, earlier_run, record
+from registry.results import Done, earlier_run, record
 from registry.store import WARMSTART
 
 
@@ -25,7 +25,7 @@ def warmstart(
     say: Callable[[str], None] = lambda sentence: None,
     expect: Callable[[int], None] = lambda total: None,
     report: Callable[[int], None] = lambda trials: None,
-) -> Outcome:
+) -> Done:
     """Start an optimizer from every seed on the same scenarios, and record it.
 
     Args:
@@ -60,11 +60,11 @@ def warmstart(
         "models": ",".join(network.version.uri for network in learned),
     }
     if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"], say)):
-        return Outcome(earlier, earlier=True)
+        return Done(earlier, earlier=True)
     expect(sum(map(len, scenarios.values())))
     tables = [
         run_warmstarts(predictors, scenarios[n], optimizer, report=lambda: report(1)) for n in sizes
     ]
     used = (str(data), digest)
     table = pd.concat(tables, ignore_index=True)
-    return Outcome(record(WARMSTART, table, params=params, dataset=used))
+    return Done(record(WARMSTART, table, params=params, dataset=used))

@@ -15,7 +15,7 @@ from pipeline.training.recipes import Recipe
 from registry.jobs.entrants import networks
 from registry.models import list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
-from registry.tables import training_table
+from registry.tables import training_tables
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
 
@@ -81,7 +81,7 @@ def test_a_run_tells_its_whole_story(project: Project) -> None:
 def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
     project.train(7.5)
 
-    tables = training_table(list_versions())
+    tables = training_tables(list_versions())
 
     history = project.trained.history
     assert tables.curves.to_dict("list") == {
@@ -104,12 +104,12 @@ def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) ->
 
     newest = [(v.recipe, v.version) for v in newest_trainings()]
     assert newest == [("paper", 3), ("tuned", 2)]
-    assert list(training_table(newest_trainings()).training["version"]) == [3, 2]
+    assert list(training_tables(newest_trainings()).training["version"]) == [3, 2]
 
 
 def test_an_empty_registry_gives_empty_tables(folder: Path) -> None:
     assert list_versions() == []
-    tables = training_table([])
+    tables = training_tables([])
     assert len(tables.training) == len(tables.curves) == 0
     assert {"arch", "recipe", "version", "valid_loss"} <= set(tables.training.columns)
 

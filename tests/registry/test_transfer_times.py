@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.jobs.transfer_times import transfer_times
-from registry.results import Outcome, latest
+from registry.results import Done, latest
 from registry.store import TRANSFER_TIMES
 from registry.training import DatasetInfo, record_training
 
@@ -40,9 +40,9 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
     asked: dict[str, Any] = {"n": CRAFT, "nodes": (6, 11), "time_steps": (60.0, 240.0)}
     done = transfer_times([], solved, **asked, trials=2, report=said.append)
     found = latest(TRANSFER_TIMES)
-    assert done == Outcome(found.run_id)
+    assert done == Done(found.run_id)
     again = transfer_times([], solved, **asked, trials=2, resume=True)
-    assert again == Outcome(found.run_id, earlier=True)
+    assert again == Done(found.run_id, earlier=True)
     assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,240")
     assert said[0] == "T = 6, Δt = 120 s"
     assert len(said) == 4

@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.jobs.warmstart import warmstart
-from registry.results import Outcome, latest
+from registry.results import Done, latest
 from registry.store import WARMSTART
 from registry.training import DatasetInfo, record_training
 
@@ -36,7 +36,7 @@ def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
         assert found.params["optimizer"] == optimizer
         assert set(found.table.optimizer) == {optimizer}
         again = warmstart([], solved, **asked, optimizer=optimizer, resume=True)
-        assert again == Outcome(done.run_id, earlier=True)
+        assert again == Done(done.run_id, earlier=True)
     assert latest(WARMSTART).run_id == plain.run_id
     more = warmstart([], solved, sizes=(CRAFT,), trials=3, optimizer="plain", resume=True)
     assert not more.earlier

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from pipeline.expert import interior_point, reference
+from pipeline.expert import interior_point, readable
 from pipeline.expert.cuts import conflicts, gaps, half_spaces
 from pipeline.expert.own import control_limit, control_unit, goal_miss, own_optima
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
@@ -66,7 +66,7 @@ def test_both_formulations_and_highs_agree_on_the_optimum(index):
     sub = subproblem(12, index)
     exact = by_highs(sub)
     assert objective(sub, interior_point.solve(sub)) == pytest.approx(exact, rel=1e-6)
-    assert objective(sub, reference.solve(sub)) == pytest.approx(exact, rel=1e-6)
+    assert objective(sub, readable.solve(sub)) == pytest.approx(exact, rel=1e-6)
 
 
 def test_they_agree_under_a_thrust_limit_and_where_slack_is_cheap():
@@ -74,7 +74,7 @@ def test_they_agree_under_a_thrust_limit_and_where_slack_is_cheap():
     exact = by_highs(sub)
     assert interior_point.solve(sub).slack.max() > 0.1
     assert objective(sub, interior_point.solve(sub)) == pytest.approx(exact, rel=1e-6)
-    assert objective(sub, reference.solve(sub)) == pytest.approx(exact, rel=1e-6)
+    assert objective(sub, readable.solve(sub)) == pytest.approx(exact, rel=1e-6)
 
 
 def test_a_solution_is_as_far_apart_as_its_half_spaces_ask():
@@ -93,14 +93,14 @@ def test_a_solution_is_as_far_apart_as_its_half_spaces_ask():
     assert reached.min() >= 15.0 - 1e-5
 
 
-@pytest.mark.parametrize("solve", [interior_point.solve, reference.solve])
+@pytest.mark.parametrize("solve", [interior_point.solve, readable.solve])
 def test_a_limit_that_no_transfer_keeps_is_said_to_be_unsolvable(solve):
     sub = subproblem(3, 0, Problem(max_acceleration=1e-5))
     with pytest.raises(UnsolvableError):
         solve(sub)
 
 
-@pytest.mark.parametrize("solve", [interior_point.solve, reference.solve])
+@pytest.mark.parametrize("solve", [interior_point.solve, readable.solve])
 def test_a_price_is_what_a_little_more_separation_costs(solve):
     sub, more = subproblem(12, 1), 1e-2
     best = solve(sub)
