@@ -5,12 +5,15 @@ nothing behind, a cluster needs no shared disk, and only the process that holds 
 """
 
 import os
+import signal
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 import joblib
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
@@ -119,7 +122,9 @@ class Workers:
             parallel = joblib.Parallel(
                 n_jobs=self.jobs, return_as="generator_unordered", batch_size=1
             )
-            with closing(parallel(calls)) as results:
+            with _deaf_to_interrupts():
+                begun = parallel(calls)
+            with closing(begun) as results:
                 for number, result in results:
                     if isinstance(result, ProlearnError):
                         raise result
@@ -141,6 +146,25 @@ class Workers:
                     f"the scheduler at {where} has no workers; start some with "
                     f"`dask worker {where}`."
                 ) from error
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes that start in the block never see Ctrl-C, which a terminal sends to all of them.
+
+    One that is still importing would print a traceback; this process tells them when to stop.
+    Its own Ctrl-C waits until the block has ended.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    for tracker in (resource_tracker, loky_tracker):
+        tracker.ensure_running()  # one that started in the block would undo it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

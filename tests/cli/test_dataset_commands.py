@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -167,6 +168,38 @@ def test_ctrl_c_stops_within_two_seconds_and_keeps_what_is_finished(long_work, t
     assert kinds <= {"is missing", "is not in the manifest"}
     assert sum(fault.what != "is missing" for fault in faults) <= 1
     assert not list(long_work.rglob("*.tmp"))
+
+
+def workers_of(pid):
+    """Worker processes that a process has started, however far they have come."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(entry.read_text().rpartition(")")[2].split()[1])
+            line = (entry.parent / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if parent == pid and b"loky" in line and b"resource_tracker" not in line:
+            found.append(int(entry.parent.name))
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
+@pytest.mark.parametrize("wait", [0.0, 0.2, 0.5])
+def test_ctrl_c_while_workers_are_starting_shows_no_traceback(long_work, wait):
+    command = [*PROGRAM, "solve", str(long_work), "--jobs", "2"]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    end = time.monotonic() + 40
+    while len(workers_of(process.pid)) < 2 and time.monotonic() < end:
+        time.sleep(0.005)
+    time.sleep(wait)
+    os.killpg(process.pid, signal.SIGINT)
+    _, complaints = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert complaints.splitlines()[-1] == "prolearn: interrupted; what was finished is kept."
+    assert "Traceback" not in complaints
 
 
 def test_after_kill_9_of_the_main_process_its_workers_end_and_the_next_run_completes(long_work):
