@@ -8,6 +8,9 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 
+DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
+"""Subpackages of ``pipeline`` and distributions that a result depends on."""
+
 DIGITS = 12
 """Hexadecimal digits of a code's digest that are shown."""
 

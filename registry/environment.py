@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.networks.catalogue import distribution_of
-from pipeline.provenance import made_with, version_change
+from pipeline.provenance import DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
 
@@ -28,7 +28,7 @@ EVALUATED_BY = (
 """Code of ours and packages that decide what comes of a training, and of an experiment."""
 
 
-def environment_tags(decided_by: tuple[tuple[str, ...], tuple[str, ...]]) -> dict[str, str]:
+def environment_tags(decided_by: DecidedBy) -> dict[str, str]:
     """Versions, platform and, where the code is in a git checkout, its commit.
 
     Args:
@@ -42,9 +42,7 @@ def environment_tags(decided_by: tuple[tuple[str, ...], tuple[str, ...]]) -> dic
     return tags | ({"git_commit": commit} if commit else {})
 
 
-def changed_since(
-    tags: Mapping[str, str], decided_by: tuple[tuple[str, ...], tuple[str, ...]]
-) -> str:
+def changed_since(tags: Mapping[str, str], decided_by: DecidedBy) -> str:
     """The first version that differs from those of an earlier run; empty where none does."""
     return version_change(versions_of(tags), made_with(*decided_by))
 

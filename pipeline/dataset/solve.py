@@ -34,7 +34,7 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_scenario
 from pipeline.plan import SOLVED, UNSOLVED
-from pipeline.provenance import made_with, refuse_other_versions
+from pipeline.provenance import DecidedBy, made_with, refuse_other_versions
 from pipeline.scenario import Scenario
 
 
@@ -126,7 +126,7 @@ def refuse_versions(manifest: Manifest, folder: str) -> None:
         refuse_other_versions(f"{folder} was solved", manifest.solved_with, versions)
 
 
-def decided_by(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def decided_by(settings: Settings) -> DecidedBy:
     """Code of ours and packages that the bytes of plans depend on."""
     readable = ("cvxpy",) if settings.solver == "cvxpy" else ()
     packages = ("numpy", "scipy", "pyarrow", "clarabel", *readable)

@@ -11,7 +11,7 @@ import joblib
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import ProlearnError
-from pipeline.provenance import made_with, version_change
+from pipeline.provenance import DecidedBy, made_with, version_change
 
 PARENT_SECONDS = 1.0
 """How often a worker looks whether its parent is still there."""
@@ -52,9 +52,7 @@ def _work(
         return number, error
 
 
-def check_worker(
-    expected: Mapping[str, str], decided_by: tuple[tuple[str, ...], tuple[str, ...]]
-) -> None:
+def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
     """Refuse to work on a shard with other versions than the process that asked for it has.
 
     Raises:

@@ -7,7 +7,7 @@ nothing behind, a cluster needs no shared disk, and only the process that holds 
 import os
 import signal
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
@@ -122,9 +122,9 @@ class Workers:
             parallel = joblib.Parallel(
                 n_jobs=self.jobs, return_as="generator_unordered", batch_size=1
             )
-            with _deaf_to_interrupts():
-                begun = parallel(calls)
-            with closing(begun) as results:
+            with ExitStack() as stack:  # an interrupt that waited finds the results to close
+                with _deaf_to_interrupts():
+                    results = stack.enter_context(closing(parallel(calls)))
                 for number, result in results:
                     if isinstance(result, ProlearnError):
                         raise result

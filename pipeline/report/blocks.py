@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pipeline.report.numbers import percents
+
 
 @dataclass(frozen=True)
 class Column:
@@ -88,7 +90,7 @@ def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
     if column.interval:
         ends = zip(*(frame[end] for end in column.interval), strict=True)
         texts = [
-            text if pd.isna(low) else f"{text} [{100 * low:.1f}, {100 * high:.1f}]"
+            text if pd.isna(low) else f"{text} {percents(low, high)}"
             for text, (low, high) in zip(texts, ends, strict=True)
         ]
     return texts

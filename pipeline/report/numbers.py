@@ -50,6 +50,11 @@ def share(value: float) -> str:
     return f"{percent:.1f}".removesuffix(".0") + " %"
 
 
+def percents(low: float, high: float) -> str:
+    """The interval of a share, in percent."""
+    return f"[{100 * low:.1f}, {100 * high:.1f}]"
+
+
 def error(metres: float) -> str:
     """An error in m; what is rounding of the arithmetic shows as such."""
     return "< 1e-6" if metres < NEGLIGIBLE else number(metres)

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from processes import workers_of
 from typer.testing import CliRunner
 
 from cli.main import app
@@ -168,20 +169,6 @@ def test_ctrl_c_stops_within_two_seconds_and_keeps_what_is_finished(long_work, t
     assert kinds <= {"is missing", "is not in the manifest"}
     assert sum(fault.what != "is missing" for fault in faults) <= 1
     assert not list(long_work.rglob("*.tmp"))
-
-
-def workers_of(pid):
-    """Worker processes that a process has started, however far they have come."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(entry.read_text().rpartition(")")[2].split()[1])
-            line = (entry.parent / "cmdline").read_bytes()
-        except OSError:
-            continue
-        if parent == pid and b"loky" in line and b"resource_tracker" not in line:
-            found.append(int(entry.parent.name))
-    return found
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import pandas as pd
 
 from pipeline.evaluation.compare import Interval, mean_interval, share_interval
-from pipeline.report.numbers import number, ratio, share
+from pipeline.report.numbers import number, percents, ratio, share
 from pipeline.report.planners import name_of
-from pipeline.report.summary.trials import NO_FUEL
+from pipeline.report.summary.trials import as_share, fuel_ratio
 
 FREE = "own LP"
 """The best planner that costs nothing: each craft's own optimum, at the bound on fuel."""
@@ -37,7 +37,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Flown:
+class Measured:
     """What one planner does at one swarm size.
 
     Attributes:
@@ -68,20 +68,16 @@ class Flown:
 
 
 def with_ratio(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials with the column fuel_ratio, fuel over its bound where there is one."""
-    bound = trials["fuel_lower_bound"].astype(float)
-    return trials.assign(
-        fuel_ratio=trials["fuel"].astype(float) / bound.where(bound > NO_FUEL),
-        safe=trials["safe"].astype("boolean").fillna(False).astype(bool),
-    )
+    """Trials with the column fuel_ratio, fuel over its bound, and safe as 1 or 0."""
+    return trials.assign(fuel_ratio=fuel_ratio(trials), safe=as_share(trials["safe"]))
 
 
-def flown(rows: pd.DataFrame) -> Flown:
+def measured(rows: pd.DataFrame) -> Measured:
     """The numbers of one planner's trials, of one or several trainings."""
     first = rows.iloc[0]
     per = rows.groupby("trial")[["safe", "fuel_ratio"]].mean()
     safe = float(per["safe"].mean())
-    return Flown(
+    return Measured(
         name=called(str(first["planner"]), str(first["recipe"] or "")),
         trials=len(per),
         trainings=int(rows["training_seed"].nunique()),
@@ -99,7 +95,7 @@ def called(planner: str, recipe: str) -> str:
 
 def share_text(value: float, interval: Interval) -> str:
     """A share with its interval, in percent."""
-    return f"{share(value)} [{100 * interval[0]:.1f}, {100 * interval[1]:.1f}]"
+    return f"{share(value)} {percents(*interval)}"
 
 
 def interval_text(interval: Interval) -> str:

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from pipeline.evaluation.compare import compare, share_interval
-from pipeline.report.answers.answer import CHEAP, FREE, SAFE, Answer, Flown, flown
+from pipeline.report.answers.answer import CHEAP, FREE, SAFE, Answer, Measured, measured
 from pipeline.report.numbers import share
 from pipeline.report.paper_values import NETWORK_SIZE
 from pipeline.report.planners import is_network
@@ -72,12 +72,12 @@ def _answer(question: str, plans: pd.DataFrame, name: Name | None, n: int) -> An
     if networks.empty:
         return None
     groups = networks.assign(recipe=networks["recipe"].fillna("")).groupby(["planner", "recipe"])
-    every = [flown(rows) for _, rows in groups]
+    every = [measured(rows) for _, rows in groups]
     free = here[here["planner"] == FREE]
     mine = None if name is None else of(networks, name)
     parts, chosen = [], None
     if mine is not None and not mine.empty:
-        chosen = flown(mine)
+        chosen = measured(mine)
         parts.append(f"{chosen.name}, best on validation: {chosen.text}")
     parts.append(f"all {len(every)}: safe in {_range([one.safe for one in every])}")
     said = verdict([chosen] if chosen else every)
@@ -91,7 +91,7 @@ def _answer(question: str, plans: pd.DataFrame, name: Name | None, n: int) -> An
     )
 
 
-def verdict(networks: list[Flown]) -> str:
+def verdict(networks: list[Measured]) -> str:
     """What intervals leave no doubt about, for all of some networks."""
     if all(one.safe_interval[1] < SAFE for one in networks):
         dear = all(one.fuel_interval[0] > CHEAP for one in networks)
@@ -106,7 +106,7 @@ def verdict(networks: list[Flown]) -> str:
 def _baseline(free: pd.DataFrame, mine: pd.DataFrame | None) -> str:
     if free.empty:
         return ""
-    text = f"Own LP: {flown(free).text}"
+    text = f"Own LP: {measured(free).text}"
     if mine is None or mine.empty:
         return text
     held = compare(mine, free)

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from pipeline.evaluation.compare import CHANCE, compare
-from pipeline.report.answers.answer import FREE, Answer, flown, with_ratio
+from pipeline.report.answers.answer import FREE, Answer, measured, with_ratio
 from pipeline.report.answers.networks import of, picked
 from pipeline.report.numbers import ratio, share
 from pipeline.report.planners import is_network
@@ -64,7 +64,7 @@ def _answer(
         if first == last
         else f"Only from {where}"
     )
-    there = flown(mine[home[0]][1])
+    there = measured(mine[home[0]][1])
     return Answer(
         f"Does a network trained for {trained.minutes:g} min serve other {called}?",
         verdict,
@@ -80,7 +80,7 @@ def _by_time(rows: pd.DataFrame) -> list[Row]:
 
 def _worst(mine: list[Row]) -> str:
     """The worst of one planner over its transfer times."""
-    numbers = [(minutes, flown(rows)) for minutes, rows in mine]
+    numbers = [(minutes, measured(rows)) for minutes, rows in mine]
     least = min(numbers, key=lambda row: row[1].safe)
     dearest = max(numbers, key=lambda row: row[1].fuel)
     return (
@@ -102,4 +102,4 @@ def _kept_around(mine: list[Row], home: int) -> tuple[int, int]:
 def _kept(rows: pd.DataFrame, home: pd.DataFrame) -> bool:
     held = compare(rows, home)
     less_safe = held.safe < 0 and held.safe_by_chance <= CHANCE
-    return not less_safe and flown(rows).fuel <= DEARER * flown(home).fuel
+    return not less_safe and measured(rows).fuel <= DEARER * measured(home).fuel

@@ -38,11 +38,10 @@ def summarize(trials: pd.DataFrame) -> pd.DataFrame:
         dynamics_error (mean, m), seconds_mean, convex_solves_mean, the columns of ``SPREAD`` (NaN
         where there is one training), safe_low and safe_high (Wilson's interval of the share).
     """
-    bound = trials["fuel_lower_bound"].astype(float)
     rows = trials.assign(
         recipe=trials["recipe"].fillna(""),
         safe=as_share(trials["safe"]).where(trials["reading"] != PREDICTED),
-        fuel_ratio=trials["fuel"].astype(float) / bound.where(bound > NO_FUEL),
+        fuel_ratio=fuel_ratio(trials),
     )
     each = rows.groupby([*GROUP, "training_seed"], as_index=False, sort=False).agg(
         trials=("trial", "nunique"),
@@ -66,6 +65,12 @@ def reference_size(trials: pd.DataFrame) -> int:
     """The paper's n=10, or the size nearest to it that has trials (the smaller of two)."""
     sizes = sorted(int(n) for n in trials["n"].unique())
     return min(sizes, key=lambda n: abs(n - NETWORK_SIZE))
+
+
+def fuel_ratio(trials: pd.DataFrame) -> "pd.Series[float]":
+    """Fuel over its bound in each trial; NaN where the bound is none."""
+    bound = trials["fuel_lower_bound"].astype(float)
+    return trials["fuel"].astype(float) / bound.where(bound > NO_FUEL)
 
 
 def as_share(safe: "pd.Series[bool]") -> "pd.Series[float]":

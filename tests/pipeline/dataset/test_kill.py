@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from processes import workers_of
 
 SCRIPT = """
 import json, os, signal, sys
@@ -111,20 +112,6 @@ SOLVE = textwrap.dedent("""
 """)
 
 
-def children(pid):
-    """Processes that a process started and that run our code."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(entry.read_text().rpartition(")")[2].split()[1])
-            line = (entry.parent / "cmdline").read_bytes()
-        except OSError:
-            continue
-        if parent == pid and b"resource_tracker" not in line:
-            found.append(int(entry.parent.name))
-    return found
-
-
 @pytest.fixture
 def busy(tmp_path):
     """A folder with some work for two processes."""
@@ -162,7 +149,7 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
         [sys.executable, "-c", SOLVE, str(busy)], stdout=subprocess.PIPE, text=True
     )
     assert until(lambda: list(busy.glob("n=6/part-*")))
-    workers = children(run.pid)
+    workers = workers_of(run.pid)
     assert len(workers) == 2
     os.kill(workers[0], signal.SIGKILL)
     said, _ = run.communicate(timeout=60)
