@@ -2,9 +2,9 @@
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from uuid import uuid4
 
 PREFIX, SUFFIX = ".", ".tmp"
 """How names of files begin and end that are not finished yet."""
@@ -17,9 +17,8 @@ def published(path: Path) -> Iterator[Path]:
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f"{PREFIX}{path.name}.", suffix=SUFFIX, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
+    # Named here and made in the block: a file made before it would outlive an interrupt between.
+    temporary = path.parent / f"{PREFIX}{path.name}.{uuid4().hex}{SUFFIX}"
     try:
         yield temporary
         temporary.chmod(0o644)
