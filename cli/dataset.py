@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.watch import watching
+from cli.progress import progress
 from pipeline.errors import InputError
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
-    from pipeline.dataset.workers import Workers
+    from pipeline.dataset.stages.workers import Workers
 
 
 class Backend(StrEnum):
@@ -88,8 +88,8 @@ def sample(
 
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
     """
-    from pipeline.dataset.manifest import Sample
-    from pipeline.dataset.sample import sample as run
+    from pipeline.dataset.stages.sample import sample as run
+    from pipeline.dataset.storage.manifest import Sample
     from pipeline.orbit.cw import mean_motion_at
     from pipeline.orbit.problem import Problem
 
@@ -99,8 +99,8 @@ def sample(
         mean_motion_at(altitude), time_step, nodes, collision_radius, max_acceleration
     )
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
-    with watching("sampling") as watch:
-        run(out, {n: one}, problem, jobs=jobs, watch=watch)
+    with progress("sampling") as shown:
+        run(out, {n: one}, problem, jobs=jobs, progress=shown)
     where = public_url(out)
     typer.echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
 
@@ -149,13 +149,13 @@ def make(
         prolearn dataset --preset demo --out data/demo
         prolearn dataset --preset paper
     """
-    from pipeline.dataset.presets import PRESETS
-    from pipeline.dataset.sample import sample as run
+    from pipeline.dataset.stages.presets import PRESETS
+    from pipeline.dataset.stages.sample import sample as run
     from pipeline.orbit.problem import Problem
 
     folder, workers = out or f"data/{preset}", _workers(jobs, backend, scheduler)
-    with watching("sampling") as watch:
-        run(folder, PRESETS[preset], Problem(), jobs=jobs, watch=watch)
+    with progress("sampling") as shown:
+        run(folder, PRESETS[preset], Problem(), jobs=jobs, progress=shown)
     _solve(folder, workers, SeparationName.CONTINUOUS, SolverName.CLARABEL)
 
 
@@ -176,15 +176,15 @@ def verify(
         prolearn verify data/paper
         prolearn verify data/paper --repair
     """
-    from pipeline.dataset.verify import repair
-    from pipeline.dataset.verify import verify as run
-    from pipeline.dataset.workers import Workers
+    from pipeline.dataset.stages.verify import repair
+    from pipeline.dataset.stages.verify import verify as run
+    from pipeline.dataset.stages.workers import Workers
 
     workers = Workers(jobs)
-    with watching("mending" if mend else "verifying") as watch:
+    with progress("mending" if mend else "verifying") as shown:
         found = repair if mend else run
-        faults = list(found(folder, workers=workers, watch=watch))
-        rows = watch.rows
+        faults = list(found(folder, workers=workers, progress=shown))
+        rows = shown.count
     for fault in faults:
         typer.echo(f"{fault.path}: {fault.what}", err=True)
     where = public_url(folder)
@@ -200,19 +200,19 @@ def verify(
 
 def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
-    from pipeline.dataset.workers import Workers
+    from pipeline.dataset.stages.workers import Workers
 
     return Workers(jobs, backend.value, scheduler if backend is Backend.DASK else None)
 
 
 def _solve(folder: str, workers: "Workers", separation: SeparationName, solver: SolverName) -> None:
-    from pipeline.dataset.solve import solve as run
+    from pipeline.dataset.stages.solve import solve as run
     from pipeline.expert import Settings
 
     settings = Settings(separation=separation.value, solver=solver.value)
-    with watching("solving", can_fail=True) as watch:
-        run(folder, settings, workers=workers, watch=watch)
-    done = f"{watch.rows} now, {watch.failed} without a plan"
+    with progress("solving") as shown:
+        run(folder, settings, workers=workers, progress=shown)
+    done = f"{shown.count} now, {shown.failed} without a plan"
     typer.echo(f"{public_url(folder)} is solved ({done}).")
 
 

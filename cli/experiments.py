@@ -1,14 +1,13 @@
 """Commands that run the paper's experiments, from evaluate to transfer-times, and the report."""
 
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cli.app import float_list, int_list, name_list
-from cli.progress import say, stage
+from cli.progress import progress
 
 if TYPE_CHECKING:
     from registry.results import Done
@@ -51,10 +50,10 @@ def evaluate(
         prolearn evaluate
         prolearn evaluate --models ff1,lstm2 --n 2..30 --data data/paper
     """
-    from registry.jobs.evaluate import evaluate as run
+    from cli.stages.evaluate import evaluate as run
 
     sizes = None if n is None else int_list(n)
-    with stage("evaluating") as shown:
+    with progress("evaluating") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -62,9 +61,7 @@ def evaluate(
             trials=trials,
             timed=timed,
             resume=resume,
-            say=say,
-            expect=shown.expect,
-            report=partial(shown.advance, 1),
+            progress=shown,
         )
     _done("Evaluated", outcome)
 
@@ -110,10 +107,10 @@ def warmstart(
         prolearn warmstart --models ff1,ffcol --n 10 --trials 100
         prolearn warmstart --optimizer plain
     """
-    from registry.jobs.warmstart import warmstart as run
+    from cli.stages.warmstart import warmstart as run
 
     sizes = int_list(SIZES[optimizer] if n is None else n)
-    with stage("warm starts") as shown:
+    with progress("warm starts") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -121,9 +118,7 @@ def warmstart(
             trials=trials,
             optimizer=optimizer.value,
             resume=resume,
-            say=say,
-            expect=shown.expect,
-            report=shown.advance,
+            progress=shown,
         )
     _done("Warm starts done", outcome)
 
@@ -156,11 +151,11 @@ def transfer_times(
         prolearn transfer-times
         prolearn transfer-times --models lstm2 --nodes 6,11,16 --time-step 60,240
     """
-    from registry.jobs.transfer_times import transfer_times as run
+    from cli.stages.transfer_times import transfer_times as run
 
     grids = int_list(nodes, "--nodes")
     steps = None if time_step is None else float_list(time_step, "--time-step")
-    with stage("transfer times") as shown:
+    with progress("transfer times") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -169,9 +164,7 @@ def transfer_times(
             time_steps=steps,
             trials=trials,
             resume=resume,
-            say=say,
-            expect=shown.expect,
-            report=partial(shown.advance, 1),
+            progress=shown,
         )
     _done("Transfer times done", outcome)
 
@@ -193,7 +186,7 @@ def report(
         prolearn report --out reports/
         prolearn report --evaluation 0123456789abcdef0123456789abcdef
     """
-    from registry.jobs.report import report as run
+    from cli.stages.report import report as run
 
     files = run(out, evaluation)
     typer.echo(f"The report is {files.html} (and {files.markdown}).")

@@ -16,7 +16,7 @@ from cli.progress import each
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
-    from registry.jobs.export import ExportedModel
+    from cli.stages.export import ExportedModel
     from registry.version import ModelVersion
 
 app = typer.Typer(
@@ -162,7 +162,7 @@ def promote(
 
         prolearn models promote lstm2 --version 3 --data data/paper
     """
-    from registry.jobs.champion import promote as run
+    from cli.stages.champion import promote as run
 
     held = run(name, version, data, force=force)
     reason = f" ({held.reason})" if held.reason else ""
@@ -212,7 +212,7 @@ def export(
         prolearn models export ff1/3 --n 12 --flown --out ff1-n12.onnx
         prolearn models export ff1 lstm2 --out onboard/
     """
-    from registry.jobs.export import export as run
+    from cli.stages.export import export as run
     from registry.models import resolve
 
     versions = [resolve(model) for model in models]  # a name that is wrong stops all of them
@@ -223,7 +223,7 @@ def export(
 
 def _targets(versions: Sequence["ModelVersion"], out: Path | None) -> list[Path | None]:
     """The file of each model; None for its default."""
-    from registry.jobs.export import file_name
+    from cli.stages.export import file_name
 
     if len(versions) == 1:
         return [out]

@@ -106,7 +106,7 @@ def _planner(
     told: Any = {"separation": separation.value, "effort": effort and effort.value, "raw": raw}
     found = named_planner(name, **told)
     if found is None:
-        from registry.jobs.plan import model_planner
+        from cli.stages.plan import model_planner
 
         found = model_planner(name, **told)
     return found

@@ -22,6 +22,7 @@ from rich.progress import (
 from rich.table import Column
 from rich.text import Text
 
+from pipeline.progress import Progress as Told
 from pipeline.urls import public
 
 LINE_SECONDS = 5.0
@@ -36,11 +37,6 @@ class RateColumn(ProgressColumn):
         return Text(f"{task.speed:.3g}/s" if task.speed else "")
 
 
-def say(sentence: str) -> None:
-    """Tell a person what they should know, beside the output."""
-    typer.echo(f"prolearn: {public(sentence)}", err=True)
-
-
 class NoteColumn(ProgressColumn):
     """The note, cut where there is no room for it."""
 
@@ -49,66 +45,62 @@ class NoteColumn(ProgressColumn):
         return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")
 
 
-class Shown(Protocol):
-    """Progress on the screen."""
+class Display(Protocol):
+    """Where progress towards some number of units is shown."""
 
-    def advance(self, done: int, note: str = "") -> None:
+    def advance(self, done: int, note: str) -> None:
         """Count units just done, with a note to show."""
 
     def end(self, note: str) -> None:
         """Say why no more units come, where there were fewer than thought."""
 
 
+class Shown(Told):
+    """Shows how far some work is once it says how much there is of it.
+
+    Attributes:
+        count: units that are done.
+        failed: how many of them failed.
+    """
+
+    def __init__(self, what: str, stack: ExitStack) -> None:
+        self.count = self.failed = 0
+        self._what, self._stack = what, stack
+        self._display: Display | None = None
+
+    def expect(self, total: int) -> None:
+        """Begin to show progress towards so many units; none show nothing."""
+        self._stack.close()
+        self._display = self._stack.enter_context(_display(self._what, total)) if total else None
+
+    def done(self, units: int = 1, note: str = "", *, failed: int = 0) -> None:
+        """Show what is done, with the note and the share that failed."""
+        self.count += units
+        self.failed += failed
+        if self.failed:
+            note = f"{self.failed / self.count:.1%} failed"
+        if self._display and units:
+            self._display.advance(units, note)
+
+    def end(self, note: str) -> None:
+        """Show that it is over."""
+        if self._display:
+            self._display.end(note)
+
+    def say(self, sentence: str) -> None:
+        """Tell a person, beside the output."""
+        typer.echo(f"prolearn: {public(sentence)}", err=True)
+
+
 @contextmanager
-def progress(what: str, total: int) -> Iterator[Shown]:
+def progress(what: str) -> Iterator[Shown]:
     """Show how far some work is.
 
     Args:
         what: the work, such as "solving".
-        total: units of it.
-    """
-    console = Console(stderr=True)
-    if console.is_terminal:
-        with _columns(console) as bar:
-            yield _Bar(bar, bar.add_task(what, total=total, note=""))
-    else:
-        yield _Lines(console, what, total)
-
-
-class Stage:
-    """Work that says how much there is of it once it knows; where there is none, nothing shows."""
-
-    def __init__(self, what: str, stack: ExitStack) -> None:
-        self._what, self._stack = what, stack
-        self._shown: Shown | None = None
-
-    def expect(self, total: int) -> None:
-        """Begin to show progress towards so many units."""
-        self._stack.close()
-        self._shown = None
-        if total > 0:
-            self._shown = self._stack.enter_context(progress(self._what, total))
-
-    def advance(self, done: int, note: str = "") -> None:
-        """Count units just done, with a note to show."""
-        if self._shown:
-            self._shown.advance(done, note)
-
-    def end(self, note: str) -> None:
-        """Say why no more units come, where there were fewer than thought."""
-        if self._shown:
-            self._shown.end(note)
-
-
-@contextmanager
-def stage(what: str) -> Iterator[Stage]:
-    """Show how far some work is that finds out itself how much there is to do.
-
-    Args:
-        what: the work, such as "evaluating".
     """
     with ExitStack() as stack:
-        yield Stage(what, stack)
+        yield Shown(what, stack)
 
 
 Item = TypeVar("Item")
@@ -116,11 +108,21 @@ Item = TypeVar("Item")
 
 def each(what: str, items: Sequence[Item]) -> Iterator[Item]:
     """The items one by one, showing how many of them are done where there are several."""
-    with stage(what) as shown:
+    with progress(what) as shown:
         shown.expect(len(items) if len(items) > 1 else 0)
         for item in items:
             yield item
-            shown.advance(1)
+            shown.done()
+
+
+@contextmanager
+def _display(what: str, total: int) -> Iterator[Display]:
+    console = Console(stderr=True)
+    if console.is_terminal:
+        with _columns(console) as bar:
+            yield _Bar(bar, bar.add_task(what, total=total, note=""))
+    else:
+        yield _Lines(console, what, total)
 
 
 def _columns(console: Console) -> Progress:
@@ -146,7 +148,7 @@ class _Bar:
     def __init__(self, bar: Progress, task: TaskID) -> None:
         self._bar, self._task = bar, task
 
-    def advance(self, done: int, note: str = "") -> None:
+    def advance(self, done: int, note: str) -> None:
         self._bar.update(self._task, advance=done, note=note)
 
     def end(self, note: str) -> None:
@@ -163,7 +165,7 @@ class _Lines:
         self._started = self._last = monotonic()
         self._count = 0
 
-    def advance(self, done: int, note: str = "") -> None:
+    def advance(self, done: int, note: str) -> None:
         self._count += done
         now = monotonic()
         if now - self._last >= LINE_SECONDS or self._count >= self._total:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.app import int_list, name_list
-from cli.progress import Shown, progress, say
+from cli.progress import progress
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
-    from pipeline.training.loop import Epoch
     from registry.version import ModelVersion
 
 
@@ -71,10 +70,10 @@ def train(
         prolearn train --arch ff1,ff2,ffcol --recipe paper --epochs 20
         prolearn train --arch ff1,lstm1 --seed 0..2 --resume
     """
-    most = {one: _most_epochs(one, recipe, epochs) for one in name_list(arch)}
-    if not most:
+    names = name_list(arch)
+    if not names:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from registry.jobs.train import TrainingSettings, train_model, trained_before
+    from cli.stages.train import TrainingSettings, train_model, trained_before
 
     seeds = int_list(seed, "--seed", least=0)
     changes = {
@@ -86,22 +85,22 @@ def train(
         "collision_weight": collision_weight,
     }
     changes = {name: value for name, value in changes.items() if value is not None}
-    for one, k in product(most, seeds):
-        how = TrainingSettings(one, recipe, n=n, seed=k, changes=changes)
-        earlier = trained_before(how, data, say) if resume else None
-        if earlier is not None:
-            typer.echo(f"Trained before: {_summary(earlier)}")
-            continue
-        title = f"training {one} ({recipe})" + (f", seed {k}" if len(seeds) > 1 else "")
-        with progress(title, most[one]) as shown:
-
-            def report(epoch: "Epoch", shown: Shown = shown) -> None:
-                shown.advance(1, f"loss {epoch.valid_loss:.4g}")
-
+    asked = [
+        TrainingSettings(one, recipe, n=n, seed=k, changes=changes)
+        for one, k in product(names, seeds)
+    ]
+    for how in asked:
+        how.followed  # noqa: B018  (a name that is wrong stops all of them)
+    for how in asked:
+        title = f"training {how.arch} ({recipe})" + (f", seed {how.seed}" if len(seeds) > 1 else "")
+        with progress(title) as shown:
+            earlier = trained_before(how, data, shown) if resume else None
+            if earlier is not None:
+                typer.echo(f"Trained before: {_summary(earlier)}")
+                continue
             version, held = train_model(
-                how, data, device=device, on_epoch=report, memory=memory * 1e9
+                how, data, device=device, memory=memory * 1e9, progress=shown
             )
-            shown.end("ended early")
         typer.echo(_summary(version))
         typer.echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
 
@@ -113,9 +112,3 @@ def _summary(version: "ModelVersion") -> str:
         f"{numbers['best_epoch']:.0f}, predicted positions {numbers['valid_position_rmse']:.3g} m "
         f"RMS from the expert's, {numbers['training_seconds']:.0f} s."
     )
-
-
-def _most_epochs(arch: str, recipe: str, epochs: int | None) -> int:
-    from pipeline.training.recipes import recipe_for
-
-    return epochs or recipe_for(arch, recipe).epochs

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.progress import stage
+from cli.progress import progress
 from cli.train import RecipeName
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
-    from registry.jobs.tune import Tuned
+    from cli.stages.tune import Tuned
 
 
 def tune(
@@ -40,22 +40,9 @@ def tune(
         prolearn tune --arch lstm2 --trials 20
         prolearn tune --arch ff1 --trials 50 --epochs 20 --data data/demo
     """
-    from registry.jobs.tune import tune as run
+    from cli.stages.tune import tune as run
 
-    last = 0
-    with stage(f"tuning {arch}") as shown:
-
-        def expect(left: int) -> None:
-            nonlocal last
-            last = trials - left
-            shown.expect(left)
-
-        def report(complete: int, best: float) -> None:
-            nonlocal last
-            complete = min(complete, trials)  # other processes may have done more
-            shown.advance(complete - last, f"best {best:.4g} m")
-            last = complete
-
+    with progress(f"tuning {arch}") as shown:
         found = run(
             arch,
             recipe,
@@ -66,10 +53,8 @@ def tune(
             device=device,
             epochs=epochs,
             storage=storage,
-            expect=expect,
-            on_trial=report,
+            progress=shown,
         )
-        shown.end("others diverged")
     typer.echo(_summary(found, arch, recipe, data, n))
 
 

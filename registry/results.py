@@ -1,6 +1,6 @@
 """Results of experiments: recorded as MLflow runs with their tables, and fetched again."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -11,6 +11,7 @@ import mlflow
 import pandas as pd
 
 from pipeline.errors import InputError
+from pipeline.progress import SILENT, Progress
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.store import (
     EVALUATION,
@@ -72,7 +73,7 @@ def earlier_run(
     experiment: str,
     params: Mapping[str, Any],
     kind: Sequence[str] = (),
-    say: Callable[[str], None] = lambda sentence: None,
+    progress: Progress = SILENT,
 ) -> str | None:
     """The newest finished run of an experiment, where it had these parameters and versions.
 
@@ -81,7 +82,7 @@ def earlier_run(
         params: settings.
         kind: those of the settings that tell kinds of runs apart: the newest run of the same kind
             is looked at.
-        say: told where it had these parameters and other versions, and so does not count.
+        progress: told where it had these parameters and other versions, and so does not count.
 
     Raises:
         ProlearnError: where the store fails.
@@ -93,7 +94,9 @@ def earlier_run(
         return None
     change = changed_since(run.data.tags, EVALUATED_BY)
     if change:
-        say(f"run {run.info.run_id} of {experiment} was made with {change}; it is done again.")
+        progress.say(
+            f"run {run.info.run_id} of {experiment} was made with {change}; it is done again."
+        )
     return None if change else str(run.info.run_id)
 
 

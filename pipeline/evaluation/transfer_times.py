@@ -7,6 +7,7 @@ import pandas as pd
 
 from pipeline.evaluation.trials import Entrant, run_trials
 from pipeline.orbit.problem import Problem
+from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
 NODES, TIME_STEP = "nodes", "time_step"
@@ -54,7 +55,7 @@ def run_transfer_times(
     scenarios: Sequence[Scenario],
     varied: Sequence[Variation],
     *,
-    report: Callable[[Variation], None] = lambda variation: None,
+    progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """All entrants that fit, in every variation, on the same initial and goal states.
 
@@ -64,7 +65,7 @@ def run_transfer_times(
         entrants_on: who can take part in a problem.
         scenarios: of one problem and one n.
         varied: the problems.
-        report: called after each of them.
+        progress: told of each of them.
 
     Returns:
         A row a trial: ``varied``, ``nodes``, ``time_step`` (s) and the columns of Trial.
@@ -78,5 +79,5 @@ def run_transfer_times(
         table.insert(1, "nodes", problem.nodes)
         table.insert(2, "time_step", problem.time_step)
         tables.append(table)
-        report(variation)
+        progress.done(note=f"T = {problem.nodes}, Δt = {problem.time_step:g} s")
     return pd.concat(tables, ignore_index=True)

@@ -1,6 +1,6 @@
 """Experiments 1 and 2: every planner on the same test scenarios of each swarm size."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Protocol, runtime_checkable
 
@@ -15,6 +15,7 @@ from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.planners.planner import Planner
+from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
 WARM_UP = 1
@@ -101,7 +102,7 @@ def run_trials(
     scenarios: Sequence[Scenario],
     *,
     timed: int = 0,
-    report: Callable[[], None] = lambda: None,
+    progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """All entrants on scenarios of one problem and one size: a row a trial, columns of Trial.
 
@@ -110,7 +111,7 @@ def run_trials(
         scenarios: of one problem and one n.
         timed: how many of the scenarios are planned once more one at a time, the planners in
             turn so that the machine's noise falls on all alike, to take the time.
-        report: called after each entrant.
+        progress: told of each entrant.
     """
     seconds = _times(entrants, scenarios[:timed])
     rows: list[Trial] = []
@@ -122,7 +123,7 @@ def run_trials(
         for trial, (scenario, plan) in enumerate(zip(scenarios, plans, strict=True)):
             time = seconds[k][trial] if trial < timed else float("nan")
             rows.append(_trial(entrant, scenario, plan, trial, time))
-        report()
+        progress.done(note=f"n={scenarios[0].n}")
     return pd.DataFrame([asdict(row) for row in rows])
 
 

@@ -12,6 +12,7 @@ from pipeline.evaluation.trials import Predictor
 from pipeline.expert import SEEDS, Settings, solve
 from pipeline.expert.seeds import Seed, own_seed
 from pipeline.plan import SOLVED, Plan, is_safe
+from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
 SeedMaker = Callable[[Scenario], Seed] | None
@@ -71,7 +72,7 @@ def run_warmstarts(
     scenarios: Sequence[Scenario],
     optimizer: str = EXPERT,
     *,
-    report: Callable[[], None] = lambda: None,
+    progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Every seed and rule on every scenario: a row each, columns of WarmStart.
 
@@ -83,7 +84,7 @@ def run_warmstarts(
             those of SEEDS.
         scenarios: of one problem and one n.
         optimizer: of OPTIMIZERS.
-        report: called after each scenario.
+        progress: told of each scenario.
     """
     if not scenarios:
         return pd.DataFrame()
@@ -102,7 +103,7 @@ def run_warmstarts(
                 for rule, optimize in rules.items():
                     plan, seconds = _run(scenario, seeds[source], optimize)
                     rows.append(_row(optimizer, scenario, trial, source, rule, plan, seconds))
-            report()
+            progress.done()
     return pd.DataFrame([asdict(row) for row in rows])
 
 

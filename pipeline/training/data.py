@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.reading.examples import Examples, ExampleSource
 from pipeline.errors import InputError
 from pipeline.networks.encoding import Encoding
 

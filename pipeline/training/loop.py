@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -10,11 +10,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pipeline.dataset.examples import ExampleSource
+from pipeline.dataset.reading.examples import ExampleSource
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import Architecture, find
 from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.model import Model
+from pipeline.progress import SILENT, Progress
 from pipeline.training.data import Batches, Encoded, batches, check_examples
 from pipeline.training.device import training_device
 from pipeline.training.recipes import Recipe
@@ -93,7 +94,7 @@ def train(
     seed: int = 0,
     device: str = "auto",
     epochs: int | None = None,
-    on_epoch: Callable[[Epoch], None] | None = None,
+    progress: Progress = SILENT,
 ) -> Trained:
     """Train a network; on one machine's CPU the same arguments give the same bits.
 
@@ -105,7 +106,7 @@ def train(
         seed: of initial weights, order and dropout.
         device: "auto", "cpu", "cuda" or "mps".
         epochs: most passes over the data, instead of the recipe's.
-        on_epoch: told of each epoch once it is over.
+        progress: told of each epoch.
 
     Raises:
         InputError: for an unknown architecture or device, or examples that cannot be used.
@@ -122,7 +123,7 @@ def train(
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
         task = Task(architecture, network, encoding, recipe.collision_weight)
         data = batches(train, encoding, where), batches(valid, encoding, where)
-        history, best = _improve(task, recipe, *data, most, seed, on_epoch)
+        history, best = _improve(task, recipe, *data, most, seed, progress)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
     return Trained(model, history, best, seconds, str(where), torch.get_num_threads())
@@ -135,12 +136,13 @@ def _improve(
     valid: Batches,
     epochs: int,
     seed: int,
-    on_epoch: Callable[[Epoch], None] | None,
+    progress: Progress,
 ) -> tuple[tuple[Epoch, ...], int]:
     """All epochs and the number of the best, whose weights the network is left with."""
     optimizer = torch.optim.Adam(task.network.parameters(), lr=recipe.learning_rate)
     order = torch.Generator().manual_seed(seed)
     history: list[Epoch] = []
+    progress.expect(epochs)
     best, kept = 0, _copied(task.network)
     for number in range(1, epochs + 1):
         started = time.perf_counter()
@@ -150,10 +152,10 @@ def _improve(
         history.append(Epoch(number, train_loss, valid_loss, time.perf_counter() - started))
         if best == 0 or valid_loss < history[best - 1].valid_loss:
             best, kept = number, _copied(task.network)
-        if on_epoch is not None:
-            on_epoch(history[-1])
+        progress.done(note=f"loss {valid_loss:.4g}")
         if number - best >= recipe.patience:
             break
+    progress.end("ended early")
     task.network.load_state_dict(kept)
     return tuple(history), best
 

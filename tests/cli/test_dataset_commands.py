@@ -116,8 +116,8 @@ def test_a_folder_that_cannot_be_written_to_is_status_1(tmp_path):
 @pytest.fixture
 def long_work(tmp_path):
     """A folder with a few seconds of work, in small shards."""
-    from pipeline.dataset.manifest import Sample
-    from pipeline.dataset.sample import sample
+    from pipeline.dataset.stages.sample import sample
+    from pipeline.dataset.storage.manifest import Sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "long"
@@ -159,8 +159,8 @@ def test_ctrl_c_stops_within_two_seconds_and_keeps_what_is_finished(long_work, t
     assert process.returncode == 130
     assert complaints.splitlines()[-1] == "prolearn: interrupted; what was finished is kept."
     assert "Traceback" not in complaints
-    from pipeline.dataset.verify import verify
-    from pipeline.dataset.workers import Workers
+    from pipeline.dataset.stages.verify import verify
+    from pipeline.dataset.stages.workers import Workers
 
     faults = list(verify(long_work, workers=Workers(jobs=1)))
     kinds = {fault.what.split(";")[0] for fault in faults}

@@ -11,15 +11,15 @@ from typer.testing import CliRunner
 
 from cli.main import app
 from cli.progress import each, progress
-from pipeline.dataset.manifest import Sample
-from pipeline.dataset.sample import sample
-from pipeline.dataset.solve import solve
-from pipeline.dataset.workers import Workers
+from cli.stages.entrants import unlearned
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.manifest import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
-from registry.jobs.entrants import unlearned
 
 PLANNERS = len(unlearned()) + 1
 """Experts, baselines, and one network."""
@@ -147,9 +147,10 @@ def test_with_a_bar_on_the_terminal_the_plans_lines_still_go_where_they_are_sent
 def test_on_80_columns_no_number_of_a_bar_is_cut(monkeypatch, capsys):
     for name, value in {"COLUMNS": "80", "FORCE_COLOR": "1", "TERM": "xterm"}.items():
         monkeypatch.setenv(name, value)
-    with progress("training lstmcol (tuned), seed 12", 1000) as shown:
+    with progress("training lstmcol (tuned), seed 12") as shown:
+        shown.expect(1000)
         for _ in range(998):
-            shown.advance(1, "validation loss 0.0001234")
+            shown.done(note="validation loss 0.0001234")
     last = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", capsys.readouterr().err).splitlines()[-1].strip()
     assert re.search(r" 998/1000 \S+/s \d:\d\d:\d\d left \d:\d\d:\d\d ", last), last
     assert len(last) <= 80

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.dataset.examples import Examples
-from pipeline.dataset.manifest import Sample, read_manifest
-from pipeline.dataset.sample import sample
-from pipeline.dataset.solve import solve
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.manifest import Sample, read_manifest
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy

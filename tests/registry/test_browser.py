@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from registry.jobs.evaluate import evaluate
-from registry.jobs.train import TrainingSettings, train_model
+from cli.stages.evaluate import evaluate
+from cli.stages.train import TrainingSettings, train_model
 from registry.models import list_versions
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -37,7 +37,7 @@ def six(folder: Path, solved: Path) -> Path:
     """A store with a run of each architecture, trained for an epoch and evaluated."""
     for arch in ARCHITECTURES:
         how = TrainingSettings(arch, "tuned", n=3, changes={"epochs": 1})
-        train_model(how, solved, device="cpu", on_epoch=lambda epoch: None)
+        train_model(how, solved, device="cpu")
     evaluate([], solved, sizes=[3], trials=1, timed=1)
     return folder
 

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from pipeline.dataset.manifest import read_manifest
+from cli.stages.champion import challenge, flown_metrics, promote, validation_trials
+from cli.stages.train import TrainingSettings, train_model
+from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
@@ -14,8 +16,6 @@ from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.training.loop import Epoch, Trained
 from pipeline.training.recipes import Recipe
-from registry.jobs.champion import challenge, flown_metrics, promote, validation_trials
-from registry.jobs.train import TrainingSettings, train_model
 from registry.models import list_versions, resolve
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
@@ -93,7 +93,7 @@ def test_a_training_says_how_safe_and_dear_it_is_on_validation_data_and_who_is_c
     folder: Path, solved: Path
 ) -> None:
     how = TrainingSettings("ff1", "tuned", n=3, changes={"epochs": 1})
-    version, held = train_model(how, solved, device="cpu", on_epoch=lambda epoch: None)
+    version, held = train_model(how, solved, device="cpu")
     assert held.champion.version == version.version == 1
     assert 0 <= version.metrics["valid_flown_safe_share"] <= 1
     assert version.metrics["valid_flown_fuel"] > 0

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-import registry.jobs.evaluate as job
+import cli.stages.evaluate as job
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.models import list_versions

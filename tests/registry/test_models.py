@@ -9,10 +9,10 @@ import mlflow
 import numpy as np
 import pytest
 
+from cli.stages.entrants import networks
 from pipeline.errors import InputError, ProlearnError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
-from registry.jobs.entrants import networks
 from registry.models import list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
 from registry.tables import training_tables

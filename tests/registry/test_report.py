@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.main import app
+from cli.stages.evaluate import evaluate
+from cli.stages.report import report
+from cli.stages.transfer_times import transfer_times
+from cli.stages.warmstart import warmstart
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
-from registry.jobs.evaluate import evaluate
-from registry.jobs.report import report
-from registry.jobs.transfer_times import transfer_times
-from registry.jobs.warmstart import warmstart
 from registry.store import connect
 from registry.training import DatasetInfo, record_training
 

@@ -13,15 +13,26 @@ from judge import Case, Report, exact_step, fly, judge_plan, least_fuel
 from judged import check_rows
 from scipy.linalg import null_space
 
+from cli.stages.transfer_times import transfer_times
 from pipeline.errors import InputError
+from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
-from registry.jobs.transfer_times import transfer_times
 from registry.results import Done, latest
 from registry.store import TRANSFER_TIMES
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
+
+
+class Notes(Progress):
+    """Keeps what it is told of each transfer time."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def done(self, units: int = 1, note: str = "", *, failed: int = 0) -> None:
+        self.notes.append(note)
 
 
 @pytest.fixture
@@ -36,16 +47,16 @@ def registered(
 def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
     registered: None, solved: Path
 ) -> None:
-    said: list[str] = []
+    told = Notes()
     asked: dict[str, Any] = {"n": CRAFT, "nodes": (6, 11), "time_steps": (60.0, 240.0)}
-    done = transfer_times([], solved, **asked, trials=2, report=said.append)
+    done = transfer_times([], solved, **asked, trials=2, progress=told)
     found = latest(TRANSFER_TIMES)
     assert done == Done(found.run_id)
     again = transfer_times([], solved, **asked, trials=2, resume=True)
     assert again == Done(found.run_id, earlier=True)
     assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,240")
-    assert said[0] == "T = 6, Δt = 120 s"
-    assert len(said) == 4
+    assert told.notes[0] == "T = 6, Δt = 120 s"
+    assert len(told.notes) == 4
     table = found.table
     per = table.groupby(["planner", "reading"]).size()
     assert per["lstm1", "flown"] == per["lstm1", "predicted"] == per["expert", "plan"] == 4 * 2

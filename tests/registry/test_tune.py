@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from cli.stages.tune import Tuned, tune
 from pipeline.errors import InputError, ProlearnError
-from registry.jobs.tune import Tuned, tune
+from pipeline.progress import Progress
 from registry.models import list_versions
 from registry.store import connect
 
@@ -22,20 +23,31 @@ def runs(name: str) -> list[Any]:
     return found
 
 
+class Counting(Progress):
+    """Counts the trials that are complete, and interrupts the search after some of them."""
+
+    def __init__(self, until: int | None = None) -> None:
+        self.until, self.expected, self.complete = until, 0, 0
+
+    def expect(self, total: int) -> None:
+        self.expected = total
+
+    def done(self, units: int = 1, note: str = "", *, failed: int = 0) -> None:
+        self.complete += units
+        if self.complete == self.until:
+            raise KeyboardInterrupt
+
+
 def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
     folder: Path, solved: Path
 ) -> None:
-    def interrupt(complete: int, best: float) -> None:
-        if complete == 2:
-            raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
-        search(solved, 4, on_trial=interrupt)
-    counted: list[int] = []
-    found = search(solved, 4, on_trial=lambda complete, best: counted.append(complete))
+        search(solved, 4, progress=Counting(until=2))
+    counted = Counting()
+    found = search(solved, 4, progress=counted)
     again = search(solved, 4)
 
-    assert counted == [3, 4], "what was complete is not done again"
+    assert counted.complete == counted.expected == 2, "what was complete is not done again"
     assert (again.trials, again.rmse, again.best) == (4, found.rmse, found.best)
     assert found.run_id == again.run_id
     with closing(sqlite3.connect(folder / "optuna.db")) as database:
@@ -55,7 +67,7 @@ def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
 
 
 def test_a_search_sees_no_test_data(folder: Path, solved: Path, monkeypatch: Any) -> None:
-    from registry.jobs import tune as module
+    from cli.stages import tune as module
 
     asked: list[str] = []
     read = module.examples

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
+from cli.stages.warmstart import warmstart
 from pipeline.errors import InputError
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
-from registry.jobs.warmstart import warmstart
 from registry.results import Done, latest
 from registry.store import WARMSTART
 from registry.training import DatasetInfo, record_training

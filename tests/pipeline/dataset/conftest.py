@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.dataset.manifest import Sample
-from pipeline.dataset.sample import sample
-from pipeline.dataset.solve import solve
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.manifest import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 

@@ -8,13 +8,13 @@ import time
 
 import pytest
 
-from pipeline.dataset.manifest import Sample
-from pipeline.dataset.sample import sample
-from pipeline.dataset.solve import solve
-from pipeline.dataset.watch import Watch
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.manifest import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
+from pipeline.progress import Progress
 
 SHARDS = 12
 
@@ -49,13 +49,13 @@ def cluster(tmp_path):
             process.wait()
 
 
-class Killer(Watch):
+class Killer(Progress):
     """Kills a worker once a third of the rows is done."""
 
     def __init__(self, worker):
         self.worker, self.shards, self.at = worker, 0, None
 
-    def done(self, rows, failed=0):
+    def done(self, rows, note="", *, failed=0):
         self.shards += 1
         if self.shards == SHARDS // 3:
             self.worker.send_signal(signal.SIGKILL)
@@ -74,7 +74,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(cluster, 
         client.wait_for_workers(2, timeout=30)
     killer = Killer(workers[0])
     there = Workers(backend="dask", scheduler=address)
-    solve(tmp_path / "there", Settings(), workers=there, watch=killer)
+    solve(tmp_path / "there", Settings(), workers=there, progress=killer)
     assert killer.at == SHARDS // 3
     assert workers[0].wait(timeout=10) == -signal.SIGKILL
     assert killer.shards == SHARDS

@@ -12,18 +12,18 @@ import pyarrow.dataset as pads
 import pytest
 from rights import read_only, room_until_told
 
-from pipeline.dataset.folder import open_folder
-from pipeline.dataset.lock import sole_writer
-from pipeline.dataset.manifest import Sample, read_manifest
-from pipeline.dataset.read import examples
-from pipeline.dataset.sample import sample
-from pipeline.dataset.solve import solve
-from pipeline.dataset.verify import repair, verify
-from pipeline.dataset.watch import Watch
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.reading.read import examples
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.verify import repair, verify
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.folder import open_folder
+from pipeline.dataset.storage.lock import sole_writer
+from pipeline.dataset.storage.manifest import Sample, read_manifest
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
+from pipeline.progress import Progress
 
 ONE = Workers(jobs=1)
 SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
@@ -104,13 +104,13 @@ def test_a_url_of_no_known_kind_is_refused():
         open_folder("nowhere://x")
 
 
-class Filling(Watch):
+class Filling(Progress):
     """The disk is full once two shards are done."""
 
     def __init__(self, fill):
         self.fill, self.shards = fill, 0
 
-    def done(self, rows, failed=0):
+    def done(self, rows, note="", *, failed=0):
         self.shards += 1
         if self.shards == 2:
             self.fill()
@@ -121,7 +121,7 @@ def test_a_full_disk_gives_a_sentence_and_leaves_what_was_there(tmp_path):
     sample(folder, {8: Sample(count=40, shard_rows=10)}, Problem(), jobs=1)
     with room_until_told() as fill:
         with pytest.raises(ProlearnError, match=r"File too large.*is intact: make room"):
-            solve(folder, Settings(), workers=ONE, watch=Filling(fill))
+            solve(folder, Settings(), workers=ONE, progress=Filling(fill))
         done = {p.name: p.read_bytes() for p in folder.glob("n=8/*")}
         assert len(done) == 2
         assert not list(folder.rglob("*.tmp"))
@@ -149,8 +149,8 @@ def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, sol
 
 HOLD = """
 import sys, time
-from pipeline.dataset.folder import open_folder
-from pipeline.dataset.lock import sole_writer
+from pipeline.dataset.storage.folder import open_folder
+from pipeline.dataset.storage.lock import sole_writer
 with sole_writer(open_folder(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
@@ -182,7 +182,7 @@ def test_what_a_killed_writer_left_unfinished_is_swept_away_and_is_no_fault(solv
         assert str(os.getpid()) in (solved / "_writer").read_text()
 
 
-class InStep(Watch):
+class InStep(Progress):
     """Of two runs: both list what there is to do before either does any, then shard by shard.
 
     One at a time, since files in memory can be read half written, which a store's cannot.
@@ -195,7 +195,7 @@ class InStep(Watch):
         self.expected = rows
         self._wait_for_the_other()
 
-    def done(self, rows, failed=0):
+    def done(self, rows, note="", *, failed=0):
         self.rows += rows
         self._wait_for_the_other()
 
@@ -215,7 +215,7 @@ def test_two_runs_at_once_without_a_lock_both_end_with_the_same_bytes(in_memory,
 
     def run(watch):
         with turn:
-            return solve(in_memory, Settings(), workers=ONE, watch=watch)
+            return solve(in_memory, Settings(), workers=ONE, progress=watch)
 
     with ThreadPoolExecutor(2) as pool:
         manifests = list(pool.map(run, watches))

@@ -18,10 +18,10 @@ from processes import workers_of
 SCRIPT = """
 import json, os, signal, sys
 from pathlib import Path
-from pipeline.dataset.manifest import Sample
-from pipeline.dataset.sample import sample
-from pipeline.dataset.solve import solve
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.storage.manifest import Sample
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.workers import Workers
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 
@@ -99,24 +99,24 @@ def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_
 
 SOLVE = textwrap.dedent("""
     import sys
-    from pipeline.dataset.solve import solve
-    from pipeline.dataset.watch import Watch
-    from pipeline.dataset.workers import Workers
+    from pipeline.dataset.stages.solve import solve
+    from pipeline.progress import Progress
+    from pipeline.dataset.stages.workers import Workers
     from pipeline.expert import Settings
 
-    class Loud(Watch):
+    class Loud(Progress):
         def say(self, sentence):
             print(sentence, flush=True)
 
-    solve(sys.argv[1], Settings(), workers=Workers(jobs=2), watch=Loud())
+    solve(sys.argv[1], Settings(), workers=Workers(jobs=2), progress=Loud())
 """)
 
 
 @pytest.fixture
 def busy(tmp_path):
     """A folder with some work for two processes."""
-    from pipeline.dataset.manifest import Sample
-    from pipeline.dataset.sample import sample
+    from pipeline.dataset.stages.sample import sample
+    from pipeline.dataset.storage.manifest import Sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"
@@ -139,8 +139,8 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
 ):
     import shutil
 
-    from pipeline.dataset.solve import solve
-    from pipeline.dataset.workers import Workers
+    from pipeline.dataset.stages.solve import solve
+    from pipeline.dataset.stages.workers import Workers
     from pipeline.expert import Settings
 
     alone = Path(shutil.copytree(busy, tmp_path / "alone"))

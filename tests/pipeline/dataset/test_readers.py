@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.dataset.manifest import Sample
-from pipeline.dataset.read import solved_rows
-from pipeline.dataset.sample import sample
-from pipeline.dataset.schema import SOLVED_FIELDS
-from pipeline.dataset.solve import solve
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.manifest import Sample
+from pipeline.dataset.storage.schema import SOLVED_FIELDS
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 

@@ -8,15 +8,15 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.dataset import solve as stage
-from pipeline.dataset.folder import LocalFolder
-from pipeline.dataset.manifest import Sample, read_manifest
-from pipeline.dataset.read import examples, solved_rows
-from pipeline.dataset.sample import sample
-from pipeline.dataset.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
-from pipeline.dataset.solve import solve
-from pipeline.dataset.verify import verify
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.reading.read import examples, solved_rows
+from pipeline.dataset.stages import solve as stage
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.verify import verify
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.folder import LocalFolder
+from pipeline.dataset.storage.manifest import Sample, read_manifest
+from pipeline.dataset.storage.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_scenario
@@ -275,7 +275,7 @@ def test_workers_that_cannot_be_are_refused(workers, word):
 
 
 def test_a_scheduler_that_does_not_answer_is_named(solved, monkeypatch):
-    monkeypatch.setattr("pipeline.dataset.workers.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("pipeline.dataset.stages.workers.CONNECT_SECONDS", 0.5)
     (solved / "n=3/part-00001.parquet").unlink()
     far = Workers(backend="dask", scheduler="tcp://127.0.0.1:1")
     with pytest.raises(ProlearnError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"):

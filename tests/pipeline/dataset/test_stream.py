@@ -12,11 +12,11 @@ import pyarrow as pa
 import pytest
 import torch
 
-from pipeline.dataset.manifest import NAME, Sample
-from pipeline.dataset.read import examples
-from pipeline.dataset.schema import SOLVED_FIELDS, metadata
-from pipeline.dataset.shards import digest_of, encode
-from pipeline.dataset.stream import COPIES, ExampleStream, bytes_of_one, examples_within
+from pipeline.dataset.reading.read import examples
+from pipeline.dataset.reading.stream import COPIES, ExampleStream, bytes_of_one, examples_within
+from pipeline.dataset.storage.manifest import NAME, Sample
+from pipeline.dataset.storage.schema import SOLVED_FIELDS, metadata
+from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.networks.encoding import fit
@@ -164,7 +164,7 @@ TRAIN = """
 import sys
 from pathlib import Path
 import torch
-from pipeline.dataset.stream import examples_within
+from pipeline.dataset.reading.stream import examples_within
 from pipeline.training.loop import train
 from pipeline.training.recipes import recipe_for
 torch.set_num_threads(1)

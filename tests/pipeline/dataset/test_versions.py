@@ -6,14 +6,14 @@ import shutil
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.dataset.manifest import NAME, Sample, read_manifest
-from pipeline.dataset.sample import sample
-from pipeline.dataset.schema import METADATA_KEY
-from pipeline.dataset.shards import encode
-from pipeline.dataset.solve import decided_by, solve
-from pipeline.dataset.verify import repair
-from pipeline.dataset.worker import check_worker
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import decided_by, solve
+from pipeline.dataset.stages.verify import repair
+from pipeline.dataset.stages.worker import check_worker
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.manifest import NAME, Sample, read_manifest
+from pipeline.dataset.storage.schema import METADATA_KEY
+from pipeline.dataset.storage.shards import encode
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.dataset.examples import Examples
+from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError, ProlearnError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.progress import Progress
 from pipeline.training.loop import train
 from pipeline.training.recipes import recipe_for
 
@@ -74,15 +75,27 @@ def test_training_ends_when_patience_does():
     assert len(trained.history) < 200
 
 
+class Told(Progress):
+    """Keeps what it is told."""
+
+    def __init__(self):
+        self.expected, self.notes = [], []
+
+    def expect(self, total):
+        self.expected.append(total)
+
+    def done(self, units=1, note="", *, failed=0):
+        self.notes += [note] * units
+
+
 def test_epochs_are_reported_as_they_end():
-    seen = []
+    told = Told()
     recipe = recipe_for("ff1", "paper")
-    trained = train(
-        "ff1", recipe, TRAIN, VALID, seed=0, device="cpu", epochs=3, on_epoch=seen.append
-    )
-    assert tuple(seen) == trained.history
-    assert [epoch.number for epoch in seen] == [1, 2, 3]
-    assert 0 < sum(epoch.seconds for epoch in seen) < trained.seconds
+    trained = train("ff1", recipe, TRAIN, VALID, seed=0, device="cpu", epochs=3, progress=told)
+    assert told.expected == [3]
+    assert told.notes == [f"loss {epoch.valid_loss:.4g}" for epoch in trained.history]
+    assert [epoch.number for epoch in trained.history] == [1, 2, 3]
+    assert 0 < sum(epoch.seconds for epoch in trained.history) < trained.seconds
     assert trained.device == "cpu"
 
 

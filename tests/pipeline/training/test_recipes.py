@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.dataset.examples import Examples
+from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.training.device import training_device

@@ -1,17 +1,18 @@
 """Train one network on a dataset and register it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pipeline.dataset.folder import Where
-from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.stream import MEMORY, examples_within
-from pipeline.training.loop import Epoch, train
+from cli.stages.champion import Challenge, challenge, flown_metrics, validation_trials
+from pipeline.dataset.reading.stream import MEMORY, examples_within
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.progress import SILENT, Progress
+from pipeline.training.loop import train
 from pipeline.training.recipes import Recipe, recipe_for
 from pipeline.training.validation import position_rmse
 from registry.environment import TRAINED_BY, changed_since
-from registry.jobs.champion import Challenge, challenge, flown_metrics, validation_trials
 from registry.models import list_versions
 from registry.store import connect, recorded
 from registry.story import recipe_params
@@ -44,14 +45,14 @@ class TrainingSettings:
 
 
 def trained_before(
-    how: TrainingSettings, data: Where, say: Callable[[str], None] = lambda sentence: None
+    how: TrainingSettings, data: Where, progress: Progress = SILENT
 ) -> ModelVersion | None:
     """The newest version that was trained like this, by this code, on the same data, if any.
 
     Args:
         how: what to train.
         data: a solved dataset.
-        say: told where one was trained like this by other versions, which does not count.
+        progress: told where one was trained like this by other versions, which does not count.
 
     Raises:
         InputError: for an unknown name, a missing dataset, or settings that make no sense.
@@ -70,7 +71,7 @@ def trained_before(
     changes = {version.uri: changed_since(version.tags, TRAINED_BY) for version in found}
     current = [version for version in found if not changes[version.uri]]
     if found and not current:
-        say(
+        progress.say(
             f"{found[-1].label}, seed {how.seed}, was trained with {changes[found[-1].uri]}; it is "
             "trained again."
         )
@@ -82,8 +83,8 @@ def train_model(
     data: Where,
     *,
     device: str,
-    on_epoch: Callable[[Epoch], None],
     memory: float = MEMORY,
+    progress: Progress = SILENT,
 ) -> tuple[ModelVersion, Challenge]:
     """Train a network, register the model, and hold it against the champion.
 
@@ -91,8 +92,8 @@ def train_model(
         how: what to train.
         data: a solved dataset.
         device: "auto" or a device's name.
-        on_epoch: called after each epoch.
         memory: bytes that training data may take; what is larger streams from the dataset.
+        progress: told of each epoch.
 
     Returns:
         The new version, and who is the champion of its model now.
@@ -105,7 +106,7 @@ def train_model(
     learn, valid = (examples_within(data, how.n, split, memory) for split in ("train", "valid"))
     connect()  # a store that is away is better known before training than after
     trained = train(
-        how.arch, followed, learn, valid, seed=how.seed, device=device, on_epoch=on_epoch
+        how.arch, followed, learn, valid, seed=how.seed, device=device, progress=progress
     )
     trials = validation_trials(trained.model, data, how.n)
     errors = {"valid_position_rmse": position_rmse(trained.model, valid)}

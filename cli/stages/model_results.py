@@ -5,7 +5,9 @@ from tempfile import TemporaryDirectory
 
 import pandas as pd
 
-from pipeline.dataset.folder import Where
+from cli.stages.entrants import Network
+from cli.stages.example import example_transfer
+from pipeline.dataset.storage.folder import Where
 from pipeline.evaluation.trials import Entrant
 from pipeline.planners.expert import Expert
 from pipeline.report.figures.scaling import COLLISIONS, FUEL, SAFE, scaling_figure
@@ -14,8 +16,6 @@ from pipeline.report.figures.transfer import figure_transfer
 from pipeline.report.results import PREDICTED
 from pipeline.report.summary.trials import summarize
 from pipeline.scenario import Scenario
-from registry.jobs.entrants import Network
-from registry.jobs.example import example_transfer
 from registry.results import ModelResults, add_model_results
 
 COMPARED = {

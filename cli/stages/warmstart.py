@@ -1,15 +1,16 @@
 """Experiment 3 on the test split of a dataset, recorded for the report."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import pandas as pd
 
-from pipeline.dataset.folder import Where
-from pipeline.dataset.manifest import read_manifest
+from cli.stages.entrants import networks
+from cli.stages.evaluate import test_scenarios
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.evaluation.warmstart import EXPERT, OPTIMIZERS, run_warmstarts
-from registry.jobs.entrants import networks
-from registry.jobs.evaluate import test_scenarios
+from pipeline.progress import SILENT, Progress
 from registry.results import Done, earlier_run, record
 from registry.store import WARMSTART
 
@@ -22,9 +23,7 @@ def warmstart(
     trials: int,
     optimizer: str = EXPERT,
     resume: bool = False,
-    say: Callable[[str], None] = lambda sentence: None,
-    expect: Callable[[int], None] = lambda total: None,
-    report: Callable[[int], None] = lambda trials: None,
+    progress: Progress = SILENT,
 ) -> Done:
     """Start an optimizer from every seed on the same scenarios, and record it.
 
@@ -36,9 +35,7 @@ def warmstart(
         optimizer: of OPTIMIZERS; each has runs of its own.
         resume: leave it where it was done before, with the same optimizer, data, models and
             settings.
-        say: told where it was done before by other versions, and so is done again.
-        expect: told how many scenarios there are, where anything is left to do.
-        report: called after each scenario.
+        progress: told of each scenario, and where other versions did it before.
 
     Raises:
         InputError: for an unknown optimizer, unknown models or sizes that are not in the dataset.
@@ -59,12 +56,10 @@ def warmstart(
         "seeds": ",".join(dict.fromkeys(label for label, _ in predictors)),
         "models": ",".join(network.version.uri for network in learned),
     }
-    if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"], say)):
+    if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"], progress)):
         return Done(earlier, earlier=True)
-    expect(sum(map(len, scenarios.values())))
-    tables = [
-        run_warmstarts(predictors, scenarios[n], optimizer, report=lambda: report(1)) for n in sizes
-    ]
+    progress.expect(sum(map(len, scenarios.values())))
+    tables = [run_warmstarts(predictors, scenarios[n], optimizer, progress=progress) for n in sizes]
     used = (str(data), digest)
     table = pd.concat(tables, ignore_index=True)
     return Done(record(WARMSTART, table, params=params, dataset=used))

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.dataset.folder import Where
-from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.evaluation.trials import Entrant
 from pipeline.expert import Settings

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,11 +14,12 @@ from filelock import FileLock
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.dataset.examples import Examples
-from pipeline.dataset.folder import Where
-from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.read import examples
+from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.reading.read import examples
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError
+from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.training.loop import train
 from pipeline.training.recipes import Recipe, recipe_for
@@ -116,8 +117,7 @@ def tune(
     device: str = "auto",
     epochs: int | None = None,
     storage: Path | None = None,
-    expect: Callable[[int], None] = lambda left: None,
-    on_trial: Callable[[int, float], None] = lambda complete, best: None,
+    progress: Progress = SILENT,
 ) -> Tuned:
     """Train with ever better settings until so many trials are complete, earlier ones included.
 
@@ -131,8 +131,7 @@ def tune(
         device: "auto" or a device's name.
         epochs: most epochs of a trial, or the recipe's.
         storage: SQLite file of the study; optuna.db beside the tracking store by default.
-        expect: told how many trials are left to do, before the first of them.
-        on_trial: called after each trial with the number complete and the best error in m.
+        progress: told of each trial that is left to do.
 
     Raises:
         InputError: for an unknown name, a missing dataset, trials < 1, or without Optuna.
@@ -151,9 +150,8 @@ def tune(
         path = (storage or _storage_beside(store)).absolute()
         with _explained(optuna, path):
             study = _study(optuna, path, search)
-            expect(max(0, trials - len(_complete(optuna, study))))
             with _parent(store, study, search) as run_id:
-                _search(optuna, study, store, search, trials, run_id, on_trial)
+                _search(optuna, study, store, search, trials, run_id, progress)
             return _found(optuna, study, path, run_id)
 
 
@@ -228,25 +226,30 @@ def _search(
     search: Tuning,
     trials: int,
     run_id: str,
-    on_trial: Callable[[int, float], None],
+    progress: Progress,
 ) -> None:
+    last = min(trials, len(_complete(optuna, study)))
+    progress.expect(trials - last)
+
     def after(study: "Study", trial: Any) -> None:
-        done = len(_complete(optuna, study))
-        if done:
-            best = metrics_now({f"best_{OBJECTIVE}": study.best_value}, step=done)
+        nonlocal last
+        complete = len(_complete(optuna, study))
+        if complete:
+            best = metrics_now({f"best_{OBJECTIVE}": study.best_value}, step=complete)
             log_metrics(store, run_id, best)
-            on_trial(done, study.best_value)
-        if done >= trials:  # other processes may be at work on the same study
+            before, last = last, min(complete, trials)  # other processes may have done more
+            progress.done(last - before, f"best {study.best_value:.4g} m")
+        if complete >= trials:
             study.stop()
 
-    left = trials - len(_complete(optuna, study))
-    if left > 0:
+    if last < trials:
         study.optimize(
             lambda trial: _trial(trial, store, search),
-            n_trials=left,
+            n_trials=trials - last,
             catch=(ProlearnError,),  # a loss that diverges is an answer, too
             callbacks=[after],
         )
+    progress.end("others diverged")
 
 
 def _trial(trial: "Trial", store: Store, search: Tuning) -> float:

@@ -6,9 +6,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from time import monotonic
 
-from pipeline.dataset.folder import Folder, Stamp
-from pipeline.dataset.manifest import Manifest, write_manifest
-from pipeline.dataset.shards import digest_of
+from pipeline.dataset.storage.folder import Folder, Stamp
+from pipeline.dataset.storage.manifest import Manifest, write_manifest
+from pipeline.dataset.storage.shards import digest_of
 from pipeline.errors import ProlearnError
 
 STAMPS = "_stamps.json"

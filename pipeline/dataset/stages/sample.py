@@ -5,10 +5,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 
-from pipeline.dataset.folder import Folder, Where, open_folder
-from pipeline.dataset.ledger import STAMPS, Ledger
-from pipeline.dataset.lock import LOCK, WRITER, sole_writer
-from pipeline.dataset.manifest import (
+from pipeline.dataset.stages.worker import check_worker
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.folder import Folder, Where, open_folder
+from pipeline.dataset.storage.ledger import STAMPS, Ledger
+from pipeline.dataset.storage.lock import LOCK, WRITER, sole_writer
+from pipeline.dataset.storage.manifest import (
     NAME,
     SCENARIOS,
     TIMINGS,
@@ -17,13 +19,11 @@ from pipeline.dataset.manifest import (
     read_manifest,
     refuse_change,
 )
-from pipeline.dataset.schema import scenario_table
-from pipeline.dataset.shards import digest_of, encode
-from pipeline.dataset.watch import SILENT, Watch
-from pipeline.dataset.worker import check_worker
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.storage.schema import scenario_table
+from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
+from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with, refuse_other_versions
 from pipeline.scenario import draw
 
@@ -60,7 +60,7 @@ def sample(
     problem: Problem,
     *,
     jobs: int = -1,
-    watch: Watch = SILENT,
+    progress: Progress = SILENT,
 ) -> Manifest:
     """Draw the scenarios of each swarm size into a folder; shards that are there are kept.
 
@@ -69,7 +69,7 @@ def sample(
         samples: how to draw, by swarm size.
         problem: the problem of all scenarios.
         jobs: processes.
-        watch: told how far it is.
+        progress: told how far it is.
 
     Raises:
         InputError: for settings that cannot be sampled or differ from those of the folder.
@@ -83,8 +83,8 @@ def sample(
         ledger = Ledger(folder, _begun(folder, samples, problem))
         ledger.commit()
         tasks = list(missing_scenarios(ledger))
-        watch.expect(sum(len(task.rows) for task in tasks))
-        draw_scenarios(ledger, tasks, workers, watch)
+        progress.expect(sum(len(task.rows) for task in tasks))
+        draw_scenarios(ledger, tasks, workers, progress)
     return ledger.manifest
 
 
@@ -97,16 +97,16 @@ def missing_scenarios(ledger: Ledger) -> Iterator[Draw]:
             yield Draw(name, n, shard, one, manifest.problem, meta, manifest.sampled_with)
 
 
-def draw_scenarios(ledger: Ledger, tasks: list[Draw], workers: Workers, watch: Watch) -> None:
+def draw_scenarios(ledger: Ledger, tasks: list[Draw], workers: Workers, progress: Progress) -> None:
     """Draw scenario shards; the plans of one that comes out otherwise count no longer."""
     known = ledger.manifest.shards
-    results = workers.work(_drawn, tasks, lambda task: b"", watch)
+    results = workers.work(_drawn, tasks, lambda task: b"", progress)
     with ledger.settled(), closing(results):
         for task, content in results:
             if known.get(task.name, "") not in ("", digest_of(content)):
                 ledger.disown([task.name.removeprefix(SCENARIOS)])
             ledger.publish(task.name, content)
-            watch.done(len(task.rows))
+            progress.done(len(task.rows))
 
 
 def _refuse_foreign(folder: Folder) -> None:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pipeline.dataset.folder import Where
-from pipeline.dataset.read import solved_rows
-from pipeline.dataset.schema import scenarios_of
+from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.evaluation.compare import compare
 from pipeline.evaluation.trials import Entrant, run_trials

@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 
 import pyarrow as pa
 
-from pipeline.dataset.folder import Folder, Where, open_folder
-from pipeline.dataset.ledger import Ledger
-from pipeline.dataset.lock import sole_writer
-from pipeline.dataset.manifest import SCENARIOS, TIMINGS, Manifest, read_manifest
-from pipeline.dataset.physics import row_faults
-from pipeline.dataset.sample import OURS, draw_scenarios, missing_scenarios
-from pipeline.dataset.schema import METADATA_KEY, SCENARIO_FIELDS, SOLVED_FIELDS
-from pipeline.dataset.shards import decode, digest_of
-from pipeline.dataset.solve import complete, refuse_versions
-from pipeline.dataset.watch import SILENT, Watch
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.stages.physics import row_faults
+from pipeline.dataset.stages.sample import OURS, draw_scenarios, missing_scenarios
+from pipeline.dataset.stages.solve import complete, refuse_versions
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.folder import Folder, Where, open_folder
+from pipeline.dataset.storage.ledger import Ledger
+from pipeline.dataset.storage.lock import sole_writer
+from pipeline.dataset.storage.manifest import SCENARIOS, TIMINGS, Manifest, read_manifest
+from pipeline.dataset.storage.schema import METADATA_KEY, SCENARIO_FIELDS, SOLVED_FIELDS
+from pipeline.dataset.storage.shards import decode, digest_of
 from pipeline.errors import InputError
 from pipeline.expert import Settings
+from pipeline.progress import SILENT, Progress
 
 ASIDE = "_foreign/"
 """Where files that do not belong to a dataset are moved, out of the way of its readers."""
@@ -60,14 +60,14 @@ class Check:
 
 
 def verify(
-    where: Where | Folder, *, workers: Workers | None = None, watch: Watch = SILENT
+    where: Where | Folder, *, workers: Workers | None = None, progress: Progress = SILENT
 ) -> Iterator[Fault]:
     """Every fault of a dataset, as it is found.
 
     Args:
         where: a dataset; one that is sampled and not yet solved is judged as such.
         workers: what to verify it with; all cores of this machine by default.
-        watch: told how far it is.
+        progress: told how far it is.
 
     Raises:
         InputError: where the folder holds no dataset.
@@ -89,15 +89,15 @@ def verify(
         if check.name not in there:
             yield Fault(check.name, "is missing")
     checks = [check for check in checks if check.name in there]
-    watch.expect(sum(check.counted for check in checks))
+    progress.expect(sum(check.counted for check in checks))
     checks += timings
-    for check, found in workers.work(_judged, checks, lambda c: folder.read(c.name), watch):
+    for check, found in workers.work(_judged, checks, lambda c: folder.read(c.name), progress):
         yield from (Fault(check.name, what) for what in found)
-        watch.done(check.counted)
+        progress.done(check.counted)
 
 
 def repair(
-    where: Where | Folder, *, workers: Workers | None = None, watch: Watch = SILENT
+    where: Where | Folder, *, workers: Workers | None = None, progress: Progress = SILENT
 ) -> list[Fault]:
     """Do again exactly the shards that have faults, and move foreign files to ``_foreign/``.
 
@@ -111,16 +111,16 @@ def repair(
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)
     with sole_writer(folder):
-        faults = list(verify(folder, workers=workers, watch=watch))
+        faults = list(verify(folder, workers=workers, progress=progress))
         manifest = read_manifest(folder)
         refuse_versions(manifest, str(folder))
         ledger = Ledger(folder, manifest)
         _set_aside(folder, [fault.path for fault in faults if fault.foreign])
         _discard(ledger, {fault.path for fault in faults if not fault.foreign})
         if ledger.manifest.solve:
-            complete(ledger, Settings(**ledger.manifest.solve), workers, watch)
+            complete(ledger, Settings(**ledger.manifest.solve), workers, progress)
         else:
-            draw_scenarios(ledger, list(missing_scenarios(ledger)), workers, watch)
+            draw_scenarios(ledger, list(missing_scenarios(ledger)), workers, progress)
     return faults
 
 

@@ -9,7 +9,7 @@ import fsspec
 import pyarrow as pa
 from pyarrow import fs
 
-from pipeline.dataset.folder import Folder, Stamp, reason, writing
+from pipeline.dataset.storage.folder import Folder, Stamp, reason, writing
 from pipeline.errors import InputError, ProlearnError
 from pipeline.urls import public, public_url
 

@@ -154,7 +154,9 @@ def open_folder(where: Where | Folder) -> Folder:
     if str(where).lower().startswith("file://"):
         return LocalFolder(_path_of(str(where)))
     if "://" in str(where):
-        from pipeline.dataset.remote import RemoteFolder  # Arrow's filesystems, for URLs alone
+        from pipeline.dataset.storage.remote import (
+            RemoteFolder,  # Arrow's filesystems, for URLs alone
+        )
 
         return RemoteFolder.at(str(where))
     return LocalFolder(Path(where))

@@ -7,7 +7,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.dataset.folder import Folder
+from pipeline.dataset.storage.folder import Folder
 from pipeline.errors import InputError
 
 TEXT_COLUMNS = ("family", "split", "status")

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pipeline.dataset.examples import Examples
-from pipeline.dataset.folder import Folder, Where, open_folder
-from pipeline.dataset.manifest import read_manifest, shard_name
-from pipeline.dataset.schema import problem_of, stacked
-from pipeline.dataset.shards import read_shard
+from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.storage.folder import Folder, Where, open_folder
+from pipeline.dataset.storage.manifest import read_manifest, shard_name
+from pipeline.dataset.storage.schema import problem_of, stacked
+from pipeline.dataset.storage.shards import read_shard
 from pipeline.errors import InputError
 from pipeline.plan import SOLVED
 from pipeline.urls import public_url

@@ -1,22 +1,22 @@
 """Experiment 4 on the test split of a dataset, recorded for the report."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.dataset.folder import Where
-from pipeline.dataset.manifest import read_manifest
+from cli.stages.entrants import Network, networks, unlearned
+from cli.stages.evaluate import test_scenarios
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.evaluation.transfer_times import (
     NODES,
     EntrantsOn,
-    Variation,
     run_transfer_times,
     variations,
 )
 from pipeline.evaluation.trials import Entrant
 from pipeline.orbit.problem import Problem
-from registry.jobs.entrants import Network, networks, unlearned
-from registry.jobs.evaluate import test_scenarios
+from pipeline.progress import SILENT, Progress
 from registry.results import Done, earlier_run, record
 from registry.store import TRANSFER_TIMES
 
@@ -30,9 +30,7 @@ def transfer_times(
     time_steps: Sequence[float] | None,
     trials: int,
     resume: bool = False,
-    say: Callable[[str], None] = lambda sentence: None,
-    expect: Callable[[int], None] = lambda total: None,
-    report: Callable[[str], None] = lambda done: None,
+    progress: Progress = SILENT,
 ) -> Done:
     """Give the same ends other transfer times, and record what becomes of every plan.
 
@@ -44,9 +42,7 @@ def transfer_times(
         time_steps: Δt in s, at the dataset's T; None for the same transfer times.
         trials: most scenarios.
         resume: leave it where it was done before, with the same data, models and settings.
-        say: told where it was done before by other versions, and so is done again.
-        expect: told how often ``report`` will be called, where anything is left to do.
-        report: called with T and Δt after each of them.
+        progress: told of each transfer time, and where other versions did it before.
 
     Raises:
         InputError: for unknown models, models of another problem than the dataset's, a size
@@ -67,12 +63,10 @@ def transfer_times(
         "networks": ",".join(dict.fromkeys(network.label for network in learned)),
         "models": ",".join(network.version.uri for network in learned),
     }
-    if resume and (earlier := earlier_run(TRANSFER_TIMES, params, say=say)):
+    if resume and (earlier := earlier_run(TRANSFER_TIMES, params, progress=progress)):
         return Done(earlier, earlier=True)
-    expect(len(varied))
-    table = run_transfer_times(
-        _entrants_on(learned), scenarios, varied, report=lambda done: report(_called(done))
-    )
+    progress.expect(len(varied))
+    table = run_transfer_times(_entrants_on(learned), scenarios, varied, progress=progress)
     return Done(record(TRANSFER_TIMES, table, params=params, dataset=(str(data), digest)))
 
 
@@ -91,7 +85,3 @@ def _fitting(network: Network, problem: Problem) -> list[Entrant]:
         return [replace(network, model=network.model.on(problem)).entrant]
     except InputError:
         return []
-
-
-def _called(variation: Variation) -> str:
-    return f"T = {variation.problem.nodes}, Δt = {variation.problem.time_step:g} s"

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pipeline.dataset.folder import Folder, Where, open_folder
-from pipeline.dataset.schema import SCHEMA, metadata
+from pipeline.dataset.storage.folder import Folder, Where, open_folder
+from pipeline.dataset.storage.schema import SCHEMA, metadata
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import SPLITS

@@ -8,7 +8,7 @@ from datetime import datetime
 
 from filelock import FileLock, Timeout
 
-from pipeline.dataset.folder import Folder, LocalFolder
+from pipeline.dataset.storage.folder import Folder, LocalFolder
 from pipeline.errors import InputError, ProlearnError
 
 LOCK = "_lock"

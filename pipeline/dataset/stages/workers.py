@@ -17,9 +17,9 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
-from pipeline.dataset.watch import SILENT, Watch
-from pipeline.dataset.worker import call
+from pipeline.dataset.stages.worker import call
 from pipeline.errors import InputError, ProlearnError
+from pipeline.progress import SILENT, Progress
 from pipeline.urls import public, public_url
 
 BACKENDS = ("loky", "dask")
@@ -70,7 +70,7 @@ class Workers:
         function: Callable[[Task, bytes], Result],
         tasks: Sequence[Task],
         load: Callable[[Task], bytes],
-        watch: Watch = SILENT,
+        progress: Progress = SILENT,
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
@@ -80,7 +80,7 @@ class Workers:
             function: what to do, importable on every worker.
             tasks: what to do it with.
             load: the bytes that a task needs, read here when its turn comes.
-            watch: told of killed workers.
+            progress: told of killed workers.
 
         Raises:
             ProlearnError: where workers are killed again and again, or none can be had.
@@ -100,7 +100,7 @@ class Workers:
                         "memory; the shards that were done are kept: run the same command again "
                         "with fewer --jobs."
                     ) from error
-                watch.say(
+                progress.say(
                     "a worker process was killed, perhaps for want of memory; what it had in "
                     "hand is done again."
                 )

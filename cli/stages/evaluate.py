@@ -1,7 +1,6 @@
 """Experiments 1 and 2 on the test split of a dataset, recorded for the report and the UI."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -9,18 +8,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.dataset.folder import Where
-from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.read import solved_rows
-from pipeline.dataset.schema import scenarios_of
+from cli.stages.entrants import networks, unlearned
+from cli.stages.example import example_transfer, label_of
+from cli.stages.model_results import add_to_model
+from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.dataset.storage.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.evaluation.trials import run_trials
+from pipeline.progress import SILENT, Progress
 from pipeline.report.results import Example
 from pipeline.scenario import Scenario
 from pipeline.urls import public_url
-from registry.jobs.entrants import networks, unlearned
-from registry.jobs.example import example_transfer, label_of
-from registry.jobs.model_results import add_to_model
 from registry.results import Done, earlier_run, record
 from registry.store import EVALUATION
 
@@ -33,9 +33,7 @@ def evaluate(
     trials: int | None,
     timed: int,
     resume: bool = False,
-    say: Callable[[str], None] = lambda sentence: None,
-    expect: Callable[[int], None] = lambda total: None,
-    report: Callable[[str], None] = lambda done: None,
+    progress: Progress = SILENT,
 ) -> Done:
     """Evaluate networks, expert and baselines, and record it.
 
@@ -46,9 +44,7 @@ def evaluate(
         trials: most test scenarios of a size, or all.
         timed: scenarios of each size that are timed one at a time.
         resume: leave it where it was done before, with the same data, models and settings.
-        say: told where it was done before by other versions, and so is done again.
-        expect: told how often ``report`` will be called, where anything is left to do.
-        report: called with the swarm size after each planner's trials of it.
+        progress: told of each planner's trials of a size, and where other versions did it before.
 
     Raises:
         InputError: for unknown models, sizes that are not in the dataset, trials < 1 or timed < 0.
@@ -71,15 +67,15 @@ def evaluate(
         "planners": ",".join(dict.fromkeys(label_of(e) for e in entrants)),
         "models": ",".join(network.version.uri for network in learned),
     }
-    if resume and (earlier := earlier_run(EVALUATION, params, say=say)):
+    if resume and (earlier := earlier_run(EVALUATION, params, progress=progress)):
         return Done(earlier, earlier=True)
-    expect(len(chosen) * len(entrants))
+    progress.expect(len(chosen) * len(entrants))
     tables = [
         run_trials(
             entrants,
             scenarios[n],
             timed=min(timed, len(scenarios[n])),
-            report=partial(report, f"n={n}"),
+            progress=progress,
         )
         for n in chosen
     ]

@@ -6,19 +6,21 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pipeline.dataset.folder import Folder, Where, open_folder
-from pipeline.dataset.ledger import Ledger
-from pipeline.dataset.lock import sole_writer
-from pipeline.dataset.manifest import (
+from pipeline.dataset.stages.sample import DECIDED_BY as SAMPLED_BY
+from pipeline.dataset.stages.sample import draw_scenarios, missing_scenarios
+from pipeline.dataset.stages.worker import check_worker
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.folder import Folder, Where, open_folder
+from pipeline.dataset.storage.ledger import Ledger
+from pipeline.dataset.storage.lock import sole_writer
+from pipeline.dataset.storage.manifest import (
     SCENARIOS,
     TIMINGS,
     Manifest,
     read_manifest,
     refuse_change,
 )
-from pipeline.dataset.sample import DECIDED_BY as SAMPLED_BY
-from pipeline.dataset.sample import draw_scenarios, missing_scenarios
-from pipeline.dataset.schema import (
+from pipeline.dataset.storage.schema import (
     METADATA_KEY,
     Outcome,
     same_scenarios,
@@ -26,14 +28,12 @@ from pipeline.dataset.schema import (
     solved_table,
     timing_table,
 )
-from pipeline.dataset.shards import decode, digest_of, encode
-from pipeline.dataset.watch import SILENT, Watch
-from pipeline.dataset.worker import check_worker
-from pipeline.dataset.workers import Workers
+from pipeline.dataset.storage.shards import decode, digest_of, encode
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_scenario
 from pipeline.plan import SOLVED, UNSOLVED
+from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_other_versions
 from pipeline.scenario import Scenario
 
@@ -63,7 +63,7 @@ def solve(
     settings: Settings,
     *,
     workers: Workers | None = None,
-    watch: Watch = SILENT,
+    progress: Progress = SILENT,
 ) -> Manifest:
     """Solve what is not solved yet; damaged shards are done again.
 
@@ -71,7 +71,7 @@ def solve(
         where: a sampled dataset.
         settings: of the expert.
         workers: what to solve it with; all cores of this machine by default.
-        watch: told how far it is.
+        progress: told how far it is.
 
     Raises:
         InputError: where the folder holds no dataset, another process writes to it, or it was
@@ -83,27 +83,27 @@ def solve(
     with sole_writer(folder):
         ledger = Ledger(folder, _begun(read_manifest(folder), str(folder), settings))
         ledger.commit()
-        complete(ledger, settings, workers, watch)
+        complete(ledger, settings, workers, progress)
     return ledger.manifest
 
 
-def complete(ledger: Ledger, settings: Settings, workers: Workers, watch: Watch) -> None:
+def complete(ledger: Ledger, settings: Settings, workers: Workers, progress: Progress) -> None:
     """Draw and solve whatever is missing or damaged in a folder that is held for writing."""
     lost = list(missing_scenarios(ledger))
     if lost:
-        watch.say(f"{len(lost)} scenario shards are missing or damaged; they are drawn again.")
+        progress.say(f"{len(lost)} scenario shards are missing or damaged; they are drawn again.")
         draw_scenarios(ledger, lost, workers, SILENT)
     tasks = list(_missing(ledger, settings))[::-1]  # the largest swarms take longest: they first
-    watch.expect(sum(task.rows for task in tasks))
+    progress.expect(sum(task.rows for task in tasks))
 
     def load(task: Solve) -> bytes:
         return ledger.folder.read(SCENARIOS + task.name)
 
-    with ledger.settled(), closing(workers.work(_solved, tasks, load, watch)) as results:
+    with ledger.settled(), closing(workers.work(_solved, tasks, load, progress)) as results:
         for task, solved in results:
             ledger.folder.publish(TIMINGS + task.name, solved.timings)
             ledger.publish(task.name, solved.content)
-            watch.done(task.rows, solved.failed)
+            progress.done(task.rows, failed=solved.failed)
 
 
 def _begun(manifest: Manifest, folder: str, settings: Settings) -> Manifest:

@@ -1,0 +1,1 @@
+"""Solved datasets read back: scenarios for the experiments, arrays for training."""

@@ -1,0 +1,1 @@
+"""Stages that fill a dataset and check it: sample, solve, verify, repair."""
