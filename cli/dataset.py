@@ -90,8 +90,8 @@ def sample(
     """
     from pipeline.dataset.stages.sample import sample as run
     from pipeline.dataset.storage.manifest import Sample
-    from pipeline.orbit.cw import mean_motion_at
     from pipeline.orbit.problem import Problem
+    from pipeline.orbit.reference import mean_motion_at
 
     if not altitude > 0:
         raise InputError(f"--altitude is {altitude}; expected a positive number of metres.")

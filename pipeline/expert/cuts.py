@@ -7,7 +7,6 @@ from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import close_approaches
-from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import pairs
 from pipeline.orbit.transfer import transfer_maps
@@ -107,7 +106,7 @@ def gaps(
     problem: Problem,
 ) -> Float[Array, "k 3"]:
     """Position of each cut's first craft relative to its second, there and then, m."""
-    A, B = cw_matrices(problem.mean_motion, cuts.offset)
+    A, B = problem.dynamics.step(cuts.offset)
     i, j, k = cuts.first, cuts.second, cuts.interval
     gap = np.einsum("kij,kj->ki", A[:, :3], states[i, k] - states[j, k])
     return gap + np.einsum("kij,kj->ki", B[:, :3], controls[i, k] - controls[j, k])
@@ -154,7 +153,7 @@ def half_spaces_along(
         separation: what to ask for, m.
     """
     maps = transfer_maps(problem)
-    A, B = cw_matrices(problem.mean_motion, cuts.offset)
+    A, B = problem.dynamics.step(cuts.offset)
     A, B = A[:, :3], B[:, :3]
     i, j, k = cuts.first, cuts.second, cuts.interval
     to_state = np.einsum("ki,kij->kj", normal, A)

@@ -18,7 +18,6 @@ from pipeline.errors import InputError
 from pipeline.expert.cuts import directions
 from pipeline.expert.own import control_limit, own_optima
 from pipeline.expert.seeds import Seed, checked_seed
-from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pairs
@@ -60,7 +59,7 @@ class SwarmModel:
     """
 
     def __init__(self, n: int, problem: Problem) -> None:
-        A, B = cw_matrices(problem.mean_motion, problem.time_step)
+        A, B = problem.dynamics.step(problem.time_step)
         self.states = [cp.Variable((n, 6)) for _ in range(problem.nodes)]
         self.controls = [cp.Variable((n, 3)) for _ in range(problem.intervals)]
         self.initial, self.goal = cp.Parameter((n, 6)), cp.Parameter((n, 6))

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
 TOLERANCE = 1e-4
@@ -53,16 +53,16 @@ def close_approaches(
 
     Over an interval each craft stays in a ball about the middle of its chord, and only pairs whose
     balls are near can matter. For those it is branch and bound. On a stretch of length h the
-    relative position is a cubic Hermite interpolant up to h⁴/384 max|p⁗|, where p⁗ has a bound in
-    closed form under Eq. 1 with constant control; and the cubic's squared distance is nowhere
-    below its least Bernstein coefficient. So every stretch has a lower bound; stretches that
-    cannot matter are dropped, the others split, until the bracket around the minimum is
-    ``tolerance`` wide. No pass is fast enough to slip through, since nothing is sampled.
+    relative position is a cubic Hermite interpolant up to h⁴/384 max|p⁗|, which the dynamics
+    bound; and the cubic's squared distance is nowhere below its least Bernstein coefficient. So
+    every stretch has a lower bound; stretches that cannot matter are dropped, the others split,
+    until the bracket around the minimum is ``tolerance`` wide. No pass is fast enough to slip
+    through, since nothing is sampled.
 
     Args:
         states: node states, m and m/s.
         controls: constant over each interval, m/s².
-        problem: mean motion and time step.
+        problem: dynamics and time step.
         within: distance of interest, m.
         moved: leave out pairs of which neither is marked here.
         tolerance: width of the bracket [bound, distance], m.
@@ -71,15 +71,14 @@ def close_approaches(
         An entry for each pair and interval whose lower bound is at most ``within``, by interval,
         first and second craft.
     """
-    e, h = problem.mean_motion, problem.time_step
+    dynamics, h = problem.dynamics, problem.time_step
     i, j, k = _candidates(states, controls, problem, within)
     if moved is not None:
         kept = moved[i] | moved[j]
         i, j, k = i[kept], j[kept], k[kept]
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
     push = controls[i, k] - controls[j, k]
-    in_plane, cross = _amplitudes(start, push, e)
-    remainder = h**4 / 384 * e**2 * np.hypot(5**0.5 * in_plane, cross)
+    remainder = h**4 / 384 * dynamics.most_fourth_derivative(start, push)
     near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= within)
     if len(near) == 0:
         none, empty = np.zeros(0, dtype=int), np.zeros(0)
@@ -88,7 +87,7 @@ def close_approaches(
     # The bracket is twice a part's remainder wide, and what branch and bound leaves.
     parts = max(1, int(np.ceil((remainder.max() / (tolerance / 4)) ** 0.25)))
     when, bound = branch_and_bound(
-        _exact_parts(start, push, e, h, parts),
+        _exact_parts(start, push, dynamics, h, parts),
         np.repeat(remainder / parts**4, parts),
         parts,
         within,
@@ -96,7 +95,7 @@ def close_approaches(
     )
     keep = bound <= within
     near, offset, bound = near[keep], when[keep] * h, bound[keep]
-    A, B = cw_matrices(e, offset)
+    A, B = dynamics.step(offset)
     relative = np.einsum("kij,kj->ki", A[:, :3], start[keep])
     relative += np.einsum("kij,kj->ki", B[:, :3], push[keep])
     distance = np.maximum(np.linalg.norm(relative, axis=1), bound)
@@ -113,10 +112,11 @@ def _candidates(
 
     All intervals go into one tree: as many planes of a fourth dimension, too far apart to meet.
     """
-    e, h = problem.mean_motion, problem.time_step
+    h = problem.time_step
     n, intervals = controls.shape[:2]
     start, end = states[:, :-1], states[:, 1:]
-    sag = _acceleration(start, controls, e, h) * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
+    most = problem.dynamics.most_acceleration(start, controls, h)
+    sag = most * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
     radius = (np.linalg.norm(end[..., :3] - start[..., :3], axis=-1) / 2 + sag).ravel()
     reach = 2 * float(radius.max()) + within
     plane = np.broadcast_to(2 * reach * np.arange(intervals)[:, None], (n, intervals, 1))
@@ -130,36 +130,10 @@ def _candidates(
     return i[order], j[order], k[order]
 
 
-def _amplitudes(
-    start: Float[Array, "*batch 6"], push: Float[Array, "*batch 3"], e: float
-) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-    """Amplitudes of ẍ and z̈, which under constant control oscillate at e about 0 by Eq. 1.
-
-    So they bound both for all times, and with them x⁗ = -e² ẍ, |y⁗| ≤ 2e² times the amplitude of
-    ẍ, and z⁗ = -e² z̈.
-    """
-    x, z = start[..., 0], start[..., 2]
-    vx, vy, vz = start[..., 3], start[..., 4], start[..., 5]
-    in_plane = np.hypot(3 * e**2 * x + 2 * e * vy + push[..., 0], 2 * push[..., 1] - e * vx)
-    return in_plane, np.hypot(push[..., 2] - e**2 * z, e * vz)
-
-
-def _acceleration(
-    start: Float[Array, "*batch 6"],
-    push: Float[Array, "*batch 3"],
-    e: float,
-    h: float,
-) -> Float[Array, "*batch"]:
-    """Bound on the acceleration over an interval: of ẍ and z̈ as above, and ÿ = u - 2e ẋ."""
-    in_plane, cross = _amplitudes(start, push, e)
-    along = np.abs(push[..., 1]) + 2 * e * (np.abs(start[..., 3]) + h * in_plane)
-    return np.sqrt(in_plane**2 + cross**2 + along**2)
-
-
 def _exact_parts(
-    start: Float[Array, "g 6"], push: Float[Array, "g 3"], e: float, h: float, parts: int
+    start: Float[Array, "g 6"], push: Float[Array, "g 3"], dynamics: Dynamics, h: float, parts: int
 ) -> Float[Array, "_ 4 3"]:
     """Each interval cut into equal parts with exact states at their ends, as cubics."""
-    A, B = cw_matrices(e, h / parts * np.arange(parts + 1))
+    A, B = dynamics.step(h / parts * np.arange(parts + 1))
     states = np.einsum("qij,gj->gqi", A, start) + np.einsum("qij,gj->gqi", B, push)
     return hermite_bezier(states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6), h / parts)

@@ -1,23 +1,61 @@
 """The Clohessy-Wiltshire equations in closed form (Eq. 1 and 2 of the paper)."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 
-MU_EARTH = 398600.4418e9
-"""Gravitational parameter of the Earth, m³/s²."""
-
-R_EARTH = 6378137.0
-"""Equatorial radius of the Earth, m."""
-
 SERIES_BELOW = 0.1
 """Angle in rad under which θ - sin θ is taken from its series, not from a difference."""
 
 
-def mean_motion_at(altitude: float) -> float:
-    """Mean motion in rad/s of the circular orbit at an altitude in m: e = √(μ/r₀³)."""
-    return float(np.sqrt(MU_EARTH / (R_EARTH + altitude) ** 3))
+@dataclass(frozen=True)
+class ClohessyWiltshire:
+    """Motion relative to a point on a circular orbit, Eq. 1; a case of ``Dynamics``.
+
+    Attributes:
+        mean_motion: e of the reference circular orbit, rad/s.
+    """
+
+    mean_motion: float
+
+    def step(
+        self, time: float | Float[Array, "*batch"]
+    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
+        """A and B, Eq. 2, so long after an interval's start, s."""
+        return cw_matrices(self.mean_motion, time)
+
+    def most_acceleration(
+        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"], time: float
+    ) -> Float[Array, "*batch"]:
+        """A bound on |p̈| for so long after an interval's start, m/s²; ÿ = u - 2e ẋ."""
+        e = self.mean_motion
+        in_plane, cross = self._amplitudes(start, control)
+        along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
+        return np.sqrt(in_plane**2 + cross**2 + along**2)
+
+    def most_fourth_derivative(
+        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
+    ) -> Float[Array, "*batch"]:
+        """A bound on |p⁗| for all times, m/s⁴.
+
+        x⁗ = -e² ẍ, |y⁗| ≤ 2e² times the amplitude of ẍ, and z⁗ = -e² z̈.
+        """
+        in_plane, cross = self._amplitudes(start, control)
+        return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)
+
+    def _amplitudes(
+        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
+    ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+        """Amplitudes of ẍ and z̈, which under constant control oscillate at e about 0 by Eq. 1."""
+        e = self.mean_motion
+        x, z = start[..., 0], start[..., 2]
+        vx, vy, vz = start[..., 3], start[..., 4], start[..., 5]
+        radial = 3 * e**2 * x + 2 * e * vy + control[..., 0]
+        in_plane = np.hypot(radial, 2 * control[..., 1] - e * vx)
+        return in_plane, np.hypot(control[..., 2] - e**2 * z, e * vz)
 
 
 def cw_matrices(

@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 
 
@@ -21,5 +20,5 @@ def implied_controls(
     Exact where the states obey Eq. 2. States that do not, such as a network's raw output, can
     look cheaper than any transfer that can be flown.
     """
-    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    A, B = problem.dynamics.step(problem.time_step)
     return (states[..., 1:, :] - states[..., :-1, :] @ A.T) @ np.linalg.pinv(B).T

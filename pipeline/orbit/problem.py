@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.cw import mean_motion_at
+from pipeline.orbit.cw import ClohessyWiltshire
+from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.reference import mean_motion_at
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,11 @@ class Problem:
                 f"nodes is {self.nodes}; expected at least 3, since two intervals of constant "
                 "control are the fewest that can reach a goal state."
             )
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """How craft move, and what bounds their motion."""
+        return ClohessyWiltshire(self.mean_motion)
 
     @property
     def intervals(self) -> int:

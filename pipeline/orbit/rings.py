@@ -4,6 +4,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.orbit.cw import cw_matrices
+
+DRIFT_FREE = 1e-6
+"""Relative misfit of Eq. 3 up to which states lie on passive relative orbits."""
 
 
 def pro_states(
@@ -46,3 +50,18 @@ def pro_states(
 def energy_mismatch(states: Float[Array, "*batch 6"], mean_motion: float) -> Float[Array, "*batch"]:
     """ẏ + 2e x in m/s, which Eq. 3 wants to be 0: otherwise the craft drifts along-track."""
     return states[..., 4] + 2 * mean_motion * states[..., 0]
+
+
+def revolution(states: Float[Array, "n 6"], points: int) -> Float[Array, "n _ 3"] | None:
+    """Positions in m over one revolution of free drift through states on PROs.
+
+    None where they lie on none: Eq. 3, ẏ = -2e x, must hold with one e for all, which is how the
+    mean motion is found.
+    """
+    x, vy = states[:, 0], states[:, 4]
+    mean_motion = -float(vy @ x) / (2 * float(x @ x)) if x.any() else 0.0
+    misfit = np.abs(energy_mismatch(states, mean_motion)).max()
+    if mean_motion <= 0 or misfit > DRIFT_FREE * np.abs(vy).max():
+        return None
+    A, _ = cw_matrices(mean_motion, np.linspace(0, 2 * np.pi / mean_motion, points))
+    return np.einsum("kij,nj->nki", A[:, :3], states)

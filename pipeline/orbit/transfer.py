@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 
 
@@ -33,7 +32,7 @@ class TransferMaps:
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
     """The maps of a problem, made once."""
-    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    A, B = problem.dynamics.step(problem.time_step)
     T, m = problem.nodes, 3 * problem.intervals
     drift = np.stack([np.linalg.matrix_power(A, t) for t in range(T)])
     reach = np.zeros((T, 6, m))
@@ -73,7 +72,7 @@ def dynamics_defect(
     problem: Problem,
 ) -> Float[Array, "*batch intervals 6"]:
     """s[t+1] - A s[t] - B u[t] in m and m/s, which Eq. 2 wants to be 0."""
-    A, B = cw_matrices(problem.mean_motion, problem.time_step)
+    A, B = problem.dynamics.step(problem.time_step)
     return states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
 
 
@@ -130,7 +129,7 @@ def track(
 ) -> Float[Array, "n _ 3"]:
     """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
     offsets = problem.time_step / steps * np.arange(steps)
-    A, B = cw_matrices(problem.mean_motion, offsets)
+    A, B = problem.dynamics.step(offsets)
     between = np.einsum("qij,ntj->ntqi", A[:, :3], states[:, :-1])
     between += np.einsum("qij,ntj->ntqi", B[:, :3], controls)
     n = len(states)

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from pipeline.errors import InputError
 from pipeline.files import write_text
-from pipeline.orbit.cw import mean_motion_at
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import mean_motion_at
 from pipeline.scenario.scenario import Scenario
 
 SCHEMA = "prolearn.scenario/1"

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pipeline.arrays import Array
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.rings import revolution
 from pipeline.orbit.separation import pairs
 from pipeline.report.figures.style import (
     CONFLICT_COLOUR,
@@ -22,9 +22,6 @@ from pipeline.report.results import Example
 
 COLUMNS = 3
 ORBIT_POINTS = 121
-DRIFT_FREE = 1e-6
-"""Relative misfit of Eq. 3 up to which states lie on passive relative orbits."""
-
 ELEVATION, AZIMUTH = 26.0, -50.0
 """Where the viewer stands, deg."""
 
@@ -107,16 +104,8 @@ def _ends(example: Example) -> list[tuple[Array, str]]:
 
 def _orbits(states: Float[Array, "n 6"]) -> Float[Array, "n _ 3"]:
     """One revolution of free drift through each state; just the states where Eq. 3 fails."""
-    x, vy = states[:, 0], states[:, 4]
-    # Eq. 3, ẏ = -2e x, holds for one e on every orbit, so the states give the mean motion.
-    mean_motion = -float(vy @ x) / (2 * float(x @ x)) if x.any() else 0.0
-    misfit = np.abs(vy + 2 * mean_motion * x).max()
-    if mean_motion <= 0 or misfit > DRIFT_FREE * np.abs(vy).max():
-        return states[:, None, :3]
-    times = np.linspace(0, 2 * np.pi / mean_motion, ORBIT_POINTS)
-    A, _ = cw_matrices(mean_motion, times)
-    orbits: Array = np.einsum("kij,nj->nki", A[:, :3], states)
-    return orbits
+    found = revolution(states, ORBIT_POINTS)
+    return states[:, None, :3] if found is None else found
 
 
 def _draw(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.orbit.cw import mean_motion_at
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import mean_motion_at
 from pipeline.scenario import Scenario, check, draw
 from pipeline.scenario.document import read_scenario, write_scenario
 
