@@ -1,12 +1,13 @@
 """The seam behind which the dynamics are: all that transfers and proofs need to know of them."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 
 
+@runtime_checkable
 class Dynamics(Protocol):
     """Linear relative motion, the same in every interval of constant control.
 
