@@ -79,7 +79,7 @@ def plan(
     failed = False
     for scenario, target in each("planning", list(zip(asked, targets, strict=True))):
         made = chosen.plan([scenario])[0]
-        write_plan(target, made, scenario.problem)
+        write_plan(target, made, scenario)
         failed |= made.status != SOLVED
         typer.echo(_summary(target, made))
     raise typer.Exit(int(failed))

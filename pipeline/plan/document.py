@@ -1,39 +1,116 @@
-"""plan.json (schema prolearn.plan/1): what a plan looks like outside of Python."""
+"""plan.json (schema prolearn.plan/2): a plan with the scenario that it is for, written and read."""
 
-import json
 import math
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from pipeline.files import write_text
-from pipeline.orbit.problem import Problem
+from pipeline.documents import read_document, write_document
+from pipeline.errors import InputError
+from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Plan
+from pipeline.scenario import Scenario
+from pipeline.scenario.document import ScenarioDocument, document_of
 
-SCHEMA = "prolearn.plan/1"
+SCHEMA = "prolearn.plan/2"
+
+WHAT = f"a plan file (schema {SCHEMA})"
+
+State = Annotated[list[float], Field(min_length=6, max_length=6)]
+Control = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
-def plan_document(plan: Plan, problem: Problem) -> dict[str, Any]:
+class PlanDocument(BaseModel):
+    """The fields of a plan file; version 1 lacks the scenario."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_name: Literal["prolearn.plan/1", "prolearn.plan/2"] = Field(alias="schema")
+    scenario: ScenarioDocument | None = None
+    planner: str
+    status: Literal["solved", "unsafe", "infeasible", "unsolved"]
+    message: str = ""
+    times: list[float]
+    states: list[list[State]]
+    controls: list[list[Control]]
+    certificate: Certificate
+    convex_solves: int = 0
+    timing: dict[str, float] = Field(default_factory=dict)
+
+    @field_validator("certificate", mode="before")
+    @classmethod
+    def _written_out(cls, given: Any) -> Any:
+        """JSON has no infinity; early files do not say by which velocity the goal is missed."""
+        if not isinstance(given, dict):
+            return given
+        gap = {"optimality_gap": math.inf} if given.get("optimality_gap", 0) is None else {}
+        return {"goal_velocity_error": math.nan} | given | gap
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> "PlanDocument":
+        n, T = len(self.states), len(self.times)
+        asked = self.scenario
+        if asked is not None and (n, T) != (len(asked.initial), asked.nodes):
+            raise ValueError(f"the plan has {n} craft and {T} nodes, its scenario has others")
+        rows = [{len(craft) for craft in part} for part in (self.states, self.controls)]
+        if len(self.controls) != n or rows != [{T}, {T - 1}]:
+            raise ValueError(f"give each of {n} craft {T} states and {T - 1} controls")
+        return self
+
+    @property
+    def plan(self) -> Plan:
+        """The plan that the fields describe."""
+        return Plan(
+            self.planner,
+            self.status,
+            np.array(self.states),
+            np.array(self.controls),
+            self.certificate,
+            self.convex_solves,
+            self.timing,
+            self.message,
+        )
+
+
+def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
     """The fields of a plan file; what is infinite or absent becomes null."""
+    problem = scenario.problem
     return {
         "schema": SCHEMA,
+        "scenario": document_of(scenario),
         "planner": plan.planner,
         "status": plan.status,
         "message": plan.message,
         "times": (np.arange(problem.nodes) * problem.time_step).tolist(),
         "states": plan.states.tolist(),
         "controls": plan.controls.tolist(),
-        "certificate": {k: _plain(v) for k, v in asdict(plan.certificate).items()},
+        "certificate": {k: _plain(v) for k, v in vars(plan.certificate).items()},
         "convex_solves": plan.convex_solves,
         "timing": dict(plan.timing),
     }
 
 
-def write_plan(path: Path, plan: Plan, problem: Problem) -> None:
-    """Write a plan file."""
-    write_text(path, json.dumps(plan_document(plan, problem), allow_nan=False) + "\n")
+def write_plan(path: Path, plan: Plan, scenario: Scenario) -> None:
+    """Write a plan file, a line for each node of each craft."""
+    write_document(path, plan_document(plan, scenario))
+
+
+def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
+    """The plan in a file, with its certificate as claimed there, and the scenario it is for.
+
+    The scenario is None in files of version 1, which do not hold it.
+
+    Raises:
+        InputError: where the file cannot be read or a field is missing or wrong, by its name.
+    """
+    document = read_document(path, PlanDocument, WHAT)
+    try:
+        asked = document.scenario
+        return document.plan, None if asked is None else asked.scenario(path.stem)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _plain(value: Any) -> Any:

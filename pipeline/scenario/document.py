@@ -1,19 +1,21 @@
 """scenario.json (schema prolearn.scenario/1): read with an answer to every mistake, and written."""
 
-import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from pipeline.documents import read_document, write_document
 from pipeline.errors import InputError
-from pipeline.files import write_text
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
 from pipeline.scenario.scenario import Scenario
 
 SCHEMA = "prolearn.scenario/1"
+
+WHAT = f"a scenario file (schema {SCHEMA})"
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 State = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
@@ -58,48 +60,23 @@ def read_scenario(path: Path) -> Scenario:
     Raises:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
+    document = read_document(path, ScenarioDocument, WHAT)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read ({error}); expected a scenario file.") from error
-    try:
-        return ScenarioDocument.model_validate(json.loads(text)).scenario(path.stem)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path} is not JSON: {error}; expected schema {SCHEMA}.") from error
-    except ValidationError as error:
-        raise InputError(f"{path}: {_first_fault(error)} (schema {SCHEMA}).") from error
+        return document.scenario(path.stem)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def write_scenario(path: Path, scenario: Scenario) -> None:
-    """Write a scenario file."""
-    problem = scenario.problem
-    document = {
+def document_of(scenario: Scenario) -> dict[str, Any]:
+    """The fields of a scenario file."""
+    return {
         "schema": SCHEMA,
-        "mean_motion": problem.mean_motion,
-        "time_step": problem.time_step,
-        "nodes": problem.nodes,
-        "collision_radius": problem.collision_radius,
-        "max_acceleration": problem.max_acceleration,
+        **asdict(scenario.problem),
         "initial": scenario.initial.tolist(),
         "goal": scenario.goal.tolist(),
     }
-    write_text(path, json.dumps(document, indent=1) + "\n")
 
 
-def _first_fault(error: ValidationError) -> str:
-    """Field and fault of the first error, such as ``initial[2][5] is nan: ...``."""
-    fault = error.errors(include_url=False)[0]
-    where = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in fault["loc"])
-    what = fault["msg"].removeprefix("Value error, ")
-    what = what[0].lower() + what[1:]
-    if not where:
-        return what
-    if fault["type"] == "missing":
-        return f"{where.lstrip('.')} is missing"
-    if fault["type"] == "extra_forbidden":
-        return f"{where.lstrip('.')} is not a field of this schema; remove it"
-    given = fault["input"]
-    shown = f" is {given!r}" if isinstance(given, str | int | float | bool | None) else ""
-    return f"{where.lstrip('.')}{shown}: {what}"
+def write_scenario(path: Path, scenario: Scenario) -> None:
+    """Write a scenario file, a line for each state."""
+    write_document(path, document_of(scenario))

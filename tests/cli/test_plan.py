@@ -39,7 +39,7 @@ def test_the_judge_agrees_with_the_experts_certificate(family, prolearn, tmp_pat
         report = judged(file, plan)
         assert report.wrong == ()
         said = json.loads(plan.read_text())
-        assert said["schema"] == "prolearn.plan/1"
+        assert said["schema"] == "prolearn.plan/2"
         assert said["status"] == "solved"
         assert said["certificate"].keys() >= CLAIMS
         for name in ("fuel", "delta_v", "fuel_lower_bound"):

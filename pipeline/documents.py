@@ -1,0 +1,65 @@
+"""JSON documents: read by pydantic, every mistake answered in a sentence, and written whole."""
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from pipeline.errors import InputError
+from pipeline.files import write_text
+
+Document = TypeVar("Document", bound=BaseModel)
+
+
+def read_document(path: Path, kind: type[Document], what: str) -> Document:
+    """The document in a file.
+
+    Args:
+        path: the file.
+        kind: its fields.
+        what: what it is meant to be, such as "a scenario file".
+
+    Raises:
+        InputError: where the file cannot be read or a field is missing or wrong, by its name.
+    """
+    try:
+        return kind.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read ({error}); expected {what}.") from error
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path} is not JSON: {error}; expected {what}.") from error
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_fault(error)}; expected {what}.") from error
+
+
+def first_fault(error: ValidationError) -> str:
+    """Field and fault of the first error, such as ``initial[2][5] is nan: ...``."""
+    fault = error.errors(include_url=False)[0]
+    where = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in fault["loc"]).lstrip(".")
+    what = fault["msg"].removeprefix("Value error, ")
+    what = what[0].lower() + what[1:]
+    if not where:
+        return what
+    if fault["type"] == "missing":
+        return f"{where} is missing"
+    if fault["type"] == "extra_forbidden":
+        return f"{where} is not a field of this schema; remove it"
+    given = fault["input"]
+    shown = f" is {given!r}" if isinstance(given, str | int | float | bool | None) else ""
+    return f"{where}{shown}: {what}"
+
+
+def write_document(path: Path, fields: dict[str, Any]) -> None:
+    """Write a JSON file that appears whole, with each row of numbers on a line of its own."""
+    write_text(path, _json(fields, "\n ") + "\n")
+
+
+def _json(value: Any, line: str) -> str:
+    if isinstance(value, dict) and value:
+        parts = [f"{json.dumps(key)}: {_json(one, line + ' ')}" for key, one in value.items()]
+        return "{" + line + ("," + line).join(parts) + line[:-1] + "}"
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        parts = [_json(one, line + " ") for one in value]
+        return "[" + line + ("," + line).join(parts) + line[:-1] + "]"
+    return json.dumps(value, allow_nan=False)

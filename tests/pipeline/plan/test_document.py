@@ -1,0 +1,100 @@
+"""Plan files: they say what they were asked, and what is read is what was written."""
+
+import json
+
+import numpy as np
+import pytest
+from judge import judge_plan
+
+from pipeline.errors import InputError
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.plan import planned
+from pipeline.plan.document import read_plan, write_plan
+from pipeline.scenario import draw
+
+SCENARIO = draw("rings", 3, 4, 0, Problem(time_step=100.0, nodes=9, max_acceleration=0.01))
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A plan and its file."""
+    plan = solve(SCENARIO)
+    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    return plan, tmp_path / "plan.json"
+
+
+def test_a_plan_file_alone_is_enough_to_judge_it(written):
+    document = json.loads(written[1].read_text())
+    assert document["schema"] == "prolearn.plan/2"
+    assert judge_plan(document["scenario"], document).wrong == ()
+
+
+def test_what_is_read_is_what_was_written_to_the_bit(written):
+    plan, path = written
+    read, scenario = read_plan(path)
+    for name in ("states", "controls"):
+        assert np.array_equal(getattr(read, name), getattr(plan, name))
+    rest = ("planner", "status", "message", "certificate", "convex_solves", "timing")
+    assert [getattr(read, name) for name in rest] == [getattr(plan, name) for name in rest]
+    assert scenario.problem == SCENARIO.problem
+    assert np.array_equal(scenario.initial, SCENARIO.initial)
+    assert np.array_equal(scenario.goal, SCENARIO.goal)
+
+
+def test_each_node_has_a_line(written):
+    lines = [line.strip().rstrip(",") for line in written[1].read_text().splitlines()]
+    n, T = SCENARIO.n, SCENARIO.problem.nodes
+    rows = [json.loads(line) for line in lines if line.startswith("[") and line.endswith("]")]
+    assert sum(len(row) == 6 for row in rows) == n * T + 2 * n, "states, and both ends"
+    assert sum(len(row) == 3 for row in rows) == n * (T - 1)
+    assert max(map(len, lines)) < 200
+
+
+def test_an_infinite_gap_comes_back_as_such(tmp_path):
+    idle = np.zeros((SCENARIO.n, SCENARIO.problem.intervals, 3)) + 1e-3
+    plan = planned("one", SCENARIO, idle, 0.0)
+    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    assert json.loads((tmp_path / "plan.json").read_text())["certificate"]["optimality_gap"] is None
+    assert read_plan(tmp_path / "plan.json")[0].certificate == plan.certificate
+
+
+def test_files_of_version_1_are_read_without_a_scenario(written):
+    plan, path = written
+    document = json.loads(path.read_text())
+    del document["scenario"], document["certificate"]["goal_velocity_error"]
+    path.write_text(json.dumps(document | {"schema": "prolearn.plan/1"}))
+    read, scenario = read_plan(path)
+    assert scenario is None
+    assert np.array_equal(read.controls, plan.controls)
+    assert np.isnan(read.certificate.goal_velocity_error)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": "prolearn.plan/9"}, "schema is 'prolearn.plan/9'"),
+        ({"status": "fine"}, "status is 'fine'"),
+        ({"speed": 1}, "speed is not a field"),
+        ({"times": [0.0, 100.0]}, "4 craft and 2 nodes, its scenario has others"),
+        ({"controls": []}, "give each of 4 craft 9 states and 8 controls"),
+        ({"states": [[[0.0] * 5] * 9] * 4}, r"states\[0\]\[0\]"),
+        ({"certificate": {"fuel": "little"}}, r"certificate\.fuel is 'little'"),
+    ],
+)
+def test_a_wrong_field_is_named_with_what_is_wrong(written, change, words):
+    path = written[1]
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(InputError, match=words) as caught:
+        read_plan(path)
+    assert "plan.json" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"), [("{", "not JSON"), ("[1]", "plan file"), (None, "cannot be read")]
+)
+def test_what_is_no_plan_at_all_is_refused(tmp_path, content, words):
+    if content is not None:
+        (tmp_path / "plan.json").write_text(content)
+    with pytest.raises(InputError, match=words):
+        read_plan(tmp_path / "plan.json")
