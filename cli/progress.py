@@ -73,13 +73,15 @@ class Shown(Told):
         self._stack.close()
         self._display = self._stack.enter_context(_display(self._what, total)) if total else None
 
-    def done(self, units: int = 1, note: str = "", *, failed: int = 0) -> None:
+    def done(self, units: int = 1, note: str = "", *, failed: int | None = None) -> None:
         """Show what is done, with the note and the share that failed."""
+        if units == 0:
+            return
         self.count += units
-        self.failed += failed
-        if self.failed:
+        if failed is not None:
+            self.failed += failed
             note = f"{self.failed / self.count:.1%} failed"
-        if self._display and units:
+        if self._display:
             self._display.advance(units, note)
 
     def end(self, note: str) -> None:

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from pipeline.training.recipes import Recipe
 from registry.models import resolve
@@ -153,10 +154,12 @@ def test_an_experiment_of_other_versions_is_not_taken_for_done_and_says_which(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []
+    told = Progress()
+    monkeypatch.setattr(told, "say", said.append)
     run_id = record(EVALUATION, TRIALS, params={"trials": 100})
     tags = evaluation().tags
     versions = json.loads(tags["made_with"]) | {"clarabel": "0.1.2"}
     connect().client.set_tag(run_id, "made_with", json.dumps(versions))
-    assert earlier_run(EVALUATION, {"trials": 100}, say=said.append) is None
+    assert earlier_run(EVALUATION, {"trials": 100}, progress=told) is None
     (sentence,) = said
     assert f"run {run_id} of prolearn-evaluation was made with clarabel 0.1.2, now" in sentence
