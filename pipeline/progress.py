@@ -8,7 +8,7 @@ class Progress:
         """Told how many units there are, before the first; again where other work begins."""
 
     def done(self, units: int = 1, note: str = "", *, failed: int | None = None) -> None:
-        """Told how many units are done just now, a word on them, and how many failed if they may."""
+        """Told how many units are done just now, a word on them, and how many of them failed."""
 
     def end(self, note: str) -> None:
         """Told why no more units come, where they were fewer than expected."""

@@ -4,10 +4,10 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from cli.stages.card import BY_SIZE, model_card
 from pipeline.files import write_text
 from pipeline.networks.onnx_export import Exported
 from pipeline.networks.onnx_export import export as export_onnx
-from registry.card import BY_SIZE, model_card
 from registry.models import load
 from registry.results import model_metric_by_size
 from registry.version import ModelVersion

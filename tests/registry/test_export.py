@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +142,8 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
     export("ff1", "--out", "x.onnx")
 
     card = (folder / "x.onnx.md").read_text(encoding="utf-8")
-    assert "| 3 | 0.75 |" in card and "| 30 | 0.125 |" in card
+    rows = [re.findall(r"[^| ]+", line) for line in card.splitlines() if line.startswith("|")]
+    assert ["3", "0.75"] in rows and ["30", "0.125"] in rows
     for word in ("m/s", "LVLH", "(batch, n, 6)", dataset.digest, "models:/prolearn-ff1/1"):
         assert word in card
     (kept,) = [p.value for p in onnx.load(folder / "x.onnx").metadata_props if p.key == "prolearn"]

@@ -1,0 +1,98 @@
+"""The model card that goes with an exported network: what it takes, gives, and is worth."""
+
+from collections.abc import Mapping, Sequence
+
+from pipeline.networks.model import Model
+from pipeline.networks.onnx_check import TOLERANCE
+from pipeline.networks.onnx_export import Exported
+from pipeline.templates import markdown_table, render
+from registry.version import ModelVersion
+
+BY_SIZE = {
+    "exp2_flown_safe_share": "safe share",
+    "exp2_flown_collisions": "node collisions",
+    "exp2_flown_fuel": "fuel, m/s²",
+    "exp2_flown_fuel_ratio": "fuel / lower bound",
+    "exp2_predicted_collisions": "as predicted: node collisions",
+    "exp2_predicted_boundary_error": "as predicted: miss of the ends, m",
+}
+"""Metrics of experiment 2 in the card, with their headings."""
+
+STATE = "x y z (m), vx vy vz (m/s)"
+HELD = "x y z (m/s²), held constant over each interval"
+
+
+def model_card(
+    version: ModelVersion,
+    model: Model,
+    exported: Exported,
+    measured: Mapping[str, Mapping[int, float]],
+    sha256: str,
+) -> str:
+    """The card as Markdown.
+
+    Args:
+        version: what the registry knows about the model.
+        model: the network.
+        exported: the file and what was measured of it.
+        measured: metrics of experiment 2 by name, then by swarm size.
+        sha256: digest of the file.
+    """
+    checked, rmse = exported.checked, version.metrics.get("valid_position_rmse")
+    times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in checked.seconds.items()]
+    return render(
+        "cli.stages",
+        "card.md.jinja",
+        version=version,
+        exported=exported,
+        checked=checked,
+        encoding=model.encoding,
+        sha256=sha256,
+        tolerance=f"{TOLERANCE:g}",
+        input_scale=_numbers(model.encoding.input_scale),
+        target_scale=_numbers(model.encoding.target_scale),
+        rmse="not recorded" if rmse is None else f"{rmse:.3g} m",
+        times=markdown_table(("n", "ms"), times),
+        interface=_interface(model.problem.nodes, flown=exported.flown),
+        training=_training(version, model),
+        measured=_by_size({name: by_n for name, by_n in measured.items() if by_n}),
+    )
+
+
+def _interface(T: int, *, flown: bool) -> str:
+    rows = [
+        ("input", "`initial`", "(batch, n, 6)", f"{STATE} at the first node"),
+        ("input", "`goal`", "(batch, n, 6)", f"{STATE} at the last node"),
+        ("output", "`states`", f"(batch, n, {T}, 6)", f"{STATE} at each node"),
+        ("output", "`controls`", f"(batch, n, {T - 1}, 3)", HELD),
+    ]
+    return markdown_table(("", "name", "shape, float32", "content"), rows if flown else rows[:-1])
+
+
+def _training(version: ModelVersion, model: Model) -> str:
+    problem, params = model.problem, version.params
+    rows = [
+        ("dataset", f"`{params.get('dataset', 'unknown')}`"),
+        ("digest", f"`{version.dataset_digest or 'unknown'}`"),
+        ("instances", f"{params.get('train_instances')} + {params.get('valid_instances')}"),
+        ("spacecraft in each", model.n_train),
+        ("mean motion", f"{problem.mean_motion:.9g} rad/s"),
+        ("nodes, step", f"{problem.nodes}, {problem.time_step:g} s"),
+        ("collision radius", f"{problem.collision_radius:g} m"),
+        ("weights", params.get("parameters", "unknown")),
+        ("seed, code", f"{params.get('seed')}, `{version.tags.get('git_commit', 'unknown')}`"),
+    ]
+    return markdown_table(("", ""), rows)
+
+
+def _by_size(measured: Mapping[str, Mapping[int, float]]) -> str:
+    """A row for each swarm size; nothing where nothing was measured."""
+    if not measured:
+        return ""
+    sizes = sorted({n for by_n in measured.values() for n in by_n})
+    rows = [(n, *(f"{m[n]:.3g}" if n in m else "" for m in measured.values())) for n in sizes]
+    return markdown_table(("n", *(BY_SIZE[name] for name in measured)), rows)
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)
