@@ -89,7 +89,7 @@ def sample(
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
     """
     from pipeline.dataset.stages.sample import sample as run
-    from pipeline.dataset.storage.manifest import Sample
+    from pipeline.dataset.storage.samples import Sample
     from pipeline.orbit.problem import Problem
     from pipeline.orbit.reference import mean_motion_at
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from uuid import uuid4
 
-PREFIX, SUFFIX = ".", ".tmp"
-"""How names of files begin and end that are not finished yet."""
+UNFINISHED = ".*.tmp"
+"""Pattern of the names of files that are not finished yet."""
 
 
 @contextlib.contextmanager
@@ -18,7 +18,7 @@ def published(path: Path) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     # Named here and made in the block: a file made before it would outlive an interrupt between.
-    temporary = path.parent / f"{PREFIX}{path.name}.{uuid4().hex}{SUFFIX}"
+    temporary = path.parent / UNFINISHED.replace("*", f"{path.name}.{uuid4().hex}")
     try:
         yield temporary
         temporary.chmod(0o644)

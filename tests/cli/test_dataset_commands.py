@@ -117,7 +117,7 @@ def test_a_folder_that_cannot_be_written_to_is_status_1(tmp_path):
 def long_work(tmp_path):
     """A folder with a few seconds of work, in small shards."""
     from pipeline.dataset.stages.sample import sample
-    from pipeline.dataset.storage.manifest import Sample
+    from pipeline.dataset.storage.samples import Sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "long"

@@ -12,7 +12,8 @@ from pipeline.dataset.reading.examples import Examples
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.manifest import Sample, read_manifest
+from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy

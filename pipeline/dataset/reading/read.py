@@ -7,7 +7,7 @@ import pyarrow.compute as pc
 
 from pipeline.dataset.reading.examples import Examples
 from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.manifest import read_manifest, shard_name
+from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.dataset.storage.schema import problem_of, stacked
 from pipeline.dataset.storage.shards import read_shard
 from pipeline.errors import InputError
@@ -28,12 +28,10 @@ def shards_of(folder: Folder, n: int, split: str | None = None) -> list[str]:
     if n not in manifest.samples:
         sizes = ", ".join(str(size) for size in sorted(manifest.samples))
         raise InputError(f"{folder} has no scenarios of n={n}; expected n in {sizes}.")
-    one = manifest.samples[n]
-    every = {k: shard_name(n, k) for k in range(one.shards)}
-    present = set(folder.names())
-    if not present.issuperset(every.values()):
+    every = [shard for shard in manifest.expected() if shard.n == n]
+    if not {shard.solved for shard in every}.issubset(folder.names()):
         raise InputError(f"{folder} is not solved at n={n}; run `prolearn solve {folder}` first.")
-    return [name for k, name in every.items() if split is None or split in one.splits_of(k)]
+    return [s.solved for s in every if split is None or split in s.sample.splits_of(s.number)]
 
 
 def solved_rows(

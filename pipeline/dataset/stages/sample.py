@@ -1,24 +1,17 @@
 """Stage one: scenarios drawn into shards."""
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
-from pipeline.dataset.stages.worker import check_worker
+from pipeline.dataset.stages.begun import SAMPLED_BY, check_worker, refuse_change
 from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.ledger import STAMPS, Ledger
-from pipeline.dataset.storage.lock import LOCK, WRITER, sole_writer
-from pipeline.dataset.storage.manifest import (
-    NAME,
-    SCENARIOS,
-    TIMINGS,
-    Manifest,
-    Sample,
-    read_manifest,
-    refuse_change,
-)
+from pipeline.dataset.storage.layout import MANIFEST, OURS
+from pipeline.dataset.storage.ledger import Ledger
+from pipeline.dataset.storage.lock import sole_writer
+from pipeline.dataset.storage.manifest import MadeWith, Manifest, Shard, read_manifest
+from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import scenario_table
 from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.errors import InputError
@@ -26,32 +19,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with, refuse_other_versions
 from pipeline.scenario import draw
-
-DECIDED_BY = ("orbit", "scenario"), ("numpy", "scipy", "pyarrow")
-"""Code of ours and packages that the bytes of scenarios depend on."""
-
-OURS = re.compile(
-    rf"{NAME}|{STAMPS}|{LOCK}|{WRITER}|_foreign/.*|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet"
-)
-"""Names of files that a dataset may hold."""
-
-
-@dataclass(frozen=True)
-class Draw:
-    """A scenario shard to be drawn."""
-
-    name: str
-    n: int
-    shard: int
-    sample: Sample
-    problem: Problem
-    metadata: dict[bytes, bytes]
-    versions: Mapping[str, str]
-
-    @property
-    def rows(self) -> range:
-        """Its rows, counted over the whole sample."""
-        return self.sample.rows(self.shard)
 
 
 def sample(
@@ -82,35 +49,32 @@ def sample(
     with sole_writer(folder):
         ledger = Ledger(folder, _begun(folder, samples, problem))
         ledger.commit()
-        tasks = list(missing_scenarios(ledger))
-        progress.expect(sum(len(task.rows) for task in tasks))
-        draw_scenarios(ledger, tasks, workers, progress)
+        draw_scenarios(ledger, lost_scenarios(ledger), workers, progress)
     return ledger.manifest
 
 
-def missing_scenarios(ledger: Ledger) -> Iterator[Draw]:
-    """Scenario shards that are not there or not sound."""
-    manifest = ledger.manifest
-    for n, shard, name in manifest.scenario_shards():
-        if not ledger.is_sound(name):
-            one, meta = manifest.samples[n], manifest.scenario_metadata(n)
-            yield Draw(name, n, shard, one, manifest.problem, meta, manifest.sampled_with)
+def lost_scenarios(ledger: Ledger) -> list[Shard]:
+    """Shards whose scenarios are not there or not sound."""
+    return [one for one in ledger.manifest.expected() if not ledger.is_sound(one.scenarios)]
 
 
-def draw_scenarios(ledger: Ledger, tasks: list[Draw], workers: Workers, progress: Progress) -> None:
+def draw_scenarios(
+    ledger: Ledger, shards: list[Shard], workers: Workers, progress: Progress
+) -> None:
     """Draw scenario shards; the plans of one that comes out otherwise count no longer."""
+    progress.expect(sum(len(shard.rows) for shard in shards))
     known = ledger.manifest.shards
-    results = workers.work(_drawn, tasks, lambda task: b"", progress)
+    results = workers.work(_drawn, shards, lambda shard: b"", progress)
     with ledger.settled(), closing(results):
-        for task, content in results:
-            if known.get(task.name, "") not in ("", digest_of(content)):
-                ledger.disown([task.name.removeprefix(SCENARIOS)])
-            ledger.publish(task.name, content)
-            progress.done(len(task.rows))
+        for shard, content in results:
+            if known.get(shard.scenarios, "") not in ("", digest_of(content)):
+                ledger.disown([shard.solved])
+            ledger.publish(shard.scenarios, content)
+            progress.done(len(shard.rows))
 
 
 def _refuse_foreign(folder: Folder) -> None:
-    if folder.exists(NAME):
+    if folder.exists(MANIFEST):
         return
     foreign = [name for name in folder.names() if not OURS.fullmatch(name)]
     if foreign:
@@ -122,20 +86,22 @@ def _refuse_foreign(folder: Folder) -> None:
 
 def _begun(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
     """The manifest that the folder has or gets, where its settings agree with these."""
-    versions = made_with(*DECIDED_BY)
-    if not folder.exists(NAME):
-        return Manifest(problem, dict(samples), sampled_with=versions)
+    versions = made_with(*SAMPLED_BY)
+    if not folder.exists(MANIFEST):
+        return Manifest(problem, dict(samples), {}, MadeWith(versions, {}), {})
     manifest = read_manifest(folder)
     refuse_change(str(folder), asdict(manifest.problem), asdict(problem))
     for n, one in samples.items():
         if n in manifest.samples:
             refuse_change(f"{folder} at n={n}", asdict(manifest.samples[n]), asdict(one))
-    refuse_other_versions(f"{folder} was sampled", manifest.sampled_with, versions)
+    refuse_other_versions(f"{folder} was sampled", manifest.made_with.sample, versions)
     return replace(manifest, samples={**manifest.samples, **samples})
 
 
-def _drawn(task: Draw, _: bytes) -> bytes:
-    check_worker(task.versions, DECIDED_BY)
-    one, drawn = task.sample, [task.sample.drawn_as(row) for row in task.rows]
-    scenarios = [draw(one.family, one.seed, task.n, k, task.problem, split) for split, k in drawn]
-    return encode(scenario_table(scenarios, [split for split, _ in drawn], task.metadata))
+def _drawn(shard: Shard, _: bytes) -> bytes:
+    about, one = shard.about, shard.sample
+    check_worker(about.made_with.sample, SAMPLED_BY)
+    drawn = [one.drawn_as(row) for row in shard.rows]
+    scenarios = [draw(one.family, one.seed, shard.n, k, about.problem, split) for split, k in drawn]
+    splits = [split for split, _ in drawn]
+    return encode(scenario_table(scenarios, splits, shard.metadata(shard.scenarios)))

@@ -4,14 +4,13 @@ import functools
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import joblib
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import ProlearnError
-from pipeline.provenance import DecidedBy, made_with, version_change
 
 PARENT_SECONDS = 1.0
 """How often a worker looks whether its parent is still there."""
@@ -50,20 +49,6 @@ def _work(
         return number, function(task, content)
     except ProlearnError as error:
         return number, error
-
-
-def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
-    """Refuse to work on a shard with other versions than the process that asked for it has.
-
-    Raises:
-        ProlearnError: naming the first version that differs.
-    """
-    change = version_change(expected, made_with(*decided_by))
-    if change:
-        raise ProlearnError(
-            f"the dataset is made with {change} on a worker; expected the same versions on all "
-            "machines: install them there and run the same command again."
-        )
 
 
 @functools.cache

@@ -1,19 +1,18 @@
 """The folder of a dataset, on this machine or wherever else a URL leads."""
 
-import os
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote_to_bytes
 
-import pyarrow as pa
+from pyarrow import fs
 
-from pipeline.errors import InputError, ProlearnError
-from pipeline.files import PREFIX, SUFFIX, published
-from pipeline.urls import public, public_url
+from pipeline.dataset.storage.filesystem import filesystem_of, path_of, reason
+from pipeline.errors import ProlearnError
+from pipeline.files import UNFINISHED, published
+from pipeline.urls import public_url
 
 Where = str | Path
 """A path, or a URL such as s3://bucket/n10."""
@@ -22,124 +21,123 @@ Stamp = tuple[int, int]
 """Size in bytes and time of the last change in ns: a file with the same ones has not changed."""
 
 
-class Folder(ABC):
+@dataclass(frozen=True)
+class Folder:
     """Files by their name inside a folder.
 
-    What is written appears whole or not at all wherever the filesystem can do that.
+    Attributes:
+        url: path or URL as it was given, secrets and all.
+        files: Arrow's filesystem, from the folder on; it knows the secrets too.
+        local: the path on this machine, where files can be renamed and locked, or None.
     """
 
-    @abstractmethod
+    url: str = field(repr=False)
+    files: Any = field(repr=False)
+    local: Path | None = None
+
     def __str__(self) -> str:
         """The folder as it was given, without the secrets of a URL."""
+        return str(self.local or public_url(self.url))
 
     def told(self, error: Exception) -> str:
         """What is wrong, without the secrets of the folder's URL."""
-        return reason(error)
+        return reason(error, self.url)
 
-    @abstractmethod
     def is_there(self) -> bool:
         """Whether the folder exists."""
+        return self._info("").type == fs.FileType.Directory
 
-    @abstractmethod
     def names(self) -> list[str]:
         """Every file in it and below, in order; unfinished ones are left out."""
+        every = fs.FileSelector("", allow_not_found=True, recursive=True)
+        with self._reaching():
+            found = [info.path for info in self.files.get_file_info(every) if info.is_file]
+        return sorted(name for name in found if not _is_unfinished(name))
 
-    @abstractmethod
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
+        return self._info(name).is_file
 
-    @abstractmethod
     def stamp(self, name: str) -> Stamp | None:
-        """A file's size and last change, or None where it is not there or that is not known."""
+        """A file's size and last change, or None where it is not there or the store keeps none."""
+        info = self._info(name)
+        known = info.is_file and info.size is not None and info.mtime_ns
+        return (info.size, info.mtime_ns) if known else None
 
-    @abstractmethod
     def read(self, name: str) -> bytes:
         """A file's content.
 
         Raises:
             OSError: where it cannot be read.
         """
+        with self._telling(), self.files.open_input_file(name) as file:
+            return file.read()
 
-    @abstractmethod
     def opened(self, name: str) -> Any:
         """A file for Arrow to read parts of.
 
         Raises:
             OSError: where it cannot be read.
         """
+        with self._telling():
+            return self.files.open_input_file(name)
 
-    @abstractmethod
     def publish(self, name: str, content: bytes) -> None:
-        """Put a file there, whole.
+        """Put a file there: on this machine by a rename, whole and flushed, elsewhere by one put.
+
+        On object stores a put makes a file visible, whole. Others have no atomic rename that Arrow
+        reaches: a file may be seen while it is written, and its digest is then not the manifest's.
 
         Raises:
             ProlearnError: where the folder cannot be written to; what was there is intact.
         """
+        with self._writing(name):
+            if self.local:
+                with published(self.local / name) as temporary:
+                    temporary.write_bytes(content)
+                return
+            above = f"{self.files.base_path}{name}".rpartition("/")[0]
+            self.files.base_fs.create_dir(above, recursive=True)
+            with self.files.open_output_stream(name) as file:
+                file.write(content)
 
-    @abstractmethod
     def remove(self, name: str) -> None:
         """Remove a file.
 
         Raises:
             ProlearnError: where the folder cannot be written to.
         """
+        with self._writing(name):
+            self.files.delete_file(name)
 
+    def _info(self, name: str) -> Any:
+        with self._reaching():
+            return self.files.get_file_info(name)
 
-@dataclass(frozen=True)
-class LocalFolder(Folder):
-    """A folder of this machine, or mounted on it."""
+    def _reaching(self) -> AbstractContextManager[None]:
+        return self._telling(lambda told: f"{self} is not reached ({told}).")
 
-    path: Path
+    def _writing(self, name: str) -> AbstractContextManager[None]:
+        return self._telling(
+            lambda told: (
+                f"{name} cannot be written to {self} ({told}); what was there is intact: "
+                "make room or give a folder that can be written to, and run the same command again."
+            )
+        )
 
-    def __str__(self) -> str:
-        return str(self.path)
+    @contextmanager
+    def _telling(self, sentence: Callable[[str], str] | None = None) -> Iterator[None]:
+        """Whatever a library raises, told without secrets, as OSError where there is no sentence.
 
-    def is_there(self) -> bool:
-        """Whether the folder exists."""
-        return self.path.is_dir()
-
-    def names(self) -> list[str]:
-        """Every file in it and below, in order; unfinished ones are left out."""
-        return sorted(name for name in self._all() if not _is_unfinished(name))
-
-    def exists(self, name: str) -> bool:
-        """Whether a file is there."""
-        return (self.path / name).is_file()
-
-    def stamp(self, name: str) -> Stamp | None:
-        """A file's size and last change, or None where it is not there."""
+        The original is not in the chain, since it may have secrets.
+        """
         try:
-            found = (self.path / name).stat()
-        except OSError:
-            return None
-        return found.st_size, found.st_mtime_ns
-
-    def read(self, name: str) -> bytes:
-        """A file's content."""
-        return (self.path / name).read_bytes()
-
-    def opened(self, name: str) -> Any:
-        """A file for Arrow to read parts of."""
-        return pa.OSFile(str(self.path / name))
-
-    def publish(self, name: str, content: bytes) -> None:
-        """Write beside the place, flush to disk, rename."""
-        with writing(self, name), published(self.path / name) as temporary:
-            temporary.write_bytes(content)
-
-    def remove(self, name: str) -> None:
-        """Remove a file."""
-        with writing(self, name):
-            (self.path / name).unlink(missing_ok=True)
-
-    def sweep(self) -> None:
-        """Remove what writers that were killed left unfinished."""
-        for name in filter(_is_unfinished, list(self._all())):
-            self.remove(name)
-
-    def _all(self) -> Iterator[str]:
-        paths = (path for path in self.path.rglob("*") if path.is_file())
-        return (path.relative_to(self.path).as_posix() for path in paths)
+            yield
+        except Exception as error:
+            told, number = self.told(error), getattr(error, "errno", None)
+            if sentence:
+                raise ProlearnError(sentence(told)) from None
+            raise (OSError(number, told) if number else OSError(told)) from None
 
 
 def open_folder(where: Where | Folder) -> Folder:
@@ -151,60 +149,15 @@ def open_folder(where: Where | Folder) -> Folder:
     """
     if isinstance(where, Folder):
         return where
-    if str(where).lower().startswith("file://"):
-        return LocalFolder(_path_of(str(where)))
-    if "://" in str(where):
-        from pipeline.dataset.storage.remote import (
-            RemoteFolder,  # Arrow's filesystems, for URLs alone
-        )
-
-        return RemoteFolder.at(str(where))
-    return LocalFolder(Path(where))
-
-
-def _path_of(url: str) -> Path:
-    """The path in a file:// URL of this machine.
-
-    Raises:
-        InputError: where it is of another machine, or no path.
-    """
-    host, slash, path = url.partition("://")[2].partition("/")
-    if host.lower() not in ("", "localhost") or not slash:
-        raise InputError(
-            f"{public_url(url)} is not on this machine; expected file:///FOLDER, or a URL of a "
-            "filesystem that pyarrow or fsspec reaches."
-        )
-    if "?" in path or "#" in path:
-        raise InputError(
-            f"{public_url(url)} goes on with ? or #; expected file:///FOLDER, where these two are "
-            "written %3F and %23."
-        )
-    return Path(slash + os.fsdecode(unquote_to_bytes(path)))
+    url = str(where)
+    if url.lower().startswith("file://"):
+        return open_folder(path_of(url))
+    if "://" in url:
+        files, root = filesystem_of(url)
+        return Folder(url, fs.SubTreeFileSystem(root, files))
+    path = Path(where)
+    return Folder(str(path), fs.SubTreeFileSystem(str(path), fs.LocalFileSystem()), path)
 
 
 def _is_unfinished(name: str) -> bool:
-    last = name.rpartition("/")[2]
-    return last.startswith(PREFIX) and last.endswith(SUFFIX)
-
-
-@contextmanager
-def writing(folder: Folder, name: str) -> Iterator[None]:
-    """Turn a failure to write into a sentence.
-
-    Raises:
-        ProlearnError: naming the file, the reason and what to do.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise ProlearnError(
-            f"{name} cannot be written to {folder} ({folder.told(error)}); what was there is "
-            "intact: make room or give a folder that can be written to, and run the same command "
-            "again."
-        ) from error
-
-
-def reason(error: Exception, *urls: str) -> str:
-    """What the operating system, or a store, says is wrong, without the secrets of URLs."""
-    said = getattr(error, "strerror", None) or str(error)
-    return public(next(iter(said.strip().splitlines()), type(error).__name__), *urls)
+    return fnmatchcase(name.rpartition("/")[2], UNFINISHED)

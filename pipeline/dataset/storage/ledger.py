@@ -1,35 +1,32 @@
 """A dataset under way: shards are published, and the manifest commits to them."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from time import monotonic
 
-from pipeline.dataset.storage.folder import Folder, Stamp
+from pipeline.dataset.storage.folder import Folder
+from pipeline.dataset.storage.layout import STAMPS
 from pipeline.dataset.storage.manifest import Manifest, write_manifest
 from pipeline.dataset.storage.shards import digest_of
 from pipeline.errors import ProlearnError
 
-STAMPS = "_stamps.json"
-"""By shard, its size, last change and digest when it was last known to be sound."""
-
 COMMIT_SHARE = 0.1
 """Most of the time that may go into commits; small manifests are committed after each shard."""
+
+Stamps = dict[str, list[int | str]]
+"""By shard, its size, last change and digest when it was last known to be sound."""
 
 
 class Ledger:
     """The manifest that a stage brings up to date, and the folder that it describes."""
 
-    def __init__(
-        self, folder: Folder, manifest: Manifest, clock: Callable[[], float] = monotonic
-    ) -> None:
+    def __init__(self, folder: Folder, manifest: Manifest) -> None:
         self.folder, self.manifest = folder, manifest
-        self._clock = clock
+        self._stamps = _read_stamps(folder)
+        self._committed: tuple[Manifest | None, Stamps] = None, dict(self._stamps)
         self._not_before = -float("inf")
-        self._committed: Manifest | None = None
-        self._stamps = self._read_stamps()
-        self._written = dict(self._stamps)
 
     def is_sound(self, name: str) -> bool:
         """Whether a shard is there and has the digest that the manifest gives it.
@@ -42,42 +39,27 @@ class Ledger:
         stamp = self.folder.stamp(name)
         if stamp is not None and self._stamps.get(name) == [*stamp, known]:
             return True
-        if self.digest(name) != known:
-            return False
-        self._stamp(name, stamp, known)
-        return True
-
-    def _stamp(self, name: str, stamp: Stamp | None, digest: str) -> None:
-        if stamp is not None:
-            self._stamps[name] = [*stamp, digest]
-
-    def _read_stamps(self) -> dict[str, list[int | str]]:
-        """None where they are missing or damaged: then the shards are read."""
         try:
-            found = json.loads(self.folder.read(STAMPS))
-        except (OSError, ValueError):
-            return {}
-        return found if isinstance(found, dict) else {}
-
-    def digest(self, name: str) -> str | None:
-        """Digest of a file as it is now, or None where there is none that can be read."""
-        try:
-            return digest_of(self.folder.read(name))
+            sound = digest_of(self.folder.read(name)) == known
         except OSError:
-            return None
+            return False
+        if sound and stamp is not None:
+            self._stamps[name] = [*stamp, known]
+        return sound
 
     def publish(self, name: str, content: bytes) -> None:
         """Put a shard into the folder and commit to it, at once or a little later."""
         self.folder.publish(name, content)
-        digest = digest_of(content)
-        self.adopt(name, digest)
-        self._stamp(name, self.folder.stamp(name), digest)
-        if self._clock() >= self._not_before:
+        self.adopt(name, content)
+        stamp = self.folder.stamp(name)
+        if stamp is not None:
+            self._stamps[name] = [*stamp, self.manifest.shards[name]]
+        if monotonic() >= self._not_before:
             self.commit()
 
-    def adopt(self, name: str, digest: str) -> None:
+    def adopt(self, name: str, content: bytes) -> None:
         """Count a shard that is in the folder already."""
-        shards = {**self.manifest.shards, name: digest}
+        shards = {**self.manifest.shards, name: digest_of(content)}
         self.manifest = replace(self.manifest, shards=shards)
 
     def disown(self, names: Iterable[str]) -> None:
@@ -98,12 +80,21 @@ class Ledger:
 
     def commit(self) -> None:
         """Write the manifest and the stamps, where they have changed."""
-        started = self._clock()
-        if self.manifest != self._committed:
+        started = monotonic()
+        manifest, stamps = self._committed
+        if self.manifest != manifest:
             write_manifest(self.folder, self.manifest)
-            self._committed = self.manifest
-        if self._stamps != self._written:
+        if self._stamps != stamps:
             self.folder.publish(STAMPS, (json.dumps(self._stamps, indent=1) + "\n").encode())
-            self._written = dict(self._stamps)
-        now = self._clock()
+        self._committed = self.manifest, dict(self._stamps)
+        now = monotonic()
         self._not_before = now + (now - started) / COMMIT_SHARE
+
+
+def _read_stamps(folder: Folder) -> Stamps:
+    """None where they are missing or damaged: then the shards are read."""
+    try:
+        found = json.loads(folder.read(STAMPS))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -3,17 +3,16 @@
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from datetime import datetime
+from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from pipeline.dataset.storage.folder import Folder, LocalFolder
+from pipeline.dataset.storage.folder import Folder
+from pipeline.dataset.storage.layout import LOCK, WRITER
 from pipeline.errors import InputError, ProlearnError
-
-LOCK = "_lock"
-WRITER = "_writer"
-"""Says who holds the lock, for the others to read."""
+from pipeline.files import UNFINISHED
 
 
 @contextmanager
@@ -27,25 +26,25 @@ def sole_writer(folder: Folder) -> Iterator[None]:
         InputError: where another process holds it.
         ProlearnError: where the folder cannot be written to.
     """
-    if not isinstance(folder, LocalFolder):
+    if folder.local is None:
         yield
         return
-    lock = _acquired(folder)
-    try:
-        folder.sweep()
-        folder.publish(WRITER, _whoami().encode())
-        yield
-    finally:
-        with suppress(ProlearnError):
-            folder.remove(WRITER)
-        lock.release()
+    with _locked(folder, folder.local):
+        for left in [path for path in folder.local.rglob(UNFINISHED) if path.is_file()]:
+            folder.remove(left.relative_to(folder.local).as_posix())
+        try:
+            folder.publish(WRITER, _whoami().encode())
+            yield
+        finally:
+            with suppress(ProlearnError):
+                folder.remove(WRITER)
 
 
-def _acquired(folder: LocalFolder) -> FileLock:
+def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
+    """The lock of a folder, held until this context is left."""
     try:
-        folder.path.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(folder.path / LOCK, timeout=0)
-        lock.acquire()
+        path.mkdir(parents=True, exist_ok=True)
+        return FileLock(path / LOCK, timeout=0).acquire()
     except Timeout as error:
         raise InputError(
             f"{folder} is being written by {_holder(folder)}; wait for it or give another folder."
@@ -54,7 +53,6 @@ def _acquired(folder: LocalFolder) -> FileLock:
         raise ProlearnError(
             f"{folder} cannot be written to ({error}); give a folder that can."
         ) from error
-    return lock
 
 
 def _holder(folder: Folder) -> str:

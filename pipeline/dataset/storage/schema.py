@@ -115,6 +115,11 @@ def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome]) -> pa.Table:
     return pa.Table.from_pylist(rows, pa.schema(TIMING_FIELDS))
 
 
+def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
+    """Whether a table says that it was made like this, whatever other readers say beside it."""
+    return (table.schema.metadata or {}).get(METADATA_KEY) == meta[METADATA_KEY]
+
+
 def same_scenarios(table: pa.Table, scenarios: pa.Table) -> bool:
     """Whether a table's rows are those scenarios, in that order."""
     names = [field.name for field in SCENARIO_FIELDS]

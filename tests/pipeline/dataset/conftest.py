@@ -10,7 +10,7 @@ import pytest
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.manifest import Sample
+from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 

@@ -19,7 +19,8 @@ from pipeline.dataset.stages.verify import repair, verify
 from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import open_folder
 from pipeline.dataset.storage.lock import sole_writer
-from pipeline.dataset.storage.manifest import Sample, read_manifest
+from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.dataset.storage.samples import Sample
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
@@ -71,8 +72,8 @@ def test_what_is_missing_in_memory_is_said_like_on_disk(in_memory):
 
 def test_an_s3_url_leads_to_arrow_s_own_filesystem():
     folder = open_folder("s3://bucket/some/n10?region=eu-central-1")
-    assert folder.files.type_name == "s3"
-    assert folder.root == "bucket/some/n10"
+    assert folder.files.base_fs.type_name == "s3"
+    assert folder.files.base_path == "bucket/some/n10/"
 
 
 def test_the_secret_in_a_url_is_not_shown():

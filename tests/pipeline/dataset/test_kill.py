@@ -18,7 +18,7 @@ from processes import workers_of
 SCRIPT = """
 import json, os, signal, sys
 from pathlib import Path
-from pipeline.dataset.storage.manifest import Sample
+from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.workers import Workers
@@ -116,7 +116,7 @@ SOLVE = textwrap.dedent("""
 def busy(tmp_path):
     """A folder with some work for two processes."""
     from pipeline.dataset.stages.sample import sample
-    from pipeline.dataset.storage.manifest import Sample
+    from pipeline.dataset.storage.samples import Sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"

@@ -11,7 +11,7 @@ from pipeline.dataset.reading.read import solved_rows
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.manifest import Sample
+from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import SOLVED_FIELDS
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem

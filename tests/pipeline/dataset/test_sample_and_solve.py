@@ -14,8 +14,9 @@ from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import verify
 from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import LocalFolder
-from pipeline.dataset.storage.manifest import Sample, read_manifest
+from pipeline.dataset.storage.folder import Folder
+from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
@@ -283,7 +284,7 @@ def test_a_scheduler_that_does_not_answer_is_named(solved, monkeypatch):
 
 
 def test_what_has_not_changed_is_not_read_again_and_what_has_is(solved, monkeypatch):
-    read, real = [], LocalFolder.read
+    read, real = [], Folder.read
 
     def noted(folder, name):
         read.append(name)
@@ -295,7 +296,7 @@ def test_what_has_not_changed_is_not_read_again_and_what_has_is(solved, monkeypa
         solve(solved, Settings(), workers=ONE)
         return {name for name in read if name.endswith(".parquet")}
 
-    monkeypatch.setattr(LocalFolder, "read", noted)
+    monkeypatch.setattr(Folder, "read", noted)
     assert again() == set()
     path = solved / "n=3/part-00000.parquet"
     path.write_bytes(path.read_bytes())

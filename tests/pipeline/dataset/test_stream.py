@@ -14,7 +14,8 @@ import torch
 
 from pipeline.dataset.reading.read import examples
 from pipeline.dataset.reading.stream import COPIES, ExampleStream, bytes_of_one, examples_within
-from pipeline.dataset.storage.manifest import NAME, Sample
+from pipeline.dataset.storage.layout import MANIFEST
+from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import SOLVED_FIELDS, metadata
 from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.errors import InputError
@@ -64,7 +65,7 @@ def write_dataset(folder, n, one, problem=None):
         "made_with": {"sample": {}, "solve": {}},
         "shards": digests,
     }
-    (folder / NAME).write_text(json.dumps(document))
+    (folder / MANIFEST).write_text(json.dumps(document))
 
 
 @pytest.fixture(scope="module")

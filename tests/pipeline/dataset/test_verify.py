@@ -13,7 +13,7 @@ from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import repair, verify
 from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.manifest import NAME
+from pipeline.dataset.storage.layout import MANIFEST
 from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
@@ -54,7 +54,7 @@ def test_a_sound_dataset_has_no_faults(solved):
 
 
 def test_scenarios_alone_can_be_verified_and_mended(tmp_path, content):
-    from pipeline.dataset.storage.manifest import Sample
+    from pipeline.dataset.storage.samples import Sample
 
     sample(tmp_path, {2: Sample(count=4, shard_rows=2)}, Problem(), jobs=1)
     before = content(tmp_path)
@@ -115,9 +115,9 @@ def forge(folder, change):
     arrays = [pa.array(columns[f.name], f.type) for f in table.schema]
     content = encode(pa.Table.from_arrays(arrays, schema=table.schema))
     path.write_bytes(content)
-    manifest = json.loads((folder / NAME).read_text())
+    manifest = json.loads((folder / MANIFEST).read_text())
     manifest["shards"][SHARD] = digest_of(content)
-    (folder / NAME).write_text(json.dumps(manifest))
+    (folder / MANIFEST).write_text(json.dumps(manifest))
 
 
 def moved(columns):
@@ -183,7 +183,7 @@ def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
     """Plans kept apart at the nodes alone, judged by the continuous criterion."""
     from pipeline.dataset.reading.read import solved_rows
     from pipeline.dataset.stages.physics import row_faults
-    from pipeline.dataset.storage.manifest import Sample
+    from pipeline.dataset.storage.samples import Sample
     from pipeline.orbit.cw import cw_matrices
 
     sample(tmp_path, {10: Sample(count=8)}, Problem(), jobs=1)
@@ -215,7 +215,7 @@ def test_an_independent_judge_finds_every_row_sound(solved):
 
 
 def test_an_independent_judge_finds_every_row_sound_where_some_have_no_plan(tmp_path):
-    from pipeline.dataset.storage.manifest import Sample
+    from pipeline.dataset.storage.samples import Sample
 
     sample(tmp_path, {4: Sample(count=24)}, Problem(max_acceleration=7e-4), jobs=1)
     solve(tmp_path, Settings(), workers=ONE)

@@ -6,12 +6,14 @@ import shutil
 import pyarrow.parquet as pq
 import pytest
 
+from pipeline.dataset.stages.begun import check_worker, solved_by
 from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import decided_by, solve
+from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import repair
-from pipeline.dataset.stages.worker import check_worker
 from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.manifest import NAME, Sample, read_manifest
+from pipeline.dataset.storage.layout import MANIFEST
+from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import METADATA_KEY
 from pipeline.dataset.storage.shards import encode
 from pipeline.errors import InputError, ProlearnError
@@ -25,9 +27,9 @@ SAMPLES = {2: Sample(count=7, shard_rows=3)}
 
 def made_by(folder, stage, **versions):
     """Let a dataset say that it was made with other versions."""
-    document = json.loads((folder / NAME).read_text())
+    document = json.loads((folder / MANIFEST).read_text())
     document["made_with"][stage] |= versions
-    (folder / NAME).write_text(json.dumps(document))
+    (folder / MANIFEST).write_text(json.dumps(document))
 
 
 RUNS = {
@@ -65,8 +67,8 @@ def test_plans_of_another_version_are_refused_by_name(solved, content, run, vers
 
 
 def test_a_folder_of_an_older_layout_is_refused_with_what_to_do(solved):
-    document = json.loads((solved / NAME).read_text()) | {"schema": "prolearn.dataset/1"}
-    (solved / NAME).write_text(json.dumps(document))
+    document = json.loads((solved / MANIFEST).read_text()) | {"schema": "prolearn.dataset/1"}
+    (solved / MANIFEST).write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"schema prolearn\.dataset/1.*make the dataset anew"):
         read_manifest(solved)
 
@@ -80,14 +82,14 @@ def test_plans_of_another_version_are_not_adopted_where_the_manifest_is_gone(sol
     old = table.replace_schema_metadata({METADATA_KEY: json.dumps(about, sort_keys=True)})
     (solved / name).write_bytes(encode(old))
     shutil.rmtree(solved / "n=3")
-    (solved / NAME).unlink()
+    (solved / MANIFEST).unlink()
     sample(solved, SAMPLES, Problem(), jobs=1)
     solve(solved, Settings(), workers=ONE)
     assert (solved / name).read_bytes() == right
 
 
 def test_a_worker_with_other_versions_is_refused():
-    here = decided_by(Settings())
+    here = solved_by(Settings())
     check_worker(made_with(*here), here)
     with pytest.raises(ProlearnError, match=r"numpy 1\.0, now it is 2.* on all machines"):
         check_worker({**made_with(*here), "numpy": "1.0"}, here)

@@ -1,0 +1,30 @@
+"""Where everything lies in the folder of a dataset.
+
+    FOLDER/n=10/part-00000.parquet                solved instances
+    FOLDER/_scenarios/n=10/part-00000.parquet     the scenarios they come from
+    FOLDER/_timings/n=10/part-00000.parquet       how long each took
+    FOLDER/_manifest.json                         settings, versions, the digest of every shard
+    FOLDER/_stamps.json                           when each shard was last known to have it
+    FOLDER/_foreign/                              what was there and did not belong there
+    FOLDER/_lock, FOLDER/_writer                  held by the one who writes, and who that is
+
+Readers of Parquet folders pass over names that begin with an underscore.
+"""
+
+import re
+
+MANIFEST, STAMPS = "_manifest.json", "_stamps.json"
+LOCK, WRITER = "_lock", "_writer"
+FOREIGN = "_foreign/"
+SCENARIOS, TIMINGS = "_scenarios/", "_timings/"
+
+BOOKS = re.compile(rf"{MANIFEST}|{STAMPS}|{LOCK}|{WRITER}|{FOREIGN}.*")
+"""Names of files that a dataset may hold beside its shards."""
+
+OURS = re.compile(rf"{BOOKS.pattern}|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")
+"""Names of all files that a dataset may hold."""
+
+
+def shard_name(n: int, number: int) -> str:
+    """Path of a shard of one swarm size: of its plans, and below SCENARIOS and TIMINGS."""
+    return f"n={n}/part-{number:05d}.parquet"
