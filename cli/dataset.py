@@ -1,7 +1,6 @@
 """Commands that make and check datasets: sample, solve, dataset, verify."""
 
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -11,41 +10,19 @@ from pipeline.urls import public_url
 
 if TYPE_CHECKING:
     from pipeline.dataset.stages.workers import Workers
-
-
-class Backend(StrEnum):
-    """Backends of joblib."""
-
-    LOKY = "loky"
-    DASK = "dask"
-
-
-class SeparationName(StrEnum):
-    """When craft are kept apart."""
-
-    CONTINUOUS = "continuous"
-    NODES = "nodes"
-
-
-class SolverName(StrEnum):
-    """How the convex subproblem is solved."""
-
-    CLARABEL = "clarabel"
-    CVXPY = "cvxpy"
-
-
-class Preset(StrEnum):
-    """Datasets by name."""
-
-    DEMO = "demo"
-    PAPER = "paper"
+    from pipeline.expert import Settings
 
 
 Jobs = Annotated[int, typer.Option(help="Processes; -1 for all cores.")]
 Out = Annotated[str, typer.Option(help="Dataset folder or URL.", show_default=False)]
 Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.", show_default=False)]
-BackendOption = Annotated[
-    Backend, typer.Option(help="Where workers run: this machine, or a Dask cluster.")
+Backend = Annotated[
+    Literal["loky", "dask"],
+    typer.Option(help="Where workers run: this machine, or a Dask cluster."),
+]
+Separation = Annotated[
+    Literal["continuous", "nodes"],
+    typer.Option(help="Keep craft apart at all times, or at the nodes only."),
 ]
 Scheduler = Annotated[
     str | None,
@@ -108,14 +85,13 @@ def sample(
 def solve(
     folder: Folder,
     jobs: Jobs = -1,
-    backend: BackendOption = Backend.LOKY,
+    backend: Backend = "loky",
     scheduler: Scheduler = None,
-    separation: Annotated[
-        SeparationName, typer.Option(help="Keep craft apart at all times, or at the nodes only.")
-    ] = SeparationName.CONTINUOUS,
+    separation: Separation = "continuous",
     solver: Annotated[
-        SolverName, typer.Option(help="Clarabel directly, or the readable form in cvxpy.")
-    ] = SolverName.CLARABEL,
+        Literal["clarabel", "cvxpy"],
+        typer.Option(help="Clarabel directly, or the readable form in cvxpy."),
+    ] = "clarabel",
 ) -> None:
     """Solve the scenarios of a folder with the expert.
 
@@ -128,16 +104,19 @@ def solve(
         prolearn solve data/n10 --jobs 8 --separation nodes
         prolearn solve s3://bucket/n10 --backend dask --scheduler tcp://HOST:8786
     """
-    _solve(folder, _workers(jobs, backend, scheduler), separation, solver)
+    from pipeline.expert import Settings
+
+    settings = Settings(separation=separation, solver=solver)
+    _solve(folder, settings, _workers(jobs, backend, scheduler))
 
 
 def make(
-    preset: Annotated[Preset, typer.Option(help="Which dataset.")] = Preset.PAPER,
+    preset: Annotated[Literal["demo", "paper"], typer.Option(help="Which dataset.")] = "paper",
     out: Annotated[
         str | None, typer.Option(help="Dataset folder or URL; data/PRESET by default.")
     ] = None,
     jobs: Jobs = -1,
-    backend: BackendOption = Backend.LOKY,
+    backend: Backend = "loky",
     scheduler: Scheduler = None,
 ) -> None:
     """Sample and solve all that the experiments need.
@@ -151,12 +130,13 @@ def make(
     """
     from pipeline.dataset.stages.presets import PRESETS
     from pipeline.dataset.stages.sample import sample as run
+    from pipeline.expert import Settings
     from pipeline.orbit.problem import Problem
 
     folder, workers = out or f"data/{preset}", _workers(jobs, backend, scheduler)
     with progress("sampling") as shown:
         run(folder, PRESETS[preset], Problem(), jobs=jobs, progress=shown)
-    _solve(folder, workers, SeparationName.CONTINUOUS, SolverName.CLARABEL)
+    _solve(folder, Settings(), workers)
 
 
 def verify(
@@ -202,14 +182,19 @@ def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
     from pipeline.dataset.stages.workers import Workers
 
-    return Workers(jobs, backend.value, scheduler if backend is Backend.DASK else None)
+    if backend == "loky":
+        return Workers(jobs)
+    if not scheduler:
+        raise InputError(
+            "backend is 'dask' and no scheduler is given; expected its address: "
+            "--scheduler tcp://HOST:8786."
+        )
+    return Workers(jobs, scheduler)
 
 
-def _solve(folder: str, workers: "Workers", separation: SeparationName, solver: SolverName) -> None:
+def _solve(folder: str, settings: "Settings", workers: "Workers") -> None:
     from pipeline.dataset.stages.solve import solve as run
-    from pipeline.expert import Settings
 
-    settings = Settings(separation=separation.value, solver=solver.value)
     with progress("solving") as shown:
         run(folder, settings, workers=workers, progress=shown)
     done = f"{shown.count} now, {shown.failed} without a plan"

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pipeline.plan import Plan
     from pipeline.planners.planner import Planner
 
-from cli.dataset import SeparationName
+from cli.dataset import Separation
 from cli.progress import each
 from pipeline.errors import InputError
 
@@ -33,9 +33,7 @@ def plan(
         str,
         typer.Option(help="expert, minimum-energy, straight-line, own-LP, or a model (ff1, ...)."),
     ] = "expert",
-    separation: Annotated[
-        SeparationName, typer.Option(help="Keep craft apart at all times, or at the nodes only.")
-    ] = SeparationName.CONTINUOUS,
+    separation: Separation = "continuous",
     effort: Annotated[
         Effort | None,
         typer.Option(
@@ -97,13 +95,11 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     return [out / name for name in names]
 
 
-def _planner(
-    name: str, separation: SeparationName, effort: Effort | None, *, raw: bool
-) -> "Planner":
+def _planner(name: str, separation: Separation, effort: Effort | None, *, raw: bool) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
     from pipeline.planners.named import named_planner
 
-    told: Any = {"separation": separation.value, "effort": effort and effort.value, "raw": raw}
+    told: Any = {"separation": separation, "effort": effort and effort.value, "raw": raw}
     found = named_planner(name, **told)
     if found is None:
         from cli.stages.plan import model_planner

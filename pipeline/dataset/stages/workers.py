@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import joblib
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
@@ -21,8 +21,6 @@ from pipeline.dataset.stages.worker import call
 from pipeline.errors import InputError, ProlearnError
 from pipeline.progress import SILENT, Progress
 from pipeline.urls import public, public_url
-
-BACKENDS = ("loky", "dask")
 
 MOST_KILLS = 3
 """Times in a row that workers may be killed before a single shard is done."""
@@ -40,30 +38,17 @@ class Workers:
 
     Attributes:
         jobs: processes on this machine; -1 for one a core. A cluster uses all that it has.
-        backend: joblib backend, "loky" or "dask".
-        scheduler: address of the Dask scheduler, such as tcp://10.0.0.1:8786.
+        scheduler: address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786, or None for
+            this machine.
     """
 
     jobs: int = -1
-    backend: str = "loky"
     scheduler: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be run on."""
-        if self.backend not in BACKENDS:
-            raise InputError(f"backend is {self.backend!r}; expected one of {', '.join(BACKENDS)}.")
         if self.jobs == 0:
             raise InputError("jobs is 0; expected a number of processes, or -1 for all cores.")
-        if self.backend == "dask" and not self.scheduler:
-            raise InputError(
-                "backend is 'dask' and no scheduler is given; expected its address: "
-                "--scheduler tcp://HOST:8786."
-            )
-        if self.scheduler and self.backend != "dask":
-            raise InputError(
-                f"scheduler is {public_url(self.scheduler)!r} and backend is {self.backend!r}; "
-                "expected --backend dask with a scheduler."
-            )
 
     def work(
         self,
@@ -111,14 +96,15 @@ class Workers:
         tasks: Mapping[int, Task],
         load: Callable[[Task], bytes],
     ) -> Generator[tuple[int, Result], None, None]:
-        if self.backend == "loky" and joblib.effective_n_jobs(self.jobs) == 1:
+        here = self.scheduler is None
+        if here and joblib.effective_n_jobs(self.jobs) == 1:
             with threadpool_limits(1):
                 for number, task in tasks.items():
                     yield number, function(task, load(task))
             return
-        parent = os.getpid() if self.backend == "loky" else None
+        parent = os.getpid() if here else None
         calls = (call(function, number, task, load, parent) for number, task in tasks.items())
-        with self._backend():
+        with _cluster(self.scheduler) if self.scheduler else joblib.parallel_config("loky"):
             parallel = joblib.Parallel(
                 n_jobs=self.jobs, return_as="generator_unordered", batch_size=1
             )
@@ -129,23 +115,6 @@ class Workers:
                     if isinstance(result, ProlearnError):
                         raise result
                     yield number, result
-
-    @contextmanager
-    def _backend(self) -> Iterator[None]:
-        if self.backend != "dask":
-            with joblib.parallel_config(backend=self.backend):
-                yield
-            return
-        with _client(str(self.scheduler)) as client:
-            try:
-                with joblib.parallel_config(backend="dask", client=client):
-                    yield
-            except TimeoutError as error:
-                where = public_url(self.scheduler)
-                raise ProlearnError(
-                    f"the scheduler at {where} has no workers; start some with "
-                    f"`dask worker {where}`."
-                ) from error
 
 
 @contextmanager
@@ -168,7 +137,8 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def _client(scheduler: str) -> Iterator[Any]:
+def _cluster(scheduler: str) -> Iterator[None]:
+    """In the block joblib works on the Dask cluster of a scheduler."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -176,15 +146,21 @@ def _client(scheduler: str) -> Iterator[Any]:
             "backend is 'dask' and Dask is not installed; install it with "
             "`pip install 'prolearn[dask]'`."
         ) from error
+    where = public_url(scheduler)
     try:
         client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ProlearnError(
-            f"no Dask scheduler answers at {public_url(scheduler)} ({public(error, scheduler)}); "
-            "start one with `dask scheduler`."
+            f"no Dask scheduler answers at {where} ({public(error, scheduler)}); start one with "
+            "`dask scheduler`."
         ) from error
-    with client:
-        yield client
+    try:
+        with client, joblib.parallel_config("dask", client=client):
+            yield
+    except TimeoutError as error:
+        raise ProlearnError(
+            f"the scheduler at {where} has no workers; start some with `dask worker {where}`."
+        ) from error
 
 
 def _killed() -> tuple[type[Exception], ...]:

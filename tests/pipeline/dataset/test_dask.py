@@ -73,7 +73,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(cluster, 
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=30)
     killer = Killer(workers[0])
-    there = Workers(backend="dask", scheduler=address)
+    there = Workers(scheduler=address)
     solve(tmp_path / "there", Settings(), workers=there, progress=killer)
     assert killer.at == SHARDS // 3
     assert workers[0].wait(timeout=10) == -signal.SIGKILL
