@@ -8,8 +8,7 @@ from pipeline.dataset.stages.begun import SAMPLED_BY, check_worker, refuse_chang
 from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import Folder, Where, open_folder
 from pipeline.dataset.storage.layout import MANIFEST, OURS
-from pipeline.dataset.storage.ledger import Ledger
-from pipeline.dataset.storage.lock import sole_writer
+from pipeline.dataset.storage.ledger import Ledger, written
 from pipeline.dataset.storage.manifest import MadeWith, Manifest, Shard, read_manifest
 from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import scenario_table
@@ -46,9 +45,7 @@ def sample(
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     _refuse_foreign(folder)
-    with sole_writer(folder):
-        ledger = Ledger(folder, _begun(folder, samples, problem))
-        ledger.commit()
+    with written(folder, lambda: _begun(folder, samples, problem)) as ledger:
         draw_scenarios(ledger, lost_scenarios(ledger), workers, progress)
     return ledger.manifest
 
@@ -65,7 +62,7 @@ def draw_scenarios(
     progress.expect(sum(len(shard.rows) for shard in shards))
     known = ledger.manifest.shards
     results = workers.work(_drawn, shards, lambda shard: b"", progress)
-    with ledger.settled(), closing(results):
+    with closing(results):
         for shard, content in results:
             if known.get(shard.scenarios, "") not in ("", digest_of(content)):
                 ledger.disown([shard.solved])

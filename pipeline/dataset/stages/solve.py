@@ -14,8 +14,7 @@ from pipeline.dataset.stages.begun import (
 from pipeline.dataset.stages.sample import draw_scenarios, lost_scenarios
 from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.ledger import Ledger
-from pipeline.dataset.storage.lock import sole_writer
+from pipeline.dataset.storage.ledger import Ledger, written
 from pipeline.dataset.storage.manifest import Manifest, Shard, read_manifest
 from pipeline.dataset.storage.schema import (
     Outcome,
@@ -66,9 +65,7 @@ def solve(
     """
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
-    with sole_writer(folder):
-        ledger = Ledger(folder, _begun(folder, settings))
-        ledger.commit()
+    with written(folder, lambda: _begun(folder, settings)) as ledger:
         complete(ledger, workers, progress)
     return ledger.manifest
 
@@ -83,7 +80,7 @@ def complete(ledger: Ledger, workers: Workers, progress: Progress) -> None:
     wanted.reverse()  # the largest swarms take longest: they first
     progress.expect(sum(len(shard.rows) for shard in wanted))
     results = workers.work(_solved, wanted, lambda s: folder.read(s.scenarios), progress)
-    with ledger.settled(), closing(results):
+    with closing(results):
         for shard, solved in results:
             folder.publish(shard.timings, solved.timings)
             ledger.publish(shard.solved, solved.content)

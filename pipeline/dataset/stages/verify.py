@@ -12,8 +12,7 @@ from pipeline.dataset.stages.solve import complete
 from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import Folder, Where, open_folder
 from pipeline.dataset.storage.layout import BOOKS, FOREIGN, TIMINGS
-from pipeline.dataset.storage.ledger import Ledger
-from pipeline.dataset.storage.lock import sole_writer
+from pipeline.dataset.storage.ledger import Ledger, written
 from pipeline.dataset.storage.manifest import Manifest, Shard, read_manifest
 from pipeline.dataset.storage.schema import SCENARIO_FIELDS, SOLVED_FIELDS, has_metadata
 from pipeline.dataset.storage.shards import decode, digest_of
@@ -98,10 +97,8 @@ def repair(
     """
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
-    with sole_writer(folder):
+    with written(folder, lambda: _begun(folder)) as ledger:
         faults = list(verify(folder, workers=workers, progress=progress))
-        ledger = Ledger(folder, read_manifest(folder))
-        refuse_versions(folder, ledger.manifest)
         for fault in faults:
             if fault.foreign:
                 folder.publish(FOREIGN + fault.path, folder.read(fault.path))
@@ -112,6 +109,12 @@ def repair(
         else:
             draw_scenarios(ledger, lost_scenarios(ledger), workers, progress)
     return faults
+
+
+def _begun(folder: Folder) -> Manifest:
+    manifest = read_manifest(folder)
+    refuse_versions(folder, manifest)
+    return manifest
 
 
 def _discard(ledger: Ledger, names: set[str]) -> None:

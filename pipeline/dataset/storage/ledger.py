@@ -1,13 +1,14 @@
 """A dataset under way: shards are published, and the manifest commits to them."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from time import monotonic
 
 from pipeline.dataset.storage.folder import Folder
 from pipeline.dataset.storage.layout import STAMPS
+from pipeline.dataset.storage.lock import sole_writer
 from pipeline.dataset.storage.manifest import Manifest, write_manifest
 from pipeline.dataset.storage.shards import digest_of
 from pipeline.errors import ProlearnError
@@ -67,17 +68,6 @@ class Ledger:
         left = {k: v for k, v in self.manifest.shards.items() if k not in set(names)}
         self.manifest = replace(self.manifest, shards=left)
 
-    @contextmanager
-    def settled(self) -> Iterator[None]:
-        """Commit in the end, however the work ends short of being killed."""
-        try:
-            yield
-        except BaseException:
-            with suppress(ProlearnError):
-                self.commit()
-            raise
-        self.commit()
-
     def commit(self) -> None:
         """Write the manifest and the stamps, where they have changed."""
         started = monotonic()
@@ -89,6 +79,32 @@ class Ledger:
         self._committed = self.manifest, dict(self._stamps)
         now = monotonic()
         self._not_before = now + (now - started) / COMMIT_SHARE
+
+
+@contextmanager
+def written(folder: Folder, begun: Callable[[], Manifest]) -> Iterator[Ledger]:
+    """The ledger of a folder that is held for writing, committed however the work ends.
+
+    Only a kill can keep it from that.
+
+    Args:
+        folder: a dataset, or where it shall be.
+        begun: its manifest, or the refusal to go on with it; asked once the folder is held.
+
+    Raises:
+        InputError: where another process writes to it, or what ``begun`` raises.
+        ProlearnError: where it cannot be written to.
+    """
+    with sole_writer(folder):
+        ledger = Ledger(folder, begun())
+        ledger.commit()
+        try:
+            yield ledger
+        except BaseException:
+            with suppress(ProlearnError):
+                ledger.commit()
+            raise
+        ledger.commit()
 
 
 def _read_stamps(folder: Folder) -> Stamps:

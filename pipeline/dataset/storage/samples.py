@@ -1,6 +1,7 @@
 """How scenarios are drawn, and which rows of a sample are of which split and in which shard."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from pipeline.errors import InputError
@@ -45,26 +46,25 @@ class Sample:
         """Number of shards."""
         return -(-self.count // self.shard_rows)
 
-    def rows_of(self, split: str) -> range:
-        """The rows of a split."""
+    @property
+    def splits(self) -> dict[str, range]:
+        """The rows of each split."""
         train, valid = (round(self.count * share) for share in self.shares[:2])
         ends = (0, train, min(train + valid, self.count), self.count)
-        k = SPLITS.index(split)
-        return range(ends[k], ends[k + 1])
+        return {split: range(*rows) for split, rows in zip(SPLITS, pairwise(ends), strict=True)}
 
     def drawn_as(self, row: int) -> tuple[str, int]:
         """The split of a row's scenario, and its index there."""
-        for split in SPLITS:
-            rows = self.rows_of(split)
-            if row in rows:
-                return split, row - rows.start
-        raise ValueError(f"row {row} of {self.count}")
+        return next((name, row - of.start) for name, of in self.splits.items() if row in of)
 
     def splits_of(self, shard: int) -> set[str]:
         """The splits that a shard has rows of."""
         rows = self.rows(shard)
-        first, last = (SPLITS.index(self.drawn_as(row)[0]) for row in (rows[0], rows[-1]))
-        return {split for split in SPLITS[first : last + 1] if self.rows_of(split)}
+        return {
+            name
+            for name, of in self.splits.items()
+            if max(of.start, rows.start) < min(of.stop, rows.stop)
+        }
 
     def origin(self) -> dict[str, Any]:
         """What the metadata of shards says about where their scenarios come from."""
