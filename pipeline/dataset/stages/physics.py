@@ -18,14 +18,7 @@ from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import SOLVED
 from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
-PLANNED = (
-    "states",
-    "controls",
-    "fuel",
-    "fuel_lower_bound",
-    "optimality_gap",
-    "node_collisions",
-)
+PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
 """Columns that every solved row has a value in."""
 
 Rows = Bool[Array, "N"]

@@ -5,12 +5,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pipeline.dataset.stages.begun import (
-    check_worker,
-    refuse_change,
-    refuse_versions,
-    solved_by,
-)
+from pipeline.dataset.stages.begun import check_worker, refuse_change, refuse_versions, solved_by
 from pipeline.dataset.stages.sample import draw_scenarios, lost_scenarios
 from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import Folder, Where, open_folder

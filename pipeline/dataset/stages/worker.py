@@ -5,9 +5,8 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
-import joblib
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import ProlearnError
@@ -19,22 +18,15 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
-def call(
-    function: Callable[[Task, bytes], Result],
-    number: int,
-    task: Task,
-    load: Callable[[Task], bytes],
-    parent: int | None,
-) -> Any:
-    """A call for joblib, which asks for it in a thread where an error would go unnoticed."""
+def loaded(load: Callable[[Task], bytes], task: Task) -> bytes | ProlearnError:
+    """What a task needs; joblib asks for it in a thread where an error would go unnoticed."""
     try:
-        content: bytes | ProlearnError = load(task)
+        return load(task)
     except (ProlearnError, OSError) as error:
-        content = ProlearnError(str(error))
-    return joblib.delayed(_work)(function, number, task, content, parent)
+        return ProlearnError(str(error))
 
 
-def _work(
+def work(
     function: Callable[[Task, bytes], Result],
     number: int,
     task: Task,

@@ -17,7 +17,7 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
-from pipeline.dataset.stages.worker import call
+from pipeline.dataset.stages.worker import loaded, work
 from pipeline.errors import InputError, ProlearnError
 from pipeline.progress import SILENT, Progress
 from pipeline.urls import public, public_url
@@ -103,7 +103,10 @@ class Workers:
                     yield number, function(task, load(task))
             return
         parent = os.getpid() if here else None
-        calls = (call(function, number, task, load, parent) for number, task in tasks.items())
+        calls = (
+            joblib.delayed(work)(function, number, task, loaded(load, task), parent)
+            for number, task in tasks.items()
+        )
         with _cluster(self.scheduler) if self.scheduler else joblib.parallel_config("loky"):
             parallel = joblib.Parallel(
                 n_jobs=self.jobs, return_as="generator_unordered", batch_size=1

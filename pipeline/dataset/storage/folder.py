@@ -49,10 +49,15 @@ class Folder:
 
     def names(self) -> list[str]:
         """Every file in it and below, in order; unfinished ones are left out."""
-        every = fs.FileSelector("", allow_not_found=True, recursive=True)
-        with self._reaching():
-            found = [info.path for info in self.files.get_file_info(every) if info.is_file]
-        return sorted(name for name in found if not _is_unfinished(name))
+        if self.local:  # not by Arrow, which follows links to folders, round in circles too
+            paths = [path for path in self.local.rglob("*") if path.is_file()]
+            found = [path.relative_to(self.local).as_posix() for path in paths]
+        else:
+            every = fs.FileSelector("", allow_not_found=True, recursive=True)
+            with self._reaching():
+                infos = [info for info in self.files.get_file_info(every) if info.is_file]
+            found = [info.path.lstrip("/") for info in infos]
+        return sorted(name for name in found if not fnmatchcase(Path(name).name, UNFINISHED))
 
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
@@ -157,7 +162,3 @@ def open_folder(where: Where | Folder) -> Folder:
         return Folder(url, fs.SubTreeFileSystem(root, files))
     path = Path(where)
     return Folder(str(path), fs.SubTreeFileSystem(str(path), fs.LocalFileSystem()), path)
-
-
-def _is_unfinished(name: str) -> bool:
-    return fnmatchcase(name.rpartition("/")[2], UNFINISHED)

@@ -81,6 +81,29 @@ def test_the_secret_in_a_url_is_not_shown():
     assert str(open_folder(url)).startswith("s3://bucket/n10")
 
 
+@pytest.mark.parametrize("url", ["memory://", "memory://prolearn-root", "memory:///prolearn/b c/"])
+def test_names_are_those_inside_the_folder_wherever_it_is(url):
+    folder = open_folder(url)
+    try:
+        for name in ("_manifest.json", "n=2/part-00000.parquet"):
+            folder.publish(name, name.encode())
+            assert folder.read(name) == name.encode()
+            assert folder.exists(name)
+        assert folder.names() == ["_manifest.json", "n=2/part-00000.parquet"]
+        folder.remove("_manifest.json")
+        assert folder.names() == ["n=2/part-00000.parquet"]
+    finally:
+        fsspec.filesystem("memory").rm("/", recursive=True)
+
+
+def test_a_link_to_a_folder_of_the_dataset_brings_no_file_in_danger(solved, content):
+    (solved / "again").symlink_to(".")
+    before = content(solved)
+    assert list(verify(solved, workers=ONE)) == []
+    assert repair(solved, workers=ONE) == []
+    assert content(solved) == before
+
+
 @pytest.mark.parametrize("host", ["", "localhost", "LOCALHOST"])
 def test_a_file_url_is_the_folder_on_this_machine_with_its_lock_and_its_renames(host, tmp_path):
     path = tmp_path / "my data é#1%20"

@@ -1,6 +1,8 @@
 """Scenarios and plans as rows: what is written, what is refused, what is read back."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,6 +17,7 @@ from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import verify
 from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import Folder
+from pipeline.dataset.storage.layout import MANIFEST
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
@@ -232,6 +235,57 @@ def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
     (solved / "n=3/part-00001.parquet").unlink()
     with pytest.raises(InputError, match="not solved at n=3"):
         solved_rows(solved, 3)
+
+
+@pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        (lambda document: document.pop("made_with"), "made_with: Field required"),
+        (lambda document: document.pop("schema"), "KeyError\\('schema'\\)"),
+        (lambda document: document["samples"]["2"].update(count="many"), r"samples\.2\.count: "),
+        (lambda document: document["samples"]["2"].update(orbits=3), r"samples\.2\.orbits: "),
+        (lambda document: document["problem"].update(orbits=3), "orbits"),
+        (lambda document: document["shards"].update(x=1), r"shards\.x: "),
+        (lambda document: document.update(more=1), "more: "),
+    ],
+)
+def test_a_manifest_with_a_field_that_is_wrong_is_damaged_and_says_where(solved, damage, fault):
+    document = json.loads((solved / MANIFEST).read_text())
+    damage(document)
+    (solved / MANIFEST).write_text(json.dumps(document))
+    with pytest.raises(InputError, match=rf"is damaged \(.*{fault}.*\); delete it and"):
+        read_manifest(solved)
+
+
+WHOLE = """
+import sys
+from pathlib import Path
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.verify import verify
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.samples import Sample
+from pipeline.expert import Settings
+from pipeline.orbit.problem import Problem
+
+folder, one = Path(sys.argv[1]), Workers(jobs=1)
+shards = [folder / "n=2/part-00000.parquet", folder / "_scenarios/n=2/part-00000.parquet"]
+sample(folder, {2: Sample(count=2)}, Problem(time_step=90, collision_radius=10), jobs=1)
+solve(folder, Settings(), workers=one)
+before = [path.read_bytes() for path in shards]
+for path in shards:
+    path.unlink()
+solve(folder, Settings(), workers=one)
+assert [path.read_bytes() for path in shards] == before
+assert list(verify(folder, workers=one)) == []
+"""
+
+
+def test_whole_numbers_of_a_problem_stay_whole_so_that_shards_made_again_are_the_same(tmp_path):
+    """In a process of its own, where no argument's type is checked."""
+    command = [sys.executable, "-c", WHOLE, str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
 
 
 def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved, content):
