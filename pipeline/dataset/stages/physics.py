@@ -64,7 +64,7 @@ def _checks(
         "misses an end",
         _beyond(states[..., 0, :] - ends[0]) | _beyond(states[..., -1, :] - ends[1]),
     )
-    yield "has another fuel than its controls", _differs(used, column("fuel"))
+    yield "has another fuel than its controls", ~np.isclose(used, column("fuel"), rtol=1e-9, atol=0)
     yield "needs less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - 1e-12)
     yield "has another gap than its fuel", _wrong_gap(used, bound, column("optimality_gap"))
     yield "has other node collisions than its states", collisions != column("node_collisions")
@@ -85,10 +85,6 @@ def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
     worst = np.abs(error).max(axis=tuple(range(1, error.ndim - 1)))
     far = worst[:, :3].max(axis=1) > POSITION_TOLERANCE
     return ~np.isfinite(worst).all(axis=1) | far | (worst[:, 3:].max(axis=1) > VELOCITY_TOLERANCE)
-
-
-def _differs(value: Float[Array, "N"], claimed: Float[Array, "N"]) -> Rows:
-    return ~np.isclose(value, claimed, rtol=1e-9, atol=0)
 
 
 def _wrong_gap(

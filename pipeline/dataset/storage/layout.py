@@ -23,8 +23,3 @@ BOOKS = re.compile(rf"{MANIFEST}|{STAMPS}|{LOCK}|{WRITER}|{FOREIGN}.*")
 
 OURS = re.compile(rf"{BOOKS.pattern}|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")
 """Names of all files that a dataset may hold."""
-
-
-def shard_name(n: int, number: int) -> str:
-    """Path of a shard of one swarm size: of its plans, and below SCENARIOS and TIMINGS."""
-    return f"n={n}/part-{number:05d}.parquet"

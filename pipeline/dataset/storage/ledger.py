@@ -83,17 +83,11 @@ class Ledger:
 
 @contextmanager
 def written(folder: Folder, begun: Callable[[], Manifest]) -> Iterator[Ledger]:
-    """The ledger of a folder that is held for writing, committed however the work ends.
-
-    Only a kill can keep it from that.
+    """The ledger of a folder that is held for writing, committed unless the process is killed.
 
     Args:
         folder: a dataset, or where it shall be.
         begun: its manifest, or the refusal to go on with it; asked once the folder is held.
-
-    Raises:
-        InputError: where another process writes to it, or what ``begun`` raises.
-        ProlearnError: where it cannot be written to.
     """
     with sole_writer(folder):
         ledger = Ledger(folder, begun())

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, PlainValidator, TypeAdapter, ValidationError
 
 from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.layout import MANIFEST, SCENARIOS, TIMINGS, shard_name
+from pipeline.dataset.storage.layout import MANIFEST, SCENARIOS, TIMINGS
 from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import SCHEMA, metadata
 from pipeline.errors import InputError
@@ -90,7 +90,7 @@ class Shard:
     @property
     def solved(self) -> str:
         """Path of its solved instances inside the folder."""
-        return shard_name(self.n, self.number)
+        return f"n={self.n}/part-{self.number:05d}.parquet"
 
     @property
     def scenarios(self) -> str:
