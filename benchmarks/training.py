@@ -23,12 +23,13 @@ from pipeline.dataset.reading.examples import Examples
 from pipeline.expert import own_optima
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import fit
+from pipeline.networks.recipes import Recipe, recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
-from pipeline.training.data import Encoded, encoded
+from pipeline.training.data import Preparation, Prepared
+from pipeline.training.descent import Descent
 from pipeline.training.loop import Task, pass_over
-from pipeline.training.recipes import Recipe, recipe_for
 
 SEED = 2022
 N = 10
@@ -100,23 +101,22 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, Epoch]:
     """Ways to train for an epoch, each with a network of its own."""
     architecture = find(arch)
     encoding = fit(examples, recipe.interior, recipe.target, recipe.scaling)
-    data, size = encoded(examples, encoding, CPU), recipe.batch_size
+    data, size = Preparation(architecture, encoding, CPU).of(examples), recipe.batch_size
     order = torch.Generator().manual_seed(SEED)
 
-    def fresh() -> tuple[Task, torch.optim.Optimizer]:
+    def fresh() -> tuple[Task, Descent]:
         network = architecture.network(architecture.config, encoding, recipe.dropout)
-        adam = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
-        return Task(architecture, network, encoding, recipe.collision_weight), adam
+        return Task(architecture, network, encoding, recipe), Descent(network, recipe, steps=1)
 
     def plain(batches: Iterable[Pair]) -> Epoch:
-        task, optimizer = fresh()
-        return lambda: _plain_epoch(task, optimizer, batches)
+        task, descent = fresh()
+        return lambda: _plain_epoch(task, descent.optimizer, batches)
 
-    task, optimizer = fresh()
+    task, descent = fresh()
     instances = Instances(data)
-    cut = [(batch.inputs, batch.target) for batch in data.in_order(size)]
+    cut = [(batch.tensors["inputs"], batch.tensors["target"]) for batch in data.in_order(size)]
     return {
-        OURS: lambda: pass_over(task, optimizer, data, size, order),
+        OURS: lambda: pass_over(task, descent, data, order),
         STEPS: plain(cut),
         "loader": plain(DataLoader(instances, size, shuffle=True)),
         "loader, 2 workers": plain(DataLoader(instances, size, shuffle=True, num_workers=2)),
@@ -126,14 +126,14 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, Epoch]:
 class Instances(Dataset[Pair]):
     """Instances one by one, as PyTorch's tutorial has it."""
 
-    def __init__(self, data: Encoded) -> None:
-        self.data = data
+    def __init__(self, data: Prepared) -> None:
+        self.inputs, self.target = data.tensors["inputs"], data.tensors["target"]
 
     def __len__(self) -> int:
-        return len(self.data)
+        return len(self.inputs)
 
     def __getitem__(self, index: int) -> Pair:
-        return self.data.inputs[index], self.data.target[index]
+        return self.inputs[index], self.target[index]
 
 
 def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Iterable[Pair]) -> float:
@@ -142,7 +142,7 @@ def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Iterable
     total = 0.0
     for inputs, target in batches:
         optimizer.zero_grad()
-        loss = task.loss(Encoded(inputs, target))
+        loss = task.loss(Prepared({"inputs": inputs, "target": target}))
         torch.autograd.backward(loss)
         optimizer.step()
         total += loss.item()

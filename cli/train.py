@@ -1,6 +1,5 @@
 """The command that trains networks."""
 
-from enum import StrEnum
 from itertools import product
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,13 +13,6 @@ if TYPE_CHECKING:
     from registry.version import ModelVersion
 
 
-class RecipeName(StrEnum):
-    """Recipes by name."""
-
-    PAPER = "paper"
-    TUNED = "tuned"
-
-
 def train(
     arch: Annotated[
         str,
@@ -30,8 +22,9 @@ def train(
         ),
     ],
     recipe: Annotated[
-        RecipeName, typer.Option(help="The paper's training, or the one tuned on validation.")
-    ] = RecipeName.TUNED,
+        str,
+        typer.Option(help="paper, tuned (on validation), or one of the architecture's own."),
+    ] = "tuned",
     data: Annotated[str, typer.Option(help="Solved dataset, a folder or a URL.")] = "data/paper",
     n: Annotated[int, typer.Option("--n", help="Swarm size to train on.")] = 10,
     epochs: Annotated[int | None, typer.Option(help="Most epochs.")] = None,

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.progress import progress
-from cli.train import RecipeName
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
@@ -16,9 +15,7 @@ if TYPE_CHECKING:
 def tune(
     arch: Annotated[str, typer.Option(help="Architecture, such as lstm2.", show_default=False)],
     trials: Annotated[int, typer.Option(help="Trials in all, earlier ones included.")] = 20,
-    recipe: Annotated[
-        RecipeName, typer.Option(help="Recipe that the trials start from.")
-    ] = RecipeName.TUNED,
+    recipe: Annotated[str, typer.Option(help="Recipe that the trials start from.")] = "tuned",
     data: Annotated[str, typer.Option(help="Solved dataset, a folder or a URL.")] = "data/paper",
     n: Annotated[int, typer.Option("--n", help="Swarm size to train on.")] = 10,
     epochs: Annotated[int | None, typer.Option(help="Most epochs of a trial.")] = None,
@@ -31,9 +28,10 @@ def tune(
 ) -> None:
     """Search learning rate, batch size, dropout and input with Optuna.
 
-    What counts is the distance from the expert's positions on the validation split. Each trial
-    is a nested MLflow run. After an interruption run the same command again: it goes on to the
-    same number of trials. Several processes may share the work.
+    What counts is the distance from the expert's positions on the validation split, or what an
+    architecture of your own names instead. Each trial is a nested MLflow run. After an
+    interruption run the same command again: it goes on to the same number of trials. Several
+    processes may share the work.
 
     Examples:
 
@@ -66,8 +64,8 @@ def _summary(found: "Tuned", arch: str, recipe: str, data: str, n: int) -> str:
         for name, value in found.best.items()
     )
     return (
-        f"{found.trials} trials are complete in {found.storage}; best {found.rmse:.4g} m from the "
-        f"expert's positions on validation data; MLflow run {found.run_id}.\n"
+        f"{found.trials} trials are complete in {found.storage}; best {found.told} on validation "
+        f"data; MLflow run {found.run_id}.\n"
         f"Train with its settings: prolearn train --arch {arch} --recipe {recipe} --data "
         f"{public_url(data)} --n {n} {options}"
     )

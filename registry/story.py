@@ -10,8 +10,8 @@ from typing import Any, SupportsFloat
 from mlflow.entities import Dataset, DatasetInput, InputTag, Metric
 
 from pipeline.errors import InputError
+from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from pipeline.urls import public_url
 
 CURVES = ("train_loss", "valid_loss")
@@ -94,7 +94,8 @@ def story_of(
 
 def recipe_params(recipe: Recipe) -> dict[str, Any]:
     """A recipe as parameters of a run, where ``epochs`` is what the training took."""
-    return {_param(name): value for name, value in asdict(recipe).items()}
+    told = asdict(recipe) | {"options": json.dumps(dict(recipe.options), sort_keys=True)}
+    return {_param(name): value for name, value in told.items()}
 
 
 def _param(field: str) -> str:

@@ -15,12 +15,12 @@ from mlflow.exceptions import MlflowException
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
+from pipeline.networks.recipes import Recipe
 from pipeline.report.figures.style import save as save_figure
 from pipeline.report.figures.style import styles
 from pipeline.report.figures.training import curves_figure
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.environment import TRAINED_BY, environment_tags, requirements
 from registry.flavor import SIGNATURE
 from registry.store import (

@@ -37,13 +37,11 @@ class Challenge:
 def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
     """A network, flown, on validation scenarios: a row each, columns of Trial.
 
-    The bound on fuel, which says nothing about one network beside another, is left at 0.
-
     Raises:
         InputError: where the data has none of this size, or the weights do not fit it.
     """
     scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:MOST]
-    flown = Flown(model, model.architecture, lambda some: [0.0] * len(some))
+    flown = Flown(model, model.architecture)
     return run_trials([Entrant(flown)], scenarios) if scenarios else pd.DataFrame()
 
 

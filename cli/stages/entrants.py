@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.evaluation.trials import Entrant
 from pipeline.expert import Settings
 from pipeline.networks.model import Model
-from pipeline.planners.baselines import BASELINES, fuel_lower_bounds
+from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.network import Flown, check_problem
 from registry.models import load, newest_trainings, resolve
@@ -40,7 +40,7 @@ class Network:
     @property
     def entrant(self) -> Entrant:
         """The network flown, and as predicted."""
-        flown = Flown(self.model, self.name, fuel_lower_bounds)
+        flown = Flown(self.model, self.name)
         return Entrant(flown, self.version.recipe, self.version.training_seed, self.model)
 
 

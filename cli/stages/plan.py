@@ -6,7 +6,6 @@ from dataclasses import replace
 from pipeline.errors import InputError
 from pipeline.expert import EFFORTS
 from pipeline.networks.catalogue import architecture_names
-from pipeline.planners.baselines import fuel_lower_bounds
 from pipeline.planners.named import NAMES, Separation, refuse_effort
 from pipeline.planners.network import Flown
 from pipeline.planners.planner import Planner
@@ -36,7 +35,7 @@ def model_planner(
         refuse_effort(effort)
     _check_architecture(reference)
     model, version = load(reference)
-    flown = Flown(model, version.label, fuel_lower_bounds, at_nodes=separation == "nodes")
+    flown = Flown(model, version.label, at_nodes=separation == "nodes")
     if raw:
         return flown
     return Seeded(flown, replace(EFFORTS[effort or "first"], separation=separation))

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cli.stages.champion import Challenge, challenge, flown_metrics, validation_trials
-from pipeline.dataset.reading.stream import MEMORY, examples_within
+from pipeline.dataset.reading.stream import MEMORY
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.networks.recipes import Recipe, recipe_for
 from pipeline.progress import SILENT, Progress
 from pipeline.training.loop import train
-from pipeline.training.recipes import Recipe, recipe_for
-from pipeline.training.validation import position_rmse
+from pipeline.training.sources import sources
+from pipeline.training.validation import POSITION_RMSE, position_rmse
 from registry.environment import TRAINED_BY, changed_since
 from registry.models import list_versions
 from registry.store import connect, recorded
@@ -28,7 +29,7 @@ class TrainingSettings:
         arch: name of the architecture.
         recipe: name of the recipe.
         n: swarm size to train on.
-        seed: of weights, order and dropout.
+        seed: of weights, order, dropout and fresh scenarios.
         changes: fields of the recipe to set otherwise.
     """
 
@@ -103,13 +104,13 @@ def train_model(
         ProlearnError: where the loss diverges or the tracking store fails.
     """
     followed = how.followed
-    learn, valid = (examples_within(data, how.n, split, memory) for split in ("train", "valid"))
+    learn, valid = sources(followed, data, how.n, seed=how.seed, memory=memory)
     connect()  # a store that is away is better known before training than after
     trained = train(
         how.arch, followed, learn, valid, seed=how.seed, device=device, progress=progress
     )
     trials = validation_trials(trained.model, data, how.n)
-    errors = {"valid_position_rmse": position_rmse(trained.model, valid)}
+    errors = {POSITION_RMSE: position_rmse(trained.model, valid)}
     version = record_training(
         trained,
         recipe=followed,

@@ -14,17 +14,18 @@ from filelock import FileLock
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.dataset.reading.examples import Examples
-from pipeline.dataset.reading.read import examples
+from pipeline.dataset.reading.examples import ExampleSource
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.architecture import find
+from pipeline.networks.recipes import Recipe, recipe_for
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.training.loop import train
-from pipeline.training.recipes import Recipe, recipe_for
 from pipeline.training.search import SPACE, Between
-from pipeline.training.validation import position_rmse
+from pipeline.training.sources import sources
+from pipeline.training.validation import POSITION_RMSE, position_rmse
 from registry.environment import TRAINED_BY, environment_tags
 from registry.sqlite import database_path
 from registry.store import (
@@ -44,7 +45,9 @@ if TYPE_CHECKING:
     from optuna import Study, Trial
 
 STORAGE = "optuna.db"
-OBJECTIVE = "valid_position_rmse"
+
+OBJECTIVES = (POSITION_RMSE, "best_valid_loss")
+"""Metrics of a training that a search may make small, as its architecture says."""
 
 PARENT = "mlflow_run_id"
 """Under this name a study remembers its MLflow run."""
@@ -70,11 +73,24 @@ class Tuning:
 
     arch: str
     recipe: Recipe
-    learn: Examples
-    valid: Examples
+    learn: ExampleSource
+    valid: ExampleSource
     dataset: DatasetInfo
     seed: int
     device: str
+
+    def __post_init__(self) -> None:
+        """Refuse an objective that no trial records."""
+        if self.objective not in OBJECTIVES:
+            raise InputError(
+                f"architecture {self.arch!r} names {self.objective!r} as its objective; expected "
+                f"one of {', '.join(OBJECTIVES)}."
+            )
+
+    @property
+    def objective(self) -> str:
+        """The metric that the search makes small."""
+        return find(self.arch).objective
 
     @property
     def name(self) -> str:
@@ -94,7 +110,8 @@ class Tuned:
         storage: the SQLite file.
         run_id: MLflow's run that holds those of the trials.
         trials: how many are complete.
-        rmse: the least validation error, m.
+        objective: the metric that counts.
+        value: the least of it.
         best: recipe fields of the best trial.
     """
 
@@ -102,8 +119,16 @@ class Tuned:
     storage: Path
     run_id: str
     trials: int
-    rmse: float
+    objective: str
+    value: float
     best: Mapping[str, Any]
+
+    @property
+    def told(self) -> str:
+        """The least of the metric in words."""
+        if self.objective == POSITION_RMSE:
+            return f"{self.value:.4g} m from the expert's positions"
+        return f"{self.value:.4g} of {self.objective}"
 
 
 def tune(
@@ -142,7 +167,7 @@ def tune(
     optuna = _optuna()
     followed = recipe_for(arch, recipe)
     followed = followed if epochs is None else replace(followed, epochs=epochs)
-    learn, valid = examples(data, n, "train"), examples(data, n, "valid")
+    learn, valid = sources(followed, data, n, seed=seed)
     dataset = DatasetInfo(str(data), read_manifest(data).digest(n), len(learn), len(valid))
     search = Tuning(arch, followed, learn, valid, dataset, seed, device)
     with opened() as opened_store:
@@ -152,7 +177,7 @@ def tune(
             study = _study(optuna, path, search)
             with _parent(store, study, search) as run_id:
                 _search(optuna, study, store, search, trials, run_id, progress)
-            return _found(optuna, study, path, run_id)
+            return _found(optuna, study, search, path, run_id)
 
 
 def _optuna() -> Any:
@@ -235,10 +260,11 @@ def _search(
         nonlocal last
         complete = len(_complete(optuna, study))
         if complete:
-            best = metrics_now({f"best_{OBJECTIVE}": study.best_value}, step=complete)
+            best = metrics_now({f"best_{search.objective}": study.best_value}, step=complete)
             log_metrics(store, run_id, best)
             before, last = last, min(complete, trials)  # other processes may have done more
-            progress.done(last - before, f"best {study.best_value:.4g} m")
+            unit = " m" if search.objective == POSITION_RMSE else ""
+            progress.done(last - before, f"best {study.best_value:.4g}{unit}")
         if complete >= trials:
             study.stop()
 
@@ -253,7 +279,7 @@ def _search(
 
 
 def _trial(trial: "Trial", store: Store, search: Tuning) -> float:
-    """Train once and record it as a nested run; the validation error in m."""
+    """Train once and record it as a nested run; what the objective comes to."""
     recipe = replace(search.recipe, **{name: _suggest(trial, name) for name in SPACE})
     with recorded_run(
         store, TUNING, f"trial-{trial.number}", environment_tags(TRAINED_BY)
@@ -261,20 +287,19 @@ def _trial(trial: "Trial", store: Store, search: Tuning) -> float:
         trained = train(
             search.arch, recipe, search.learn, search.valid, seed=search.seed, device=search.device
         )
-        rmse = position_rmse(trained.model, search.valid)
         story = story_of(
             trained,
             recipe=recipe,
             seed=search.seed,
             dataset=search.dataset,
-            metrics={OBJECTIVE: rmse},
+            metrics={POSITION_RMSE: position_rmse(trained.model, search.valid)},
             tags={},
         )
         with explained(store.uri):
             log_params(store, run_id, {**story.params, "trial": trial.number})
             log_metrics(store, run_id, curve_metrics(story.history))
             log_metrics(store, run_id, metrics_now(story.metrics))
-    return rmse
+    return story.metrics[search.objective]
 
 
 def _suggest(trial: "Trial", name: str) -> Any:
@@ -288,11 +313,12 @@ def _complete(optuna: Any, study: "Study") -> list[Any]:
     return study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,))
 
 
-def _found(optuna: Any, study: "Study", path: Path, run_id: str) -> Tuned:
+def _found(optuna: Any, study: "Study", search: Tuning, path: Path, run_id: str) -> Tuned:
     complete = len(_complete(optuna, study))
     if not complete:
         raise ProlearnError(
             f"No trial of {study.study_name} came to an end: the loss diverged in each; expected "
             "at least one: run the command again, or start from another recipe."
         )
-    return Tuned(study.study_name, path, run_id, complete, study.best_value, study.best_params)
+    best = study.best_value, study.best_params
+    return Tuned(study.study_name, path, run_id, complete, search.objective, *best)

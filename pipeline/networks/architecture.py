@@ -1,7 +1,9 @@
-"""What an architecture is: sizes, forward pass, loss, and how it meets swarms of any size.
+"""What an architecture is: sizes, how it learns, and how it answers swarms of any size.
 
 To add one, write one file and one entry point. The file holds an object with the members of
-``Architecture``; ``pipeline/networks/lstm.py`` is the shortest example. The entry point names it:
+``Architecture``; one that learns the expert's plans gets most of them from
+``pipeline.networks.supervised.Supervised``, as ``pipeline/networks/lstm.py`` does. The entry point
+names it:
 
     [project.entry-points."prolearn.architectures"]
     mine = "my_package.mine:MINE"
@@ -11,7 +13,7 @@ Then ``mine`` can be trained, saved, loaded, evaluated and planned with like the
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -19,15 +21,18 @@ from torch import Tensor, nn
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.catalogue import entry_point
 from pipeline.networks.encoding import Encoding
+from pipeline.networks.recipes import Recipe
+from pipeline.networks.swarms import Batch, Swarms
+
+Answer = Literal["states", "controls"]
 
 
 @runtime_checkable
 class Architecture(Protocol):
-    """One way from encoded inputs to encoded trajectories.
+    """One way from the end states of a swarm to its transfer.
 
-    Tensors are float32, in the units of an ``Encoding``, with axes batch, craft, node and state
-    component; ``Encoding.decode`` turns them into m and m/s. In every input the first and last
-    node of each craft hold its initial and goal state.
+    An architecture chooses what its network reads, what it learns from, what decides which of its
+    weights are kept, and whether it answers with states or with controls.
     """
 
     @property
@@ -37,7 +42,17 @@ class Architecture(Protocol):
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """By recipe name, the fields of ``pipeline.training.recipes.Recipe`` that differ."""
+        """By recipe name, the fields of ``pipeline.networks.recipes.Recipe`` that differ."""
+        ...
+
+    @property
+    def answers(self) -> Answer:
+        """What it answers with: "states" at the nodes, or "controls" of the intervals."""
+        ...
+
+    @property
+    def objective(self) -> str:
+        """The metric of a training that a search for better recipes makes small."""
         ...
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
@@ -45,7 +60,8 @@ class Architecture(Protocol):
 
         It must be a function of its arguments alone, since a stored model is rebuilt with it:
         ``config`` comes from a file and may hold anything; raise ValueError where it makes no
-        sense.
+        sense. All that it holds is stored as weights, so what follows from the problem alone
+        belongs elsewhere.
 
         Args:
             config: sizes, as in the property of this name.
@@ -54,21 +70,35 @@ class Architecture(Protocol):
         """
         ...
 
-    def loss(
-        self,
-        network: nn.Module,
-        inputs: Float[Tensor, "b n T 6"],
-        target: Float[Tensor, "b n T 6"],
-        encoding: Encoding,
-        collision_weight: float,
-    ) -> Float[Tensor, ""]:
-        """What training makes small: a mean over a batch with n = ``encoding.n``."""
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
+        """What loss and score need of some swarms, on the CPU.
+
+        It is done once where data stays in memory.
+
+        Raises:
+            InputError: where it needs the expert's plans and there are none.
+        """
         ...
 
-    def forward(
-        self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
-    ) -> Float[Tensor, "b n T 6"]:
-        """The network's answer for any number of craft n ≥ 1."""
+    def loss(
+        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+    ) -> Float[Tensor, ""]:
+        """What training makes small: a mean over a batch, on the network's device."""
+        ...
+
+    def score(
+        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+    ) -> Float[Tensor, ""]:
+        """What decides which weights are kept, and when to stop: least is best.
+
+        It is a mean over a batch of validation data, without gradients.
+        """
+        ...
+
+    def answer(
+        self, network: nn.Module, swarms: Swarms, encoding: Encoding
+    ) -> Float[Tensor, "b n _ _"]:
+        """States (b, n, T, 6), m and m/s, or controls (b, n, T-1, 3), m/s², for any n ≥ 1."""
         ...
 
 

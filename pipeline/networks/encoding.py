@@ -89,7 +89,7 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
     """The encoding whose scales come from training examples, in one pass over them.
 
     Args:
-        examples: what is learnt from.
+        examples: what is learnt from; where there are no plans, the inputs stand for them.
         interior: of INTERIORS.
         target: STATES or OFFSET.
         scaling: COMMON, by the largest component's root mean square, or COMPONENT, each by its
@@ -103,7 +103,8 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
     count, squares = 0, np.zeros((2, 6))
     for part in examples.parts():
         given = INTERIORS[interior](part.initial, part.goal, part.problem)
-        wanted = part.states - given if target == OFFSET else part.states
+        wanted = given if part.states is None else part.states
+        wanted = wanted - given if target == OFFSET else wanted
         squares += [np.square(states).sum(axis=(0, 1, 2)) for states in (given, wanted)]
         count += given.shape[0] * given.shape[1] * given.shape[2]
     scale = _common_scale if scaling == COMMON else _component_scale

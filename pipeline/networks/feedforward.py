@@ -15,11 +15,11 @@ from pipeline.arrays import Array
 from pipeline.networks.combinations import combinations_of
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.layers import hidden_layers
-from pipeline.networks.losses import supervised_loss
+from pipeline.networks.supervised import Supervised
 
 
 @dataclass(frozen=True)
-class FeedForward:
+class FeedForward(Supervised):
     """Dense layers on the flattened 6·n·T matrix, each hidden one with ReLU and dropout.
 
     Its input has a fixed size. A smaller swarm is padded with virtual craft at rest in the
@@ -38,11 +38,6 @@ class FeedForward:
         """Neurons of each hidden layer."""
         return {"hidden": list(self.hidden)}
 
-    @property
-    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """None: the recipes' numbers are those of feed-forward networks."""
-        return {}
-
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """Dense layers from 6·n·T numbers to 6·n·T numbers."""
         size = 6 * encoding.n * encoding.problem.nodes
@@ -51,18 +46,6 @@ class FeedForward:
         for before, after in pairwise(widths):
             layers += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(dropout)]
         return nn.Sequential(*layers, nn.Linear(widths[-1], size))
-
-    def loss(
-        self,
-        network: nn.Module,
-        inputs: Float[Tensor, "b n T 6"],
-        target: Float[Tensor, "b n T 6"],
-        encoding: Encoding,
-        collision_weight: float,
-    ) -> Float[Tensor, ""]:
-        """Mean square error, for FFcol with the collision penalty."""
-        weight = collision_weight if self.collision else 0.0
-        return supervised_loss(_answer(network, inputs), inputs, target, encoding, weight)
 
     def forward(
         self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.layers import hidden_layers
-from pipeline.networks.losses import supervised_loss
+from pipeline.networks.supervised import Supervised
 
 STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
 """Weights that all columns share see nT times as many examples: larger steps, fewer epochs do."""
@@ -39,7 +39,7 @@ class Columns(nn.Module):
 
 
 @dataclass(frozen=True)
-class Lstm:
+class Lstm(Supervised):
     """LSTM layers over the craft's trajectories, one after the other, so for any number of them.
 
     Attributes:
@@ -63,19 +63,6 @@ class Lstm:
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """LSTM layers and a linear layer back to six numbers a column."""
         return Columns(hidden_layers(config), dropout)
-
-    def loss(
-        self,
-        network: nn.Module,
-        inputs: Float[Tensor, "b n T 6"],
-        target: Float[Tensor, "b n T 6"],
-        encoding: Encoding,
-        collision_weight: float,
-    ) -> Float[Tensor, ""]:
-        """Mean square error, for LSTMcol with the collision penalty."""
-        output = self.forward(network, inputs, encoding)
-        weight = collision_weight if self.collision else 0.0
-        return supervised_loss(output, inputs, target, encoding, weight)
 
     def forward(
         self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding

@@ -1,4 +1,4 @@
-"""A trained model: a value that predicts trajectories, in a folder when it is not in memory."""
+"""A trained model: a value that answers swarms, in a folder when it is not in memory."""
 
 import hashlib
 from collections.abc import Mapping
@@ -17,10 +17,12 @@ from torch import Tensor, nn
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.files import published, write_text
-from pipeline.networks.architecture import find
+from pipeline.networks.architecture import Answer, find
 from pipeline.networks.document import ModelDocument, ProblemFields, read_document
 from pipeline.networks.encoding import Encoding
+from pipeline.networks.swarms import Swarms, swarms
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
 
 WEIGHTS_FILE = "weights.safetensors"
 DOCUMENT_FILE = "model.json"
@@ -29,7 +31,7 @@ NO_NETWORK = (ValueError, TypeError, KeyError, RuntimeError)
 """What an architecture raises where a configuration makes no network."""
 
 COLUMNS_AT_ONCE = 50_000
-"""Columns n·T of all instances predicted together; a few hundred MB in the widest network."""
+"""Columns n·T of all instances answered together; a few hundred MB in the widest network."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,7 @@ class Model:
         config: its sizes.
         recipe: name of the recipe that it was trained by.
         encoding: how states become its input and its answer becomes states.
-        network: the module, for prediction only.
+        network: the module, for answers only.
     """
 
     architecture: str
@@ -84,14 +86,37 @@ class Model:
         network.load_state_dict(weights, assign=True)
         return replace(self, encoding=encoding, network=network)
 
+    @property
+    def answers(self) -> Answer:
+        """What it answers with: "states" or "controls"."""
+        return find(self.architecture).answers
+
     def predict(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
     ) -> Float[Array, "N n T 6"]:
-        """Node states in m and m/s, as the network answers: they obey no dynamics.
+        """Node states in m and m/s as the network answers, by the training's collision radius.
+
+        States that it answers obey no dynamics; controls are flown, and may miss the goal.
 
         Args:
             initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
             goal: their goal states.
+
+        Raises:
+            InputError: where the two differ in shape or are not states of swarms.
+        """
+        answer = self.answer(initial, goal, self.problem.collision_radius)
+        return answer if self.answers == "states" else fly(initial, answer, self.problem)
+
+    def answer(
+        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"], collision_radius: float
+    ) -> Float[Array, "N n _ _"]:
+        """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s².
+
+        Args:
+            initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
+            goal: their goal states.
+            collision_radius: r_col, m, for networks that read it.
 
         Raises:
             InputError: where the two differ in shape or are not states of swarms.
@@ -102,21 +127,15 @@ class Model:
                 f"initial has shape {initial.shape} and goal {goal.shape}; expected (N, n, 6) for "
                 "both, with at least one spacecraft."
             )
-        N = len(initial)
-        states = np.empty((N, n, self.problem.nodes, 6))
-        step = max(1, COLUMNS_AT_ONCE // (n * self.problem.nodes))
-        for start in range(0, N, step):
-            part = slice(start, start + step)
-            states[part] = self._predict(initial[part], goal[part])
-        return states
+        problem = replace(self.problem, collision_radius=collision_radius)
+        step = max(1, COLUMNS_AT_ONCE // (n * problem.nodes))
+        parts = [slice(start, start + step) for start in range(0, max(1, len(initial)), step)]
+        return np.concatenate([self._answer(swarms(problem, initial[p], goal[p])) for p in parts])
 
     @torch.inference_mode()
-    def _predict(
-        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
-    ) -> Float[Array, "N n T 6"]:
-        inputs = self.encoding.inputs(initial, goal)
-        output = find(self.architecture).forward(self.network, inputs.float(), self.encoding)
-        return np.asarray(self.encoding.decode(output.double(), inputs).numpy())
+    def _answer(self, asked: Swarms) -> Float[Array, "b n _ _"]:
+        answer = find(self.architecture).answer(self.network, asked, self.encoding)
+        return np.asarray(answer.double().cpu().numpy())
 
 
 def save(model: Model, folder: Path) -> None:

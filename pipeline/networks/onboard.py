@@ -8,10 +8,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.arrays import Array
-from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.interior import INTERIORS
 from pipeline.networks.model import Model
+from pipeline.networks.supervised import Supervised
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, project_to_flyable
 
@@ -25,9 +25,9 @@ class OnBoard(nn.Module):
 
     read: Tensor
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, architecture: Supervised, model: Model) -> None:
         super().__init__()
-        self.architecture = find(model.architecture)
+        self.architecture = architecture
         self.encoding = model.encoding
         self.network = model.network
         self.register_buffer("read", torch.from_numpy(input_map(model.encoding)).float())
@@ -52,8 +52,8 @@ class OnBoardFlown(OnBoard):
 
     flyable: Tensor
 
-    def __init__(self, model: Model) -> None:
-        super().__init__(model)
+    def __init__(self, architecture: Supervised, model: Model) -> None:
+        super().__init__(architecture, model)
         self.register_buffer("flyable", torch.from_numpy(flyable_map(model.problem)))
 
     def forward(

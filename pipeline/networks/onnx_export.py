@@ -14,9 +14,11 @@ from torch.export import Dim
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published
+from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.onboard import OnBoard, OnBoardFlown
 from pipeline.networks.onnx_check import Checked, check
+from pipeline.networks.supervised import Supervised
 
 SCHEMA = "prolearn.onnx/1"
 
@@ -65,7 +67,8 @@ def export(
         about: JSON values that are stored in the file's metadata.
 
     Raises:
-        InputError: where onnx or onnxruntime is not installed, or n < 1.
+        InputError: where onnx or onnxruntime is not installed, n < 1, or the architecture answers
+            in a way of its own.
         ProlearnError: where the architecture cannot be exported, or onnxruntime's answer is not
             torch's.
     """
@@ -85,7 +88,14 @@ def _traced(model: Model, n: int | None, outputs: Sequence[str]) -> torch.onnx.O
         import onnxscript  # noqa: F401  (torch's exporter needs it)
     except ImportError as error:
         raise InputError(f"{error.name} is not installed; {EXTRA}.") from error
-    module = (OnBoardFlown if "controls" in outputs else OnBoard)(model).eval()
+    architecture = find(model.architecture)
+    if not isinstance(architecture, Supervised):
+        raise InputError(
+            f"architecture {model.architecture!r} answers with {model.answers} in a way of its "
+            "own; expected one derived from pipeline.networks.supervised.Supervised, which alone "
+            "are exported."
+        )
+    module = (OnBoardFlown if "controls" in outputs else OnBoard)(architecture, model).eval()
     craft = n or max(2, min(TRACED, model.n_train - 1))
     axes = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
     try:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from time import perf_counter
 
 from jaxtyping import Float
@@ -11,6 +10,7 @@ from pipeline.arrays import Array
 from pipeline.expert import own_optima
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
 from pipeline.plan import Plan, planned
+from pipeline.planners.bound import fuel_lower_bound
 from pipeline.scenario import Scenario
 
 Controls = Float[Array, "n intervals 3"]
@@ -46,18 +46,6 @@ class Baseline:
             at_nodes=self.at_nodes,
             timing=timing,
         )
-
-
-@lru_cache(maxsize=8192)
-def fuel_lower_bound(scenario: Scenario) -> float:
-    """The fuel that no plan for a scenario can beat, m/s²."""
-    own = own_optima(scenario.initial, scenario.goal, scenario.problem)
-    return float(own.lower_bound.sum())
-
-
-def fuel_lower_bounds(scenarios: Sequence[Scenario]) -> list[float]:
-    """The same for several scenarios."""
-    return [fuel_lower_bound(scenario) for scenario in scenarios]
 
 
 def _line(scenario: Scenario) -> Controls:

@@ -1,7 +1,7 @@
-"""A network as a planner: its prediction flown, so that dynamics and both ends hold exactly."""
+"""A network as a planner: its answer flown, so that dynamics and both ends hold exactly."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isclose
 
@@ -10,8 +10,9 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import project_to_flyable
+from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import Plan, planned
+from pipeline.planners.bound import fuel_lower_bound
 from pipeline.scenario import Scenario
 
 SAME = 1e-6
@@ -20,18 +21,19 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A model's plans: predicted, then projected onto the transfers that can be flown.
+    """A model's plans, which obey the dynamics and meet the goal whatever it answers.
+
+    States are projected onto the transfers that can be flown; controls get the correction of
+    least energy.
 
     Attributes:
         model: the network.
         name: what tables and plans call it.
-        lower_bounds: the fuel lower bound of each scenario, m/s², for the certificates.
         at_nodes: judge plans by separation at the nodes only, the paper's criterion.
     """
 
     model: Model
     name: str
-    lower_bounds: Callable[[Sequence[Scenario]], Sequence[float]]
     at_nodes: bool = False
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
@@ -50,15 +52,18 @@ class Flown:
         started = time.perf_counter()
         initial = np.stack([scenario.initial for scenario in scenarios])
         goal = np.stack([scenario.goal for scenario in scenarios])
-        controls = project_to_flyable(model.predict(initial, goal), initial, goal, problem)
+        answer = model.answer(initial, goal, problem.collision_radius)
+        if model.answers == "states":
+            controls = project_to_flyable(answer, initial, goal, problem)
+        else:
+            controls = meet_goal(initial, answer, goal, problem)
         timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
-        bounds = self.lower_bounds(scenarios)
         return [
             planned(
                 self.name,
                 scenario,
                 controls[k],
-                float(bounds[k]),
+                fuel_lower_bound(scenario),
                 at_nodes=self.at_nodes,
                 timing=timing,
             )
@@ -69,8 +74,8 @@ class Flown:
 def check_problem(model: Model, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model was trained on.
 
-    The collision radius and the limit on the control may differ: a network knows neither, and
-    the certificate judges by the scenario's own.
+    The collision radius and the limit on the control may differ: no network knows the limit,
+    one that reads the radius is told the scenario's, and the certificate judges by these.
 
     Args:
         model: the network.

@@ -1,124 +1,157 @@
-"""Examples on their way into training: checked, encoded, on the device, in batches."""
+"""Examples on their way into training: checked, prepared, on the device, in batches."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import count
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from torch import Tensor
 
 from pipeline.dataset.reading.examples import Examples, ExampleSource
 from pipeline.errors import InputError
+from pipeline.networks.architecture import Architecture
 from pipeline.networks.encoding import Encoding
+from pipeline.networks.swarms import Batch, swarms
+from pipeline.training.sources import FreshDraws
 
 
 @dataclass(frozen=True, eq=False)
-class Encoded:
-    """Examples as a network reads them, float32, all on one device.
+class Prepared:
+    """Examples as an architecture has prepared them, all on one device.
 
     Attributes:
-        inputs: what it reads.
-        target: what it should answer.
+        tensors: by the architecture's names; their first axis is that of the instances.
     """
 
-    inputs: Float[Tensor, "N n T 6"]
-    target: Float[Tensor, "N n T 6"]
+    tensors: Batch
 
     def __len__(self) -> int:
         """Number of instances."""
-        return len(self.inputs)
+        return len(next(iter(self.tensors.values())))
 
-    def at(self, rows: Int[Tensor, "b"]) -> "Encoded":
+    def at(self, rows: Int[Tensor, "b"]) -> "Prepared":
         """Some of them, in any order."""
         # Copies whole instances, where an index in brackets would copy number by number.
-        return Encoded(self.inputs.index_select(0, rows), self.target.index_select(0, rows))
+        return Prepared({name: t.index_select(0, rows) for name, t in self.tensors.items()})
 
-    def shuffled(self, size: int, order: torch.Generator) -> Iterator["Encoded"]:
+    def joined(self, other: "Prepared") -> "Prepared":
+        """These and others after them."""
+        return Prepared({k: torch.cat([t, other.tensors[k]]) for k, t in self.tensors.items()})
+
+    def shuffled(self, size: int, order: torch.Generator) -> Iterator["Prepared"]:
         """All of them once, in random batches."""
-        rows = torch.randperm(len(self), generator=order).to(self.inputs.device)
+        device = next(iter(self.tensors.values())).device
+        rows = torch.randperm(len(self), generator=order).to(device)
         return (self.at(part) for part in torch.split(rows, size))
 
-    def in_order(self, size: int) -> Iterator["Encoded"]:
+    def in_order(self, size: int) -> Iterator["Prepared"]:
         """All of them once, in batches."""
         for k in range(0, len(self), size):
-            yield Encoded(self.inputs[k : k + size], self.target[k : k + size])
+            yield Prepared({name: t[k : k + size] for name, t in self.tensors.items()})
 
 
 @runtime_checkable
 class Batches(Protocol):
-    """Encoded examples, batch by batch, as often as they are asked for."""
+    """Prepared examples, batch by batch, as often as they are asked for."""
 
     def __len__(self) -> int:
         """Number of instances."""
         ...
 
-    def shuffled(self, size: int, order: torch.Generator) -> Iterator[Encoded]:
+    def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
         """All of them once, in random batches."""
         ...
 
-    def in_order(self, size: int) -> Iterator[Encoded]:
+    def in_order(self, size: int) -> Iterator[Prepared]:
         """All of them once, in batches."""
         ...
 
 
+@dataclass(frozen=True)
+class Preparation:
+    """How examples become what a network reads.
+
+    Attributes:
+        architecture: whose network it is.
+        encoding: the units that it reads and answers in.
+        device: where it is.
+    """
+
+    architecture: Architecture
+    encoding: Encoding
+    device: torch.device
+
+    def of(self, examples: Examples) -> Prepared:
+        """The examples, prepared, on the device."""
+        given = swarms(examples.problem, examples.initial, examples.goal, examples.states)
+        batch = self.architecture.prepare(given, self.encoding)
+        return Prepared({name: tensor.to(self.device) for name, tensor in batch.items()})
+
+
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """Examples that are read and encoded part by part on every pass.
+    """Examples that are read and prepared part by part on every pass.
 
     Attributes:
         source: where they come from.
-        encoding: how a network reads them.
-        device: where it does.
+        preparation: how a network reads them.
         buffer: instances among which they are shuffled, two batches at least; a part may come
             on top.
     """
 
     source: ExampleSource
-    encoding: Encoding
-    device: torch.device
+    preparation: Preparation
     buffer: int
 
     def __len__(self) -> int:
         """Number of instances."""
         return len(self.source)
 
-    def shuffled(self, size: int, order: torch.Generator) -> Iterator[Encoded]:
+    def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
         """Parts in random order go through a buffer that gives out half of itself at random."""
         full = max(self.buffer, 2 * size)
         parts = torch.randperm(self.source.part_count, generator=order).tolist()
-        held: Encoded | None = None
+        held: Prepared | None = None
         for examples in self.source.parts(parts):
-            part = encoded(examples, self.encoding, self.device)
-            held = part if held is None else _joined(held, part)
+            part = self.preparation.of(examples)
+            held = part if held is None else held.joined(part)
             if len(held) >= full:
-                rows = torch.randperm(len(held), generator=order).to(self.device)
+                rows = torch.randperm(len(held), generator=order).to(self.preparation.device)
                 out = len(held) // 2 // size * size
                 yield from (held.at(batch) for batch in torch.split(rows[:out], size))
                 held = held.at(rows[out:])
         if held is not None:
             yield from held.shuffled(size, order)
 
-    def in_order(self, size: int) -> Iterator[Encoded]:
+    def in_order(self, size: int) -> Iterator[Prepared]:
         """All of them once, in batches that end with each part."""
         for examples in self.source.parts():
-            yield from encoded(examples, self.encoding, self.device).in_order(size)
+            yield from self.preparation.of(examples).in_order(size)
 
 
-def encoded(examples: Examples, encoding: Encoding, device: torch.device) -> Encoded:
-    """The examples, encoded, on a device."""
-    inputs = encoding.inputs(examples.initial, examples.goal)
-    target = encoding.targets(examples.states, inputs)
-    return Encoded(inputs.float().to(device), target.float().to(device))
+@dataclass(frozen=True, eq=False)
+class Drawn(Streamed):
+    """Scenarios of which every pass draws others, so that there is nothing to shuffle."""
+
+    passes: Iterator[int] = field(default_factory=count)
+
+    def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
+        """The next pass, in batches."""
+        for examples in self.source.parts([next(self.passes)]):
+            yield from self.preparation.of(examples).in_order(size)
 
 
-def batches(source: ExampleSource, encoding: Encoding, device: torch.device) -> Batches:
-    """Examples that are in memory, encoded once; others, encoded as they are read."""
+def batches(source: ExampleSource, preparation: Preparation) -> Batches:
+    """Examples that are in memory, prepared once; others, prepared as they are read or drawn."""
+    if isinstance(source, FreshDraws):
+        return Drawn(source, preparation, source.buffer)
     if source.buffer is not None:
-        return Streamed(source, encoding, device, source.buffer)
+        return Streamed(source, preparation, source.buffer)
     (examples,) = source.parts()
-    return encoded(examples, encoding, device)
+    return preparation.of(examples)
 
 
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
@@ -143,16 +176,12 @@ def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
 
 
 def _check_finite(examples: Examples, name: str, first: int) -> None:
-    for field in ("initial", "goal", "states"):
-        values = getattr(examples, field)
-        if np.isfinite(values).all():
+    for column in ("initial", "goal", "states"):
+        values = getattr(examples, column)
+        if values is None or np.isfinite(values).all():
             continue
         bad = ~np.isfinite(values).reshape(len(examples), -1).all(axis=1)
         raise InputError(
-            f"{name} example {first + bad.argmax()} has {field} that are not finite numbers; "
+            f"{name} example {first + bad.argmax()} has {column} that are not finite numbers; "
             "verify the dataset or make it again."
         )
-
-
-def _joined(one: Encoded, other: Encoded) -> Encoded:
-    return Encoded(torch.cat([one.inputs, other.inputs]), torch.cat([one.target, other.target]))

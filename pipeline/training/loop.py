@@ -1,10 +1,10 @@
-"""The training loop: Adam on shuffled batches, the best weights on validation kept."""
+"""The training loop: steps on shuffled batches, the best weights on validation kept."""
 
 import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -15,13 +15,14 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import Architecture, find
 from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.model import Model
+from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
-from pipeline.training.data import Batches, Encoded, batches, check_examples
+from pipeline.training.data import Batches, Preparation, Prepared, batches, check_examples
+from pipeline.training.descent import Descent
 from pipeline.training.device import training_device
-from pipeline.training.recipes import Recipe
 
 VALIDATION_BATCH = 256
-"""Instances whose validation loss is computed at once."""
+"""Instances whose validation score is computed at once."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Epoch:
     Attributes:
         number: from 1.
         train_loss: mean loss of the pass, with dropout, while the weights change.
-        valid_loss: mean loss on the validation data after it.
+        valid_loss: the architecture's score on the validation data after it, least best.
         seconds: how long it took.
     """
 
@@ -48,7 +49,7 @@ class Trained:
     Attributes:
         model: with the weights of the best epoch, on the CPU.
         history: all epochs.
-        best_epoch: number of the epoch with the least validation loss.
+        best_epoch: number of the epoch with the least validation score.
         seconds: how long it took in all.
         device: where it ran.
         threads: of torch that it ran on.
@@ -64,25 +65,33 @@ class Trained:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A network and the loss that it is to make small.
+    """A network and what it is to make small.
 
     Attributes:
-        architecture: whose loss it is.
+        architecture: whose loss and score it is.
         network: what is trained, on the device of the batches.
         encoding: what the batches are in.
-        collision_weight: weight of the collision penalty, where the architecture has one.
+        recipe: how it is trained.
     """
 
     architecture: Architecture
     network: nn.Module
     encoding: Encoding
-    collision_weight: float
+    recipe: Recipe
 
-    def loss(self, batch: Encoded) -> Float[Tensor, ""]:
+    def loss(self, batch: Prepared) -> Float[Tensor, ""]:
         """The mean loss over a batch."""
-        return self.architecture.loss(
-            self.network, batch.inputs, batch.target, self.encoding, self.collision_weight
-        )
+        return self.architecture.loss(self.network, batch.tensors, self.encoding, self.recipe)
+
+    @torch.no_grad()
+    def score(self, data: Batches) -> float:
+        """The mean score over validation data."""
+        self.network.eval()
+        total = 0.0
+        for batch in data.in_order(VALIDATION_BATCH):
+            told = (batch.tensors, self.encoding, self.recipe)
+            total += float(self.architecture.score(self.network, *told)) * len(batch)
+        return total / len(data)
 
 
 def train(
@@ -101,7 +110,8 @@ def train(
     Args:
         arch: name of the architecture.
         recipe: how to train it.
-        train: what it learns from, in memory or a stream; its n and problem become the model's.
+        train: what it learns from, in memory, a stream or fresh draws; its n and problem become
+            the model's.
         valid: what decides when to stop and which weights to keep.
         seed: of initial weights, order and dropout.
         device: "auto", "cpu", "cuda" or "mps".
@@ -110,7 +120,7 @@ def train(
 
     Raises:
         InputError: for an unknown architecture or device, or examples that cannot be used.
-        ProlearnError: where the loss ceases to be a finite number.
+        ProlearnError: where loss or score cease to be finite numbers.
     """
     started = time.perf_counter()
     most = recipe.epochs if epochs is None else epochs
@@ -121,37 +131,34 @@ def train(
     encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
     with _seeded(seed, where):
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
-        task = Task(architecture, network, encoding, recipe.collision_weight)
-        data = batches(train, encoding, where), batches(valid, encoding, where)
-        history, best = _improve(task, recipe, *data, most, seed, progress)
+        task = Task(architecture, network, encoding, recipe)
+        preparation = Preparation(architecture, encoding, where)
+        data = batches(train, preparation), batches(valid, preparation)
+        history, best = _improve(task, *data, most, seed, progress)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
     return Trained(model, history, best, seconds, str(where), torch.get_num_threads())
 
 
 def _improve(
-    task: Task,
-    recipe: Recipe,
-    train: Batches,
-    valid: Batches,
-    epochs: int,
-    seed: int,
-    progress: Progress,
+    task: Task, train: Batches, valid: Batches, epochs: int, seed: int, progress: Progress
 ) -> tuple[tuple[Epoch, ...], int]:
     """All epochs and the number of the best, whose weights the network is left with."""
-    optimizer = torch.optim.Adam(task.network.parameters(), lr=recipe.learning_rate)
+    recipe = task.recipe
+    descent = Descent(task.network, recipe, epochs * math.ceil(len(train) / recipe.batch_size))
+    scored = replace(task, network=descent.result)
     order = torch.Generator().manual_seed(seed)
     history: list[Epoch] = []
     progress.expect(epochs)
-    best, kept = 0, _copied(task.network)
+    best, kept = 0, _copied(scored.network)
     for number in range(1, epochs + 1):
         started = time.perf_counter()
-        train_loss = pass_over(task, optimizer, train, recipe.batch_size, order)
-        valid_loss = _mean_loss(task, valid)
+        train_loss = pass_over(task, descent, train, order)
+        valid_loss = scored.score(valid)
         _check_loss(number, train_loss, valid_loss)
         history.append(Epoch(number, train_loss, valid_loss, time.perf_counter() - started))
         if best == 0 or valid_loss < history[best - 1].valid_loss:
-            best, kept = number, _copied(task.network)
+            best, kept = number, _copied(scored.network)
         progress.done(note=f"loss {valid_loss:.4g}")
         if number - best >= recipe.patience:
             break
@@ -160,28 +167,15 @@ def _improve(
     return tuple(history), best
 
 
-def pass_over(
-    task: Task, optimizer: torch.optim.Optimizer, data: Batches, size: int, order: torch.Generator
-) -> float:
+def pass_over(task: Task, descent: Descent, data: Batches, order: torch.Generator) -> float:
     """One epoch of steps in random order; its mean loss."""
     task.network.train()
     total: Tensor | float = 0.0  # read once, so that CUDA need not wait
-    for batch in data.shuffled(size, order):
-        optimizer.zero_grad()
+    for batch in data.shuffled(task.recipe.batch_size, order):
         loss = task.loss(batch)
-        torch.autograd.backward(loss)
-        optimizer.step()
+        descent.step(loss)
         total = total + loss.detach() * len(batch)
     return float(total) / len(data)
-
-
-@torch.no_grad()
-def _mean_loss(task: Task, data: Batches) -> float:
-    task.network.eval()
-    total = 0.0
-    for batch in data.in_order(VALIDATION_BATCH):
-        total += float(task.loss(batch)) * len(batch)
-    return total / len(data)
 
 
 def _copied(network: nn.Module) -> dict[str, Tensor]:

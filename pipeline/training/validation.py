@@ -5,12 +5,19 @@ import numpy as np
 from pipeline.dataset.reading.examples import ExampleSource
 from pipeline.networks.model import Model
 
+POSITION_RMSE = "valid_position_rmse"
+"""The metric of a training: the distance below, on its validation data."""
+
 
 def position_rmse(model: Model, examples: ExampleSource) -> float:
-    """Root mean square distance of predicted node positions from the expert's, m."""
+    """Root mean square distance of predicted node positions from the expert's, m.
+
+    It is no number where the expert has not planned.
+    """
     squares, count = 0.0, 0
     for part in examples.parts():
-        error = (model.predict(part.initial, part.goal) - part.states)[..., :3]
-        squares += float(np.square(error).sum())
-        count += error.size // 3
-    return float(np.sqrt(squares / count))
+        if part.states is not None:
+            error = (model.predict(part.initial, part.goal) - part.states)[..., :3]
+            squares += float(np.square(error).sum())
+            count += error.size // 3
+    return float(np.sqrt(squares / count)) if count else float("nan")

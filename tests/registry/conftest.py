@@ -15,11 +15,11 @@ from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
+from pipeline.networks.recipes import Recipe, recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained, train
-from pipeline.training.recipes import Recipe, recipe_for
 from registry.training import DatasetInfo
 
 CRAFT = 3

@@ -13,9 +13,9 @@ from pipeline.errors import InputError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
+from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.training.loop import Epoch, Trained
-from pipeline.training.recipes import Recipe
 from registry.models import list_versions, resolve
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 import cli.stages.evaluate as job
+from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.models import list_versions
 from registry.training import DatasetInfo, record_training
 

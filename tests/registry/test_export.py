@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from cli.main import app
 from pipeline.networks.model import Model
+from pipeline.networks.recipes import Recipe
 from pipeline.orbit.cw import cw_matrices
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.results import ModelResults, add_model_results
 from registry.training import DatasetInfo, record_training
 

@@ -1,18 +1,23 @@
-"""An architecture of another distribution: the documented example, installed on the spot."""
+"""Architectures of another distribution: the documented examples, installed on the spot."""
 
+import json
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import documented
 import pytest
 
-PAGE = (Path(__file__).parents[2] / "docs" / "architectures.md").read_text(encoding="utf-8")
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+from pipeline.scenario.document import write_scenario
 
 PREDICT = """
-import mlflow, numpy as np
-model = mlflow.pyfunc.load_model("models:/prolearn-shared@champion")
+import mlflow, numpy as np, sys
+model = mlflow.pyfunc.load_model(f"models:/prolearn-{sys.argv[1]}@champion")
 for n in (1, 7):
     ends = np.ones((2, n, 6))
     states = model.predict({"initial": ends, "goal": 2 * ends})
@@ -20,51 +25,77 @@ for n in (1, 7):
 print("predicted")
 """
 
+COMMANDS = """
+import json, sys
+from cli.main import app
+for command in json.loads(sys.argv[1]):
+    app(command, standalone_mode=False)
+"""
+
+Python = Callable[..., str]
+
 
 @pytest.fixture
-def site(tmp_path: Path) -> Path:
-    """A folder like site-packages in which pip would have put the documented example."""
-    code = PAGE.partition("```python\n")[2].partition("```")[0]
-    entry = PAGE.partition('[project.entry-points."prolearn.architectures"]\n')[2]
-    site = tmp_path / "site"
-    info = site / "their_networks-1.2.dist-info"
-    info.mkdir(parents=True)
-    (site / "my_networks.py").write_text(code, encoding="utf-8")
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: their-networks\nVersion: 1.2\n")
-    (info / "entry_points.txt").write_text(
-        "[prolearn.architectures]\n" + entry.partition("```")[0].replace('"', "")
-    )
-    return site
-
-
-def test_the_documented_example_is_trained_and_loaded_like_the_built_in_ones(
-    folder: Path, site: Path, solved: Path
-) -> None:
+def python(folder: Path, tmp_path: Path) -> Python:
+    """Runs code where they are installed, and gives what it prints."""
+    documented.install(tmp_path / "site")
     environment = {
         **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(site), str(Path(__file__).parents[2])]),
+        "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), str(Path(__file__).parents[2])]),
         "MLFLOW_TRACKING_URI": f"sqlite:///{folder / 'mlflow.db'}",
     }
 
-    def python(code: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
-        return subprocess.run(
+    def run(code: str, *arguments: str) -> str:
+        done = subprocess.run(
             [sys.executable, "-c", code, *arguments],
             env=environment,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=240,
         )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
-    command = ("--arch", "shared", "--data", str(solved), "--n", "3", "--epochs", "3")
-    trained = python("from cli.main import app; app()", "train", *command)
-    assert trained.returncode == 0, trained.stderr
-    assert "prolearn-shared version 1 (tuned)" in trained.stdout
+    return run
+
+
+def test_one_that_learns_the_expert_s_plans_is_trained_and_loaded_like_the_built_in_ones(
+    folder: Path, python: Python, solved: Path
+) -> None:
+    command = ["train", "--arch", "shared", "--data", str(solved), "--n", "3", "--epochs", "3"]
+    assert "prolearn-shared version 1 (tuned)" in python(COMMANDS, json.dumps([command]))
 
     (needed,) = (folder / "mlruns").rglob("requirements.txt")
     assert "their-networks==1.2" in needed.read_text().split()
     (document,) = (folder / "mlruns").rglob("model.json")
     assert re.search('"architecture": "shared"', document.read_text())
+    assert python(PREDICT, "shared").split() == ["predicted"]
 
-    predicted = python(PREDICT)
-    assert predicted.returncode == 0, predicted.stderr
-    assert predicted.stdout.split() == ["predicted"]
+
+def test_one_that_learns_without_plans_is_trained_searched_promoted_and_planned_with(
+    folder: Path, python: Python, solved: Path
+) -> None:
+    scenario = draw("rings", seed=5, n=4, index=0, problem=Problem())
+    write_scenario(folder / "scenario.json", scenario)
+    data = ["--data", str(solved), "--n", "3", "--epochs", "2"]
+    said = python(
+        COMMANDS,
+        json.dumps(
+            [
+                ["train", "--arch", "gentle", "--seed", "0..1", *data],
+                ["train", "--arch", "gentle", "--resume", *data],
+                ["models", "promote", "gentle", "--version", "1", "--force"],
+                ["tune", "--arch", "gentle", "--trials", "2", *data],
+                ["plan", "scenario.json", "--planner", "gentle", "--raw", "--out", "raw.json"],
+                ["plan", "scenario.json", "--planner", "gentle", "--out", "safe.json"],
+            ]
+        ),
+    )
+    assert "prolearn-gentle version 2 (tuned)" in said
+    assert re.search(r"version [12]; of 6 validation scenarios .* are safe with version 2", said)
+    assert "Trained before: prolearn-gentle version 1" in said
+    assert re.search(r"2 trials .*; best \d\S* of best_valid_loss on validation data", said)
+    raw, safe = (json.loads((folder / f"{name}.json").read_text()) for name in ("raw", "safe"))
+    assert raw["planner"] == "gentle:tuned"
+    assert safe["status"] == "solved"
+    assert python(PREDICT, "gentle").split() == ["predicted"]

@@ -11,8 +11,8 @@ import pytest
 
 from cli.stages.entrants import networks
 from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.models import list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
 from registry.tables import training_tables

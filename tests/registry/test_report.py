@@ -12,8 +12,8 @@ from cli.stages.evaluate import evaluate
 from cli.stages.report import report
 from cli.stages.transfer_times import transfer_times
 from cli.stages.warmstart import warmstart
+from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.store import connect
 from registry.training import DatasetInfo, record_training
 

@@ -7,8 +7,8 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.progress import Progress
+from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.models import resolve
 from registry.results import (
     ModelResults,

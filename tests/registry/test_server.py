@@ -14,8 +14,8 @@ import pytest
 
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import load as load_network
+from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.models import load, resolve
 from registry.results import latest, record
 from registry.store import EVALUATION, opened

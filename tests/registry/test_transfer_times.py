@@ -15,9 +15,9 @@ from scipy.linalg import null_space
 
 from cli.stages.transfer_times import transfer_times
 from pipeline.errors import InputError
+from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.results import Done, latest
 from registry.store import TRANSFER_TIMES
 from registry.training import DatasetInfo, record_training

@@ -8,6 +8,7 @@ import pytest
 from cli.stages.tune import Tuned, tune
 from pipeline.errors import InputError, ProlearnError
 from pipeline.progress import Progress
+from pipeline.training import sources
 from registry.models import list_versions
 from registry.store import connect
 
@@ -48,18 +49,18 @@ def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
     again = search(solved, 4)
 
     assert counted.complete == counted.expected == 2, "what was complete is not done again"
-    assert (again.trials, again.rmse, again.best) == (4, found.rmse, found.best)
+    assert (again.trials, again.value, again.best) == (4, found.value, found.best)
     assert found.run_id == again.run_id
     with closing(sqlite3.connect(folder / "optuna.db")) as database:
         query = "SELECT value FROM trial_values ORDER BY value"
         values = [value for (value,) in database.execute(query)]
     assert len(set(values)) == 4, "trials that begin again with the same settings teach nothing"
-    assert found.rmse == min(values)
+    assert found.value == min(values)
 
     trials = [r for r in runs("prolearn-tuning") if "trial" in r.data.params]
     assert {r.data.tags["mlflow.parentRunId"] for r in trials} == {found.run_id}
     best = min(trials, key=lambda r: r.data.metrics["valid_position_rmse"])
-    assert best.data.metrics["valid_position_rmse"] == found.rmse
+    assert best.data.metrics["valid_position_rmse"] == found.value
     assert {k: best.data.params[k] for k in found.best} == {
         k: str(v) for k, v in found.best.items()
     }
@@ -67,16 +68,14 @@ def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
 
 
 def test_a_search_sees_no_test_data(folder: Path, solved: Path, monkeypatch: Any) -> None:
-    from cli.stages import tune as module
-
     asked: list[str] = []
-    read = module.examples
+    read = sources.examples_within
 
-    def watched(data: Path, n: int, split: str) -> Any:
+    def watched(data: Path, n: int, split: str, memory: float) -> Any:
         asked.append(split)
-        return read(data, n, split)
+        return read(data, n, split, memory)
 
-    monkeypatch.setattr(module, "examples", watched)
+    monkeypatch.setattr(sources, "examples_within", watched)
     search(solved, 1)
     assert asked == ["train", "valid"]
 

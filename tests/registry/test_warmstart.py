@@ -7,8 +7,8 @@ import pytest
 
 from cli.stages.warmstart import warmstart
 from pipeline.errors import InputError
+from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from pipeline.training.recipes import Recipe
 from registry.results import Done, latest
 from registry.store import WARMSTART
 from registry.training import DatasetInfo, record_training

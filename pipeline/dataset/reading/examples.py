@@ -1,4 +1,4 @@
-"""What a network learns from: solved instances as arrays."""
+"""What a network learns from: scenarios as arrays, with the expert's plans where there are any."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -45,19 +45,19 @@ class ExampleSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Solved scenarios of one problem and one swarm size.
+    """Scenarios of one problem and one swarm size, solved unless nobody needs their plans.
 
     Attributes:
         problem: the problem that they share.
         initial: initial states (N, n, 6), m and m/s.
         goal: goal states (N, n, 6).
-        states: the expert's node states (N, n, T, 6).
+        states: the expert's node states (N, n, T, 6), or None where nobody has planned.
     """
 
     problem: Problem
     initial: Float[Array, "N n 6"]
     goal: Float[Array, "N n 6"]
-    states: Float[Array, "N n T 6"]
+    states: Float[Array, "N n T 6"] | None = None
 
     def __len__(self) -> int:
         """Number of instances."""

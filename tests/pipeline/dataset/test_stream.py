@@ -20,12 +20,13 @@ from pipeline.dataset.storage.schema import SOLVED_FIELDS, metadata
 from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.errors import InputError
 from pipeline.expert import Settings
+from pipeline.networks.architecture import find
 from pipeline.networks.encoding import fit
+from pipeline.networks.recipes import recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
-from pipeline.training.data import batches, encoded
+from pipeline.training.data import Preparation, batches
 from pipeline.training.loop import train
-from pipeline.training.recipes import recipe_for
 
 CPU = torch.device("cpu")
 
@@ -105,26 +106,30 @@ def test_scales_of_a_stream_are_those_of_the_whole(folder):
         assert parts.target_scale == pytest.approx(whole.target_scale, rel=1e-12)
 
 
+def preparation(encoding):
+    return Preparation(find("ff1"), encoding, CPU)
+
+
 def passed(folder, seed, size=16, held=50):
     encoding = fit(examples(folder, 3, "train"), "line", "states")
-    data = batches(streamed(folder, held=held), encoding, CPU)
+    data = batches(streamed(folder, held=held), preparation(encoding))
     return list(data.shuffled(size, torch.Generator().manual_seed(seed)))
 
 
 def keys(batch):
-    return [float(x) for x in batch.inputs[:, 0, 0, 0]]
+    return [float(x) for x in batch.tensors["inputs"][:, 0, 0, 0]]
 
 
 def test_each_pass_over_a_stream_gives_every_instance_once_with_its_own_target(folder):
     whole = examples(folder, 3, "train")
-    want = encoded(whole, fit(whole, "line", "states"), CPU)
-    of = dict(zip(keys(want), want.target, strict=True))
+    want = preparation(fit(whole, "line", "states")).of(whole)
+    of = dict(zip(keys(want), want.tensors["target"], strict=True))
     seen = passed(folder, 0)
     assert sorted(key for batch in seen for key in keys(batch)) == sorted(of)
     assert all(
         torch.equal(of[key], target)
         for batch in seen
-        for key, target in zip(keys(batch), batch.target, strict=True)
+        for key, target in zip(keys(batch), batch.tensors["target"], strict=True)
     )
     assert all(len(batch) == 16 for batch in seen[:-1])
 
@@ -138,7 +143,7 @@ def test_a_stream_is_shuffled_across_shards_by_its_seed_alone(folder):
     shard = {}
     for k, part in enumerate(streamed(folder).parts()):
         encoding = fit(examples(folder, 3, "train"), "line", "states")
-        shard.update(dict.fromkeys(keys(encoded(part, encoding, CPU)), k))
+        shard.update(dict.fromkeys(keys(preparation(encoding).of(part)), k))
     mixed = [len({shard[key] for key in keys(batch)}) for batch in passed(folder, 1)]
     assert np.mean(mixed) >= 2  # a batch draws from several shards, as the buffer holds some
 
@@ -167,7 +172,7 @@ from pathlib import Path
 import torch
 from pipeline.dataset.reading.stream import examples_within
 from pipeline.training.loop import train
-from pipeline.training.recipes import recipe_for
+from pipeline.networks.recipes import recipe_for
 torch.set_num_threads(1)
 folder, memory = sys.argv[1], float(sys.argv[2])
 def run(split_size, memory):

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 
 import pytest
@@ -13,6 +14,7 @@ from pipeline.networks import architecture
 from pipeline.networks.architecture import find
 from pipeline.networks.catalogue import architecture_names
 from pipeline.networks.encoding import Encoding
+from pipeline.networks.recipes import recipe_for
 from pipeline.orbit.problem import Problem
 
 NAMES = ("ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol")
@@ -92,10 +94,11 @@ def test_a_feed_forward_answer_may_depend_on_all_craft_and_an_lstm_s_on_earlier_
 def test_only_the_collision_networks_pay_for_predicted_collisions(name):
     found = find(name)
     network = found.network(found.config, encoding(), 0.0)
-    inputs = torch.zeros(1, 10, 11, 6)  # all craft in one place
-    target = torch.zeros(1, 10, 11, 6)
-    plain = found.loss(network, inputs, target, encoding(), 0.0)
-    weighted = found.loss(network, inputs, target, encoding(), 2.0)
+    one_place = torch.zeros(1, 10, 11, 6)
+    batch = {"inputs": one_place, "target": one_place}
+    recipe = recipe_for(name, "tuned")
+    plain = found.loss(network, batch, encoding(), replace(recipe, collision_weight=0.0))
+    weighted = found.loss(network, batch, encoding(), replace(recipe, collision_weight=2.0))
     assert bool(weighted > plain) is name.endswith("col")
 
 

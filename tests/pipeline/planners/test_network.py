@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.expert import own_optima
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
@@ -32,7 +33,7 @@ def least_energy_model():
 
 
 def planner(model=None):
-    return Flown(model or least_energy_model(), "ff1 flown", lambda s: [0.001 * x.n for x in s])
+    return Flown(model or least_energy_model(), "ff1 flown")
 
 
 def drawn(n, count=3):
@@ -86,9 +87,12 @@ def test_a_craft_on_its_own_is_always_safe():
     assert plan.certificate.min_separation is None
 
 
-def test_the_certificate_takes_its_lower_bound_from_the_planner_s_function():
-    for plan in planner().plan(drawn(3)):
-        assert plan.certificate.fuel_lower_bound == pytest.approx(0.003)
+def test_the_certificate_has_the_bound_of_each_craft_s_own_optimum():
+    scenarios = drawn(3)
+    for scenario, plan in zip(scenarios, planner().plan(scenarios), strict=True):
+        own = own_optima(scenario.initial, scenario.goal, PROBLEM)
+        bound = np.abs(own.controls).sum()
+        assert plan.certificate.fuel_lower_bound == pytest.approx(bound, rel=1e-6)
         assert plan.certificate.fuel == pytest.approx(np.abs(plan.controls).sum())
 
 

@@ -8,12 +8,12 @@ import torch
 
 from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.recipes import recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.progress import Progress
 from pipeline.training.loop import train
-from pipeline.training.recipes import recipe_for
 
 PROBLEM = Problem(nodes=4)
 

@@ -10,10 +10,10 @@ from torch import nn
 
 from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError
+from pipeline.networks.recipes import RECIPES, recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.training.device import training_device
 from pipeline.training.loop import train
-from pipeline.training.recipes import RECIPES, recipe_for
 
 HIDDEN = {
     "ff1": [180],
@@ -149,6 +149,30 @@ def test_under_the_paper_s_recipe_training_ends_after_five_epochs_without_a_bett
     assert len(losses) == trained.best_epoch + 5
 
 
+class Own:
+    """An architecture of which only the recipes matter."""
+
+    def __init__(self, **recipes):
+        self.recipes = recipes
+
+
+def test_an_architecture_adds_recipes_of_its_own_to_the_known_ones(monkeypatch):
+    own = Own(long={"epochs": 7, "options": {"rounds": 6}}, paper={"dropout": 0.25})
+    monkeypatch.setattr("pipeline.networks.architecture.find", lambda arch: own)
+    long = recipe_for("mine", "long")
+    assert long == replace(RECIPES["tuned"], name="long", epochs=7, options={"rounds": 6})
+    assert recipe_for("mine", "paper") == replace(RECIPES["paper"], dropout=0.25)
+    with pytest.raises(InputError, match=r"'best'.*paper, tuned, long"):
+        recipe_for("mine", "best")
+
+
+@pytest.mark.parametrize("fields", [{"rate": 1}, {"epochs": "7"}], ids=str)
+def test_a_recipe_of_an_architecture_that_cannot_be_followed_is_refused(monkeypatch, fields):
+    monkeypatch.setattr("pipeline.networks.architecture.find", lambda arch: Own(long=fields))
+    with pytest.raises(InputError, match=r"'long' of architecture 'mine' cannot be followed"):
+        recipe_for("mine", "long")
+
+
 def test_unknown_names_are_refused_with_the_known_ones():
     with pytest.raises(InputError, match=r"'best'.*paper, tuned"):
         recipe_for("ff1", "best")
@@ -168,6 +192,11 @@ def test_unknown_names_are_refused_with_the_known_ones():
         {"learning_rate": float("nan")},
         {"collision_weight": -1.0},
         {"collision_weight": float("nan")},
+        {"draws": -1},
+        {"averaging": 1.0},
+        {"gradient_limit": -1.0},
+        {"gradient_limit": float("inf")},
+        {"schedule": "step"},
     ],
     ids=str,
 )

@@ -1,0 +1,119 @@
+"""Recipes for training: the paper's, one tuned on validation, and those of an architecture."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import Any
+
+from pipeline.errors import InputError
+
+CONSTANT, COSINE = "constant", "cosine"
+
+SCHEDULES = (CONSTANT, COSINE)
+"""How the learning rate goes on: as it is, or down to 0 along half a cosine."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a network is trained.
+
+    Attributes:
+        name: of RECIPES or the architecture's, or any other for one of your own.
+        target: what the network answers: "states", or "offset" from the input's trajectories.
+        scaling: what the components are divided by: "common" or "component".
+        dropout: share of each hidden layer's outputs dropped in training.
+        learning_rate: of Adam.
+        batch_size: instances a step.
+        epochs: most passes over the training data.
+        patience: passes without a better validation score after which training ends.
+        interior: what stands in the input between initial and goal state.
+        collision_weight: weight of the collision penalty, in networks that have one.
+        schedule: of the learning rate over all epochs, of SCHEDULES.
+        gradient_limit: greatest norm of a step's gradient, to which longer ones are cut; 0 for
+            none.
+        averaging: what the mean of the weights over the run keeps of itself at each step; it is
+            this mean that is scored and kept. 0 for the weights themselves.
+        draws: fresh scenarios an epoch, without plans, instead of the dataset's training split;
+            0 for none.
+        options: what only one architecture knows, by name.
+    """
+
+    name: str
+    target: str
+    scaling: str
+    dropout: float
+    learning_rate: float
+    batch_size: int
+    epochs: int
+    patience: int = 5
+    interior: str = "line"
+    collision_weight: float = 0.02
+    schedule: str = CONSTANT
+    gradient_limit: float = 0.0
+    averaging: float = 0.0
+    draws: int = 0
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what nothing can be trained with."""
+        for name, least in (("batch_size", 1), ("epochs", 1), ("patience", 1), ("draws", 0)):
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)}; expected at least {least}.")
+        for name in ("dropout", "averaging"):
+            if not 0 <= getattr(self, name) < 1:
+                raise InputError(f"{name} is {getattr(self, name)}; expected a share in [0, 1).")
+        if not 0 < self.learning_rate < inf:
+            raise InputError(f"learning_rate is {self.learning_rate}; expected a positive number.")
+        for name in ("collision_weight", "gradient_limit"):
+            if not 0 <= getattr(self, name) < inf:
+                raise InputError(f"{name} is {getattr(self, name)}; expected 0 or more.")
+        if self.schedule not in SCHEDULES:
+            raise InputError(
+                f"schedule is {self.schedule!r}; expected one of {', '.join(SCHEDULES)}."
+            )
+
+
+RECIPES: Mapping[str, Recipe] = {
+    "paper": Recipe(
+        name="paper",
+        target="states",
+        scaling="common",
+        dropout=0.5,
+        learning_rate=1e-3,
+        batch_size=128,
+        epochs=60,
+    ),
+    "tuned": Recipe(
+        name="tuned",
+        target="offset",
+        scaling="component",
+        dropout=0.0,
+        learning_rate=5e-4,
+        batch_size=128,
+        epochs=100,
+    ),
+}
+"""By name; an architecture may depart from them, or add its own (``Architecture.recipes``)."""
+
+
+def recipe_for(arch: str, name: str) -> Recipe:
+    """The recipe of a name, with the departures that an architecture declares.
+
+    What an architecture calls otherwise departs from the tuned recipe.
+
+    Raises:
+        InputError: for an unknown architecture or recipe, or departures that make none.
+    """
+    from pipeline.networks.architecture import find  # needs the recipe's type
+
+    own = find(arch).recipes
+    if name not in {**RECIPES, **own}:
+        known = ", ".join(dict.fromkeys([*RECIPES, *own]))
+        raise InputError(f"recipe is {name!r}; expected one of {known}.")
+    try:
+        return replace(RECIPES.get(name, RECIPES["tuned"]), **{"name": name, **own.get(name, {})})
+    except TypeError as error:
+        raise InputError(
+            f"recipe {name!r} of architecture {arch!r} cannot be followed ({error}); expected "
+            "fields of pipeline.networks.recipes.Recipe."
+        ) from error

@@ -1,0 +1,98 @@
+"""Architectures that learn the expert's trajectories: encoded states in, encoded states out."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from pipeline.errors import InputError
+from pipeline.networks.architecture import Answer
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.losses import supervised_loss
+from pipeline.networks.recipes import Recipe
+from pipeline.networks.swarms import Batch, Swarms
+
+
+class Supervised(ABC):
+    """An ``Architecture`` but for its network and the forward pass; the paper's six are such.
+
+    Attributes:
+        collision: whether the loss has the collision penalty.
+    """
+
+    collision: bool = False
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """No sizes."""
+        return {}
+
+    @property
+    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
+        """No departures."""
+        return {}
+
+    @property
+    def answers(self) -> Answer:
+        """States, which obey no dynamics."""
+        return "states"
+
+    @property
+    def objective(self) -> str:
+        """The distance from the expert's positions on validation data, m."""
+        return "valid_position_rmse"
+
+    @abstractmethod
+    def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
+        """As in ``Architecture``."""
+
+    @abstractmethod
+    def forward(
+        self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
+    ) -> Float[Tensor, "b n T 6"]:
+        """The network's answer for any number of craft n ≥ 1.
+
+        Both are float32, in the units of the encoding, with axes batch, craft, node and state
+        component; in the input the first and last node of each craft hold its initial and goal
+        state.
+        """
+
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
+        """What the network reads and what it should answer, in float32."""
+        if swarms.states is None:
+            raise InputError(
+                "the scenarios have no plans of the expert and the network learns from these; "
+                "expected a recipe with draws 0 and a solved dataset."
+            )
+        inputs = _inputs(swarms, encoding)
+        target = encoding.targets(swarms.states.numpy(), inputs)
+        return {"inputs": inputs.float(), "target": target.float()}
+
+    def loss(
+        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+    ) -> Float[Tensor, ""]:
+        """Mean square error, with the collision penalty where the architecture has one."""
+        inputs, target = batch["inputs"], batch["target"]
+        weight = recipe.collision_weight if self.collision else 0.0
+        output = self.forward(network, inputs, encoding)
+        return supervised_loss(output, inputs, target, encoding, weight)
+
+    def score(
+        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+    ) -> Float[Tensor, ""]:
+        """The loss."""
+        return self.loss(network, batch, encoding, recipe)
+
+    def answer(
+        self, network: nn.Module, swarms: Swarms, encoding: Encoding
+    ) -> Float[Tensor, "b n T 6"]:
+        """The states that the network's answer stands for."""
+        inputs = _inputs(swarms, encoding)
+        output = self.forward(network, inputs.float(), encoding)
+        return encoding.decode(output.double(), inputs)
+
+
+def _inputs(swarms: Swarms, encoding: Encoding) -> Float[Tensor, "b n T 6"]:
+    return encoding.inputs(swarms.initial.numpy(), swarms.goal.numpy())

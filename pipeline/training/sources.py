@@ -1,0 +1,93 @@
+"""What is learnt from: a dataset's training split, or fresh scenarios without end."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from pipeline.dataset.reading.examples import Examples, ExampleSource
+from pipeline.dataset.reading.stream import MEMORY, examples_within
+from pipeline.dataset.storage.folder import Where
+from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.networks.recipes import Recipe
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+
+
+@dataclass(frozen=True)
+class FreshDraws:
+    """Training scenarios of a family that nobody has planned, others on each pass.
+
+    A part is a pass. There is always another one, though the source is as long as one of them.
+
+    Attributes:
+        family: of scenarios.
+        seed: root seed.
+        n: number of spacecraft in each.
+        problem: the problem that they share.
+        count: scenarios a pass.
+    """
+
+    family: str
+    seed: int
+    n: int
+    problem: Problem
+    count: int
+
+    def __len__(self) -> int:
+        """Number of scenarios a pass."""
+        return self.count
+
+    @property
+    def buffer(self) -> int:
+        """A pass is held at once."""
+        return self.count
+
+    @property
+    def part_count(self) -> int:
+        """One pass."""
+        return 1
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
+        """The passes of some numbers, or the first."""
+        for number in [0] if order is None else order:
+            yield _drawn(self, number)
+
+
+@lru_cache(maxsize=1)  # the first pass is looked at several times
+def _drawn(source: FreshDraws, number: int) -> Examples:
+    """The scenarios of a pass, whose indices go on from the pass before."""
+    first = number * source.count
+    scenarios = [
+        draw(source.family, source.seed, source.n, index, source.problem, "train")
+        for index in range(first, first + source.count)
+    ]
+    initial = np.stack([scenario.initial for scenario in scenarios])
+    goal = np.stack([scenario.goal for scenario in scenarios])
+    return Examples(source.problem, initial, goal)
+
+
+def sources(
+    recipe: Recipe, data: Where, n: int, *, seed: int, memory: float = MEMORY
+) -> tuple[ExampleSource, ExampleSource]:
+    """What a recipe learns from, and what decides which weights are kept.
+
+    Args:
+        recipe: whose ``draws`` say whether it learns from fresh scenarios, drawn like the
+            dataset's, instead of the dataset's training split.
+        data: a solved dataset; its test split stays untouched.
+        n: swarm size.
+        seed: of fresh scenarios.
+        memory: bytes that each of the two may take; what is larger streams from the dataset.
+
+    Raises:
+        InputError: where there is no dataset, the size is not in it, it is not solved, or no
+            instance of a split that is needed is.
+    """
+    if not recipe.draws:
+        learn = examples_within(data, n, "train", memory)
+        return learn, examples_within(data, n, "valid", memory)
+    valid = examples_within(data, n, "valid", memory)
+    family = read_manifest(data).samples[n].family
+    return FreshDraws(family, seed, n, valid.problem, recipe.draws), valid
