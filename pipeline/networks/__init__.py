@@ -1,1 +1,1 @@
-"""Networks: the paper's six architectures, the protocol they share, and trained models."""
+"""Networks: the protocol of architectures, the paper's six, their recipes, and trained models."""

@@ -1,1 +1,1 @@
-"""Training: recipes and the loop that turns examples into models."""
+"""Training: what is learnt from, and the loop that turns it into models."""

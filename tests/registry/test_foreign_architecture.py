@@ -86,6 +86,7 @@ def test_one_that_learns_without_plans_is_trained_searched_promoted_and_planned_
                 ["train", "--arch", "gentle", "--resume", *data],
                 ["models", "promote", "gentle", "--version", "1", "--force"],
                 ["tune", "--arch", "gentle", "--trials", "2", *data],
+                ["evaluate", "--models", "gentle", *data[:4], "--trials", "3"],
                 ["plan", "scenario.json", "--planner", "gentle", "--raw", "--out", "raw.json"],
                 ["plan", "scenario.json", "--planner", "gentle", "--out", "safe.json"],
             ]
@@ -94,6 +95,7 @@ def test_one_that_learns_without_plans_is_trained_searched_promoted_and_planned_
     assert "prolearn-gentle version 2 (tuned)" in said
     assert re.search(r"version [12]; of 6 validation scenarios .* are safe with version 2", said)
     assert "Trained before: prolearn-gentle version 1" in said
+    assert "Evaluated; MLflow run" in said
     assert re.search(r"2 trials .*; best \d\S* of best_valid_loss on validation data", said)
     raw, safe = (json.loads((folder / f"{name}.json").read_text()) for name in ("raw", "safe"))
     assert raw["planner"] == "gentle:tuned"

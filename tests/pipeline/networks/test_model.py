@@ -15,6 +15,7 @@ from pipeline.errors import InputError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import COLUMNS_AT_ONCE, Model, load, save
+from pipeline.networks.onnx_export import export
 from pipeline.orbit.problem import Problem
 
 PROBLEM = Problem(nodes=4)
@@ -241,3 +242,9 @@ def test_loading_leaves_the_random_state_alone(folder):
     torch.manual_seed(5)
     load(folder)
     assert torch.equal(torch.rand(3), expected)
+
+
+def test_a_network_that_answers_in_a_way_of_its_own_is_not_exported(gentle, tmp_path):
+    with pytest.raises(InputError, match=r"'gentle' answers with controls .*Supervised"):
+        export(untrained(gentle), tmp_path / "gentle.onnx")
+    assert list(tmp_path.iterdir()) == []

@@ -163,3 +163,40 @@ def test_an_orbit_written_with_fewer_digits_is_still_the_same():
     scenario = drawn(2, 1)[0]
     rounded = replace(PROBLEM, mean_motion=float(f"{PROBLEM.mean_motion:.8g}"))
     assert planner().plan([replace(scenario, problem=rounded)])
+
+
+@pytest.mark.parametrize("n", [1, 3, 8])
+def test_answered_controls_are_flown_and_meet_the_goal_for_any_number_of_craft(gentle, n):
+    model = untrained(gentle)
+    A, B = cw_matrices(PROBLEM.mean_motion, PROBLEM.time_step)
+    scenarios = drawn(n)
+    ends = [np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal")]
+    answer, states = model.answer(*ends, PROBLEM.collision_radius), model.predict(*ends)
+    assert model.answers == "controls"
+    for k, plan in enumerate(planner(model).plan(scenarios)):
+        after = plan.states[:, :-1] @ A.T + plan.controls @ B.T
+        np.testing.assert_allclose(plan.states[:, 1:], after, atol=1e-6)
+        np.testing.assert_allclose(plan.states[:, -1], scenarios[k].goal, atol=1e-6)
+        # The network meets it but for float32's rounding, so there is next to nothing to correct.
+        np.testing.assert_allclose(plan.controls, answer[k], atol=1e-5 * np.abs(answer).max())
+        np.testing.assert_allclose(plan.states, states[k], atol=1e-2)
+
+
+def test_controls_that_miss_the_goal_get_the_least_energy_that_meets_it(gentle, monkeypatch):
+    scenario = drawn(3, 1)[0]
+    idle = np.zeros((1, 3, PROBLEM.intervals, 3))
+    monkeypatch.setattr(Model, "answer", lambda *_: idle)
+    plan = planner(untrained(gentle)).plan([scenario])[0]
+    expected = minimum_energy(scenario.initial, scenario.goal, PROBLEM)
+    np.testing.assert_allclose(plan.controls, expected, atol=1e-12)
+
+
+def test_a_network_is_told_the_collision_radius_of_the_scenario(gentle):
+    model = untrained(gentle)
+
+    def controls(radius):
+        scenario = replace(drawn(3, 1)[0], problem=replace(PROBLEM, collision_radius=radius))
+        return planner(model).plan([scenario])[0].controls
+
+    assert np.array_equal(controls(10.0), controls(10.0))
+    assert np.abs(controls(10.0) - controls(20.0)).max() > 1e-9
