@@ -7,6 +7,7 @@ import pytest
 
 from cli.stages.tune import Tuned, tune
 from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.supervised import Supervised
 from pipeline.progress import Progress
 from pipeline.training import sources
 from registry.models import list_versions
@@ -89,3 +90,11 @@ def test_a_storage_of_something_else_gives_a_sentence(folder: Path, solved: Path
 def test_less_than_one_trial_is_refused(folder: Path, solved: Path) -> None:
     with pytest.raises(InputError, match="trials is 0"):
         search(solved, 0)
+
+
+def test_an_objective_that_no_trial_records_is_refused(
+    folder: Path, solved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Supervised, "objective", "beauty")
+    with pytest.raises(InputError, match=r"'ff1' names 'beauty' .*valid_position_rmse"):
+        search(solved, 1)
