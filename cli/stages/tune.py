@@ -260,8 +260,8 @@ def _search(
         nonlocal last
         complete = len(_complete(optuna, study))
         if complete:
-            best = metrics_now({f"best_{search.objective}": study.best_value}, step=complete)
-            log_metrics(store, run_id, best)
+            name = "best_" + search.objective.removeprefix("best_")
+            log_metrics(store, run_id, metrics_now({name: study.best_value}, step=complete))
             before, last = last, min(complete, trials)  # other processes may have done more
             unit = " m" if search.objective == POSITION_RMSE else ""
             progress.done(last - before, f"best {study.best_value:.4g}{unit}")
