@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.progress import Progress
 from pipeline.networks.recipes import Recipe
+from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.models import resolve
 from registry.results import (
