@@ -41,9 +41,9 @@ def first_fault(error: ValidationError) -> str:
     what = what[0].lower() + what[1:]
     if not where:
         return what
-    if fault["type"] == "missing":
+    if fault["type"] in ("missing", "missing_argument"):
         return f"{where} is missing"
-    if fault["type"] == "extra_forbidden":
+    if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"{where} is not a field of this schema; remove it"
     given = fault["input"]
     shown = f" is {given!r}" if isinstance(given, str | int | float | bool | None) else ""

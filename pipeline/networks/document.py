@@ -1,16 +1,13 @@
 """model.json (schema prolearn.model/1): all of a trained model but its weights."""
 
-import json
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from pipeline.errors import InputError
 from pipeline.networks.encoding import Encoding
 from pipeline.orbit.problem import Problem
 
-SCHEMA = "prolearn.model/1"
+WHAT = "a model of schema prolearn.model/1: update prolearn or train the model again"
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Scale = Annotated[list[Positive], Field(min_length=6, max_length=6)]
@@ -58,29 +55,3 @@ class ModelDocument(BaseModel):
             input_scale=tuple(self.input_scale),
             target_scale=tuple(self.target_scale),
         )
-
-
-def read_document(path: Path) -> ModelDocument:
-    """The fields of a model file.
-
-    Raises:
-        InputError: where the file cannot be read, is of another schema, or a field is wrong.
-    """
-    try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error}); expected a model's folder.") from error
-    except ValueError as error:
-        raise InputError(f"{path} is not JSON: {error}; expected schema {SCHEMA}.") from error
-    given = fields.get("schema") if isinstance(fields, dict) else None
-    if given != SCHEMA:
-        raise InputError(
-            f"{path} has schema {given!r}; this version reads {SCHEMA}: update prolearn or train "
-            "the model again."
-        )
-    try:
-        return ModelDocument.model_validate(fields)
-    except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        where = ".".join(str(k) for k in fault["loc"])
-        raise InputError(f"{path}: {where}: {fault['msg']} (schema {SCHEMA}).") from error

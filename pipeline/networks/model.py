@@ -15,10 +15,11 @@ from safetensors.torch import save as tensors_to
 from torch import Tensor, nn
 
 from pipeline.arrays import Array
+from pipeline.documents import read_document
 from pipeline.errors import InputError
 from pipeline.files import published, write_text
 from pipeline.networks.architecture import Answer, find
-from pipeline.networks.document import ModelDocument, ProblemFields, read_document
+from pipeline.networks.document import WHAT, ModelDocument, ProblemFields
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.swarms import Swarms, swarms
 from pipeline.orbit.problem import Problem
@@ -166,7 +167,7 @@ def load(folder: Path) -> Model:
         InputError: where a file is missing, damaged, of another schema, or does not fit the
             other, or where the architecture is not installed.
     """
-    document = read_document(folder / DOCUMENT_FILE)
+    document = read_document(folder / DOCUMENT_FILE, ModelDocument, WHAT)
     encoding = document.encoding
     try:
         network = _skeleton(document.architecture, document.config, encoding)

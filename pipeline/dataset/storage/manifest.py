@@ -12,6 +12,7 @@ from pipeline.dataset.storage.folder import Folder, Where, open_folder
 from pipeline.dataset.storage.layout import MANIFEST, SCENARIOS, TIMINGS
 from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import SCHEMA, metadata
+from pipeline.documents import first_fault
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 
@@ -150,7 +151,4 @@ def write_manifest(folder: Folder, manifest: Manifest) -> None:
 
 
 def _fault(error: Exception) -> str:
-    if not isinstance(error, ValidationError):
-        return repr(error)
-    first = error.errors(include_url=False)[0]
-    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return first_fault(error) if isinstance(error, ValidationError) else repr(error)
