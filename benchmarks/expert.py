@@ -18,12 +18,12 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.peers import solve_dccp
 from benchmarks.tables import Row, quartiles, show, write_json
+from pipeline.exhibits.style import PAGE_WIDTH, save
 from pipeline.expert import Settings, own_optima, solve
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import own_seed
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
-from pipeline.report.figures.style import PAGE_WIDTH, save
 from pipeline.scenario import Scenario, draw
 
 SEED = 2022

@@ -5,11 +5,12 @@ python docs/picture.py
 
 from pathlib import Path
 
+from pipeline.experiments.examples.figure import figure_transfer
+from pipeline.experiments.examples.run import Example
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import track
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
-from pipeline.report import Example, figure_transfer
 from pipeline.scenario import draw
 
 OUT = Path(__file__).parent / "images" / "transfer.png"

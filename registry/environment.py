@@ -22,7 +22,7 @@ MADE_WITH = "made_with"
 
 TRAINED_BY = ("orbit", "networks", "training"), ("numpy", "torch")
 EVALUATED_BY = (
-    ("orbit", "scenario", "plan", "expert", "networks", "planners", "evaluation"),
+    ("orbit", "scenario", "plan", "expert", "networks", "planners", "experiments"),
     ("numpy", "scipy", "clarabel", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""

@@ -13,12 +13,12 @@ import pandas as pd
 from mlflow.exceptions import MlflowException
 
 from pipeline.errors import ProlearnError
+from pipeline.exhibits.style import save as save_figure
+from pipeline.exhibits.style import styles
+from pipeline.experiments.trainings.figure import curves_figure
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
-from pipeline.report.figures.style import save as save_figure
-from pipeline.report.figures.style import styles
-from pipeline.report.figures.training import curves_figure
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
 from registry.environment import TRAINED_BY, environment_tags, requirements

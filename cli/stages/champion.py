@@ -8,8 +8,8 @@ from pipeline.dataset.reading.read import solved_rows
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.schema import scenarios_of
 from pipeline.errors import InputError
-from pipeline.evaluation.compare import compare
-from pipeline.evaluation.trials import Entrant, run_trials
+from pipeline.experiments.compare import compare
+from pipeline.experiments.trials import Entrant, run_trials
 from pipeline.networks.model import Model
 from pipeline.planners.network import Flown
 from registry.models import champion_of, crown, load, resolve

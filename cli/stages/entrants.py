@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.evaluation.trials import Entrant
+from pipeline.experiments.trials import Entrant
 from pipeline.expert import Settings
 from pipeline.networks.model import Model
 from pipeline.planners.baselines import BASELINES

@@ -9,16 +9,15 @@ import numpy as np
 import pandas as pd
 
 from cli.stages.entrants import networks, unlearned
-from cli.stages.example import example_transfer, label_of
 from cli.stages.model_results import add_to_model
 from pipeline.dataset.reading.read import solved_rows
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.dataset.storage.schema import scenarios_of
 from pipeline.errors import InputError
-from pipeline.evaluation.trials import run_trials
+from pipeline.experiments.examples.run import Example, example_transfer, label_of
+from pipeline.experiments.trials import run_trials
 from pipeline.progress import SILENT, Progress
-from pipeline.report.results import Example
 from pipeline.scenario import Scenario
 from pipeline.urls import public_url
 from registry.results import Done, earlier_run, record

@@ -6,15 +6,14 @@ from tempfile import TemporaryDirectory
 import pandas as pd
 
 from cli.stages.entrants import Network
-from cli.stages.example import example_transfer
 from pipeline.dataset.storage.folder import Where
-from pipeline.evaluation.trials import Entrant
+from pipeline.exhibits.style import save, styles
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.examples.figure import figure_transfer
+from pipeline.experiments.examples.run import example_transfer
+from pipeline.experiments.experiment2.figure import COLLISIONS, FUEL, SAFE, scaling_figure
+from pipeline.experiments.trials import PREDICTED, Entrant
 from pipeline.planners.expert import Expert
-from pipeline.report.figures.scaling import COLLISIONS, FUEL, SAFE, scaling_figure
-from pipeline.report.figures.style import save, styles
-from pipeline.report.figures.transfer import figure_transfer
-from pipeline.report.results import PREDICTED
-from pipeline.report.summary.trials import summarize
 from pipeline.scenario import Scenario
 from registry.results import ModelResults, add_model_results
 
@@ -43,7 +42,7 @@ def add_to_model(
 
     Args:
         network: the network.
-        trials: of all planners, columns of ``pipeline.evaluation.trials.Trial``.
+        trials: of all planners, columns of ``pipeline.experiments.trials.Trial``.
         scenario: a transfer to draw.
         data: the dataset's folder.
         digest: of its content.

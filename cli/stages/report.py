@@ -7,9 +7,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pandas as pd
 
-from pipeline.evaluation.warmstart import OPTIMIZERS
+from pipeline.experiments.examples.run import Example
+from pipeline.experiments.experiment3.rows import OPTIMIZERS
 from pipeline.provenance import version_change
-from pipeline.report import Example, ReportFiles, Results, build_report
+from pipeline.report import ReportFiles, Results, build_report
 from registry.environment import versions_of
 from registry.models import list_versions
 from registry.results import Run, evaluation, fetch_files, latest

@@ -8,13 +8,13 @@ from cli.stages.evaluate import test_scenarios
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.evaluation.transfer_times import (
+from pipeline.experiments.experiment4.run import (
     NODES,
     EntrantsOn,
     run_transfer_times,
     variations,
 )
-from pipeline.evaluation.trials import Entrant
+from pipeline.experiments.trials import Entrant
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
 from registry.results import Done, earlier_run, record

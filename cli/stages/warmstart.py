@@ -9,7 +9,8 @@ from cli.stages.evaluate import test_scenarios
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.evaluation.warmstart import EXPERT, OPTIMIZERS, run_warmstarts
+from pipeline.experiments.experiment3.rows import EXPERT, OPTIMIZERS
+from pipeline.experiments.experiment3.run import run_warmstarts
 from pipeline.progress import SILENT, Progress
 from registry.results import Done, earlier_run, record
 from registry.store import WARMSTART

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import jinja2
 
+from pipeline.exhibits.blocks import Block, Picture, Section, Table
+from pipeline.exhibits.style import save
+from pipeline.experiments.averages import reference_size, summarize
 from pipeline.files import write_text
-from pipeline.report.answers.questions import questions_section
-from pipeline.report.blocks import Block, Picture, Section, Table
-from pipeline.report.figures.style import save
 from pipeline.report.html import html_page
+from pipeline.report.questions import questions_section
 from pipeline.report.results import Results
 from pipeline.report.sections import all_sections
-from pipeline.report.summary.trials import reference_size, summarize
 
 TITLE = "Learned swarm transfers between passive relative orbits"
 

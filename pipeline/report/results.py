@@ -1,25 +1,12 @@
 """What a report is made from: result tables, example transfers and facts about the run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
-
-PREDICTED = "predicted"
-"""Reading of a network's raw output, as in the paper: neither dynamics nor ends need hold."""
-
-FLOWN = "flown"
-"""Reading after projection onto the trajectories that obey the dynamics and both ends."""
-
-PLAN = "plan"
-"""Reading of a planner whose output is a flyable plan as it stands."""
-
-EXPERT, PLAIN = "expert", "plain"
-"""Optimizers of experiment 3: ours, and a plain SCP over all pairs, the paper's kind."""
+from pipeline.experiments.examples.run import Example
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "trials": (
@@ -40,25 +27,6 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 """The columns that each table must have."""
 
 COLUMNS["transfer_times"] = ("varied", "nodes", "time_step", *COLUMNS["trials"])
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """One transfer as several planners fly it.
-
-    Attributes:
-        title: what the transfer is.
-        initial: initial states (n, 6), m and m/s.
-        goal: goal states (n, 6).
-        tracks: positions (n, K, 3) in m, dense in time, by the name of the planner.
-        collision_radius: r_col, m.
-    """
-
-    title: str
-    initial: Float[Array, "n 6"]
-    goal: Float[Array, "n 6"]
-    tracks: Mapping[str, Float[Array, "n _ 3"]]
-    collision_radius: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,24 +4,24 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from pipeline.report import paper_values
-from pipeline.report.blocks import Block, Picture, Section
-from pipeline.report.figures import scaling as figures_scaling
-from pipeline.report.figures.objectives import objectives_figure
-from pipeline.report.figures.scaling import scaling_figure
-from pipeline.report.figures.style import Style, styles
-from pipeline.report.figures.times import recipes_of, times_figure
-from pipeline.report.figures.training import curves_figure
-from pipeline.report.figures.transfer import figure_transfer
-from pipeline.report.planners import planner_of
+from pipeline.exhibits.blocks import Block, Picture, Section
+from pipeline.exhibits.planners import planner_of
+from pipeline.exhibits.style import Style, styles
+from pipeline.experiments import paper
+from pipeline.experiments.examples.figure import figure_transfer
+from pipeline.experiments.experiment1.figure import objectives_figure
+from pipeline.experiments.experiment1.table import objectives_table
+from pipeline.experiments.experiment2 import figure as figures_scaling
+from pipeline.experiments.experiment2.figure import scaling_figure
+from pipeline.experiments.experiment2.table import scaling_tables
+from pipeline.experiments.experiment3.section import warmstart_section
+from pipeline.experiments.experiment4.averages import summarize_times
+from pipeline.experiments.experiment4.figure import recipes_of, times_figure
+from pipeline.experiments.experiment4.table import times_tables
+from pipeline.experiments.trainings.figure import curves_figure
+from pipeline.experiments.trainings.table import training_table
+from pipeline.report.provenance import provenance_table
 from pipeline.report.results import Results, is_empty
-from pipeline.report.summary.times import summarize_times
-from pipeline.report.tables.objectives import objectives_table
-from pipeline.report.tables.provenance import provenance_table
-from pipeline.report.tables.scaling import scaling_tables
-from pipeline.report.tables.times import times_tables
-from pipeline.report.tables.training import training_table
-from pipeline.report.warmstart_section import warmstart_section
 
 READINGS = (
     "A network is read twice. *As predicted* is the paper's reading: its raw states, which need "
@@ -60,9 +60,9 @@ def _look(results: Results) -> dict[str, Style]:
 
 def _experiment1(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section:
     blocks: list[Block] = [READINGS]
-    if n != paper_values.NETWORK_SIZE:
+    if n != paper.NETWORK_SIZE:
         blocks.append(
-            f"No trial has n = {paper_values.NETWORK_SIZE}; this section uses n = {n}, the nearest "
+            f"No trial has n = {paper.NETWORK_SIZE}; this section uses n = {n}, the nearest "
             "size evaluated, so the paper's own numbers do not stand beside ours."
         )
     caption = (
@@ -114,8 +114,8 @@ def _experiment2(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
             "Time to plan one instance",
             "6 and 7",
             "The hollow marker is the paper's optimizer at n = 30, nearly "
-            f"{paper_values.EXPERT_SECONDS_AT_30:.0f} s; its networks take at most "
-            f"{paper_values.NETWORK_SECONDS}. Its machine and programs are not ours. All planners "
+            f"{paper.EXPERT_SECONDS_AT_30:.0f} s; its networks take at most "
+            f"{paper.NETWORK_SECONDS}. Its machine and programs are not ours. All planners "
             "ran on one thread, in turn on the same scenarios.",
         ),
     ]

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.report import Example, Results
+from pipeline.experiments.examples.run import Example
+from pipeline.report import Results
 
 
 def planted(planner, recipe, reading, n, collisions, fuel, safe, **more):

@@ -4,15 +4,15 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from pipeline.report import Example, figure_transfer
-from pipeline.report.figures.axes import fit_scale
-from pipeline.report.figures.objectives import objectives_figure
-from pipeline.report.figures.scaling import COLLISIONS, FUEL, scaling_figure
-from pipeline.report.figures.style import KNOWN, styles
-from pipeline.report.figures.transfer import _orbits, within
-from pipeline.report.figures.warmstart import optimizers_figure, warmstart_figure
-from pipeline.report.planners import BASELINES, EXPERTS, FEED_FORWARD, RECURRENT
-from pipeline.report.summary.trials import summarize
+from pipeline.exhibits.axes import fit_scale
+from pipeline.exhibits.planners import BASELINES, EXPERTS, FEED_FORWARD, RECURRENT
+from pipeline.exhibits.style import KNOWN, styles
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.examples.figure import _orbits, figure_transfer, within
+from pipeline.experiments.examples.run import Example
+from pipeline.experiments.experiment1.figure import objectives_figure
+from pipeline.experiments.experiment2.figure import COLLISIONS, FUEL, scaling_figure
+from pipeline.experiments.experiment3.figure import optimizers_figure, warmstart_figure
 
 
 def lines_of(ax, colour):

@@ -4,16 +4,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.exhibits.blocks import Table
+from pipeline.experiments.answer import with_ratio
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.experiment1.verdict import paper_answers
+from pipeline.experiments.experiment2.verdict import families_answer
+from pipeline.experiments.experiment3.verdict import seeds_answer
+from pipeline.experiments.experiment4.verdict import times_answers
+from pipeline.experiments.networks import network_answers
 from pipeline.report import Results
-from pipeline.report.answers.answer import with_ratio
-from pipeline.report.answers.families import families_answer
-from pipeline.report.answers.networks import network_answers
-from pipeline.report.answers.paper import paper_answers
-from pipeline.report.answers.questions import questions_section
-from pipeline.report.answers.seeds import seeds_answer
-from pipeline.report.answers.times import times_answers
-from pipeline.report.blocks import Table
-from pipeline.report.summary.trials import summarize
+from pipeline.report.questions import questions_section
 
 
 def shares(safe, of=400):

@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.experiments.averages import reference_size, summarize
+from pipeline.experiments.experiment3.averages import summarize_warmstarts
 from pipeline.report import Results
-from pipeline.report.summary.trials import reference_size, summarize
-from pipeline.report.summary.warmstart import summarize_warmstarts
 
 
 def row(table, **keys):

@@ -1,13 +1,13 @@
 import pandas as pd
 import pytest
 
-from pipeline.report import paper_values
-from pipeline.report.numbers import count, error, number, ratio, share
-from pipeline.report.summary.trials import summarize
-from pipeline.report.tables.objectives import objectives_table
-from pipeline.report.tables.scaling import scaling_tables
-from pipeline.report.tables.training import training_table
-from pipeline.report.tables.warmstart import warmstart_tables
+from pipeline.exhibits.numbers import count, error, number, ratio, share
+from pipeline.experiments import paper
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.experiment1.table import objectives_table
+from pipeline.experiments.experiment2.table import scaling_tables
+from pipeline.experiments.experiment3.table import warmstart_tables
+from pipeline.experiments.trainings.table import training_table
 
 ALL_OF_3 = "100 % [43.9, 100.0]"
 """With Wilson's interval, which ends at 3 / (3 + 1.96²)."""
@@ -134,8 +134,8 @@ def test_the_plain_scps_table_says_what_is_clear_at_the_nodes_and_what_at_all_ti
 
 def test_the_paper_quotes_every_architecture_in_each_of_its_tables():
     names = {"ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol"}
-    assert set(paper_values.NEURONS) == set(paper_values.TRAIN_SECONDS) == names
-    assert set(paper_values.OBJECTIVES) == names | {"expert"}
+    assert set(paper.NEURONS) == set(paper.TRAIN_SECONDS) == names
+    assert set(paper.OBJECTIVES) == names | {"expert"}
 
 
 def test_averages_over_training_seeds_show_their_spread(trials, results):

@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.exhibits.style import styles
+from pipeline.experiments.experiment4.averages import Training, of_way, summarize_times, trained_on
+from pipeline.experiments.experiment4.figure import recipes_of, times_figure
+from pipeline.experiments.experiment4.table import times_tables
 from pipeline.report import Results, build_report
-from pipeline.report.figures.style import styles
-from pipeline.report.figures.times import recipes_of, times_figure
-from pipeline.report.summary.times import Training, of_way, summarize_times, trained_on
-from pipeline.report.tables.times import times_tables
 
 GRIDS = {6: 10, 11: 20, 21: 40}
 STEPS = {60.0: 10, 120.0: 20, 240.0: 40}

@@ -1,0 +1,1 @@
+"""Example transfers (the paper's Figures 1 and 9)."""

@@ -1,0 +1,153 @@
+"""Collisions, safety, fuel and run time against n (the paper's Figures 4 to 7)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator, PercentFormatter
+
+from pipeline.exhibits.axes import fit_scale
+from pipeline.exhibits.planners import in_order, is_network
+from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
+from pipeline.experiments import paper
+from pipeline.experiments.lines import draw_lines, planner_handles
+from pipeline.experiments.trials import FLOWN, PLAN, PREDICTED
+
+Points = Mapping[int, Mapping[str, float]]
+"""What the paper reports: by n, then by planner."""
+
+DODGE = 0.4
+"""Spacecraft by which the paper's markers at one n are moved apart, to be told from each other."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is drawn against n.
+
+    Attributes:
+        value: column of the summary.
+        label: of the vertical axis, with the unit.
+        readings: readings of networks that get a row of panels.
+        paper: the paper's own points.
+    """
+
+    value: str
+    label: str
+    readings: tuple[str, ...] = (PREDICTED, FLOWN)
+    paper: Points | None = None
+
+
+_SIZES = (paper.NETWORK_SIZE, paper.LARGEST_SIZE)
+
+COLLISIONS = Quantity(
+    "collisions_mean",
+    "node collisions, average",
+    paper={n: paper.collisions_at(n) for n in _SIZES},
+)
+SAFE = Quantity("safe_share", "share of safe trials", readings=(FLOWN,))
+FUEL = Quantity("fuel_mean", "fuel, average (m/s²)", paper={n: paper.fuel_at(n) for n in _SIZES})
+SECONDS = Quantity(
+    "seconds_mean",
+    "time per instance (s)",
+    readings=(FLOWN,),
+    paper={paper.LARGEST_SIZE: {"expert": paper.EXPERT_SECONDS_AT_30}},
+)
+
+
+@in_style
+def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style]) -> Figure:
+    """One quantity against n: a row of panels for each reading, a column for each recipe.
+
+    Experts, baselines and planners without a recipe whose output is a plan stand in every panel.
+    A band is the standard deviation between trainings, where there are several.
+    """
+    rows = summary.dropna(subset=[what.value])
+    # A network whose output is a plan stands with those that are flown, by its recipe.
+    plan = (rows["reading"] == PLAN) & (rows["recipe"] != "") & rows["planner"].map(is_network)
+    rows = rows.assign(reading=rows["reading"].mask(plan, FLOWN))
+    raw_network = rows["planner"].map(is_network) & (rows["reading"] != PLAN)
+    networks, others = rows[raw_network], rows[~raw_network & (rows["reading"] != PREDICTED)]
+    present = set(networks["reading"])
+    readings = [r for r in what.readings if r in present] or sorted(present) or [FLOWN]
+    recipes = sorted(set(networks["recipe"])) or [""]
+    figure = Figure(figsize=_size(len(readings), len(recipes)), layout="constrained")
+    panels = figure.subplots(len(readings), len(recipes), sharex=True, sharey=True, squeeze=False)
+    for i, reading in enumerate(readings):
+        for j, recipe in enumerate(recipes):
+            mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
+            _panel(panels[i, j], pd.concat([others, mine]), what, look)
+            if not mine.empty:
+                panels[i, j].set_title(_title(reading, recipe, what))
+        panels[i, 0].set_ylabel(what.label)
+    for ax in panels[-1]:
+        ax.set_xlabel("spacecraft n")
+    _scale(panels[0, 0], rows, what)
+    shown = pd.concat([others, networks[networks["reading"].isin(readings)]])
+    handles = planner_handles(shown["planner"], look)
+    if what.paper is not None:
+        handles.append(_paper_handle())
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=3)
+    return figure
+
+
+def _panel(ax: Axes, rows: pd.DataFrame, what: Quantity, look: Mapping[str, Style]) -> None:
+    draw_lines(ax, rows, "n", what.value, look)
+    for n, quoted in (what.paper or {}).items():
+        _paper_points(ax, n, quoted, in_order(rows["planner"]), look)
+
+
+def _paper_points(
+    ax: Axes,
+    n: int,
+    quoted: Mapping[str, float],
+    planners: Sequence[str],
+    look: Mapping[str, Style],
+) -> None:
+    shown = [p for p in in_order(quoted) if p in planners]
+    for k, planner in enumerate(shown):
+        ax.plot(
+            n + DODGE * (k - (len(shown) - 1) / 2),
+            quoted[planner],
+            linestyle="none",
+            marker=look[planner].marker,
+            markerfacecolor="white",
+            markeredgecolor=look[planner].colour,
+            markersize=4.8,
+            zorder=4,
+        )
+
+
+def _title(reading: str, recipe: str, what: Quantity) -> str:
+    how = "as predicted" if reading == PREDICTED else "flown"
+    if len(what.readings) == 1 and recipe:
+        return f"{recipe} recipe"
+    return f"{recipe} recipe, {how}" if recipe else how
+
+
+def _scale(ax: Axes, rows: pd.DataFrame, what: Quantity) -> None:
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
+    if what is SAFE:
+        ax.set_ylim(-0.03, 1.03)
+        ax.yaxis.set_major_formatter(PercentFormatter(1.0))
+        return
+    quoted = [v for points in (what.paper or {}).values() for v in points.values()]
+    fit_scale(ax, "y", [*rows[what.value], *quoted])
+
+
+def _size(rows: int, columns: int) -> tuple[float, float]:
+    return (PAGE_WIDTH if columns > 1 else 0.75 * PAGE_WIDTH), 1.1 + 2.3 * rows
+
+
+def _paper_handle() -> Line2D:
+    return Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="o",
+        markerfacecolor="white",
+        markeredgecolor="#4d4d4d",
+        label="hollow: in the paper",
+    )

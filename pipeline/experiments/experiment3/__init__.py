@@ -1,0 +1,1 @@
+"""Experiment 3: warm starts (the paper's Figure 8)."""

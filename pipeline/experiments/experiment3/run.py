@@ -1,0 +1,126 @@
+"""Experiment 3: what a seed saves the expert, and what it saves a plain SCP as the paper's."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from time import perf_counter
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
+from pipeline.experiments.trials import Predictor
+from pipeline.expert import SEEDS, Settings, solve
+from pipeline.expert.seeds import Seed, own_seed
+from pipeline.plan import SOLVED, Plan, is_safe
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario import Scenario
+
+SeedMaker = Callable[[Scenario], Seed] | None
+
+Source = tuple[str, int]
+"""Where a seed comes from: a name, and the training seed where it is a network's."""
+
+RULES = {
+    CONVERGED: Settings(stop="converged"),
+    FIRST_SAFE: Settings(stop="first-safe"),
+}
+"""The stopping rules that seeds are compared under; the plain SCP knows "converged" alone."""
+
+Optimize = Callable[[Scenario, Seed | None], Plan]
+
+
+def run_warmstarts(
+    predictors: Mapping[Source, Predictor],
+    scenarios: Sequence[Scenario],
+    optimizer: str = EXPERT,
+    *,
+    progress: Progress = SILENT,
+) -> pd.DataFrame:
+    """Every seed and rule on every scenario: a row each, columns of WarmStart.
+
+    The seeds of a scenario follow each other directly, begun with another one each time, so
+    that the machine's noise falls on all alike.
+
+    Args:
+        predictors: networks by name and training seed; their raw predictions are seeds beside
+            those of SEEDS.
+        scenarios: of one problem and one n.
+        optimizer: of OPTIMIZERS.
+        progress: told of each scenario.
+    """
+    if not scenarios:
+        return pd.DataFrame()
+    seeds = _seeds(optimizer) | {
+        source: _network_seed(predictor) for source, predictor in predictors.items()
+    }
+    rules = _rules(optimizer, scenarios[0])
+    sources = list(seeds)
+    rows: list[WarmStart] = []
+    with threadpool_limits(1):
+        for source in sources:
+            _run(scenarios[0], seeds[source], rules[CONVERGED])  # warm up
+        for trial, scenario in enumerate(scenarios):
+            first = trial % len(sources)
+            for source in sources[first:] + sources[:first]:
+                for rule, optimize in rules.items():
+                    plan, seconds = _run(scenario, seeds[source], optimize)
+                    rows.append(_row(optimizer, scenario, trial, source, rule, plan, seconds))
+            progress.done()
+    return pd.DataFrame([asdict(row) for row in rows])
+
+
+def _seeds(optimizer: str) -> dict[Source, SeedMaker]:
+    """Seeds that need no network. The own LPs are one for the plain SCP: the expert's start."""
+    own: dict[str, SeedMaker] = {"own LP": own_seed} if optimizer == PLAIN else {}
+    return {(name, 0): make for name, make in {**SEEDS, **own}.items()}
+
+
+def _rules(optimizer: str, scenario: Scenario) -> dict[str, Optimize]:
+    """The optimizer under each of its stopping rules, ready for scenarios like this one."""
+    if optimizer == PLAIN:
+        from pipeline.expert.plain import PlainScp  # loads cvxpy
+
+        return {CONVERGED: PlainScp(scenario.n, scenario.problem).solve}
+    return {rule: partial(solve, settings=settings) for rule, settings in RULES.items()}
+
+
+def _network_seed(predictor: Predictor) -> Callable[[Scenario], Seed]:
+    def seed(scenario: Scenario) -> Seed:
+        return predictor.predict(scenario.initial[None], scenario.goal[None])[0]
+
+    return seed
+
+
+def _run(scenario: Scenario, make: SeedMaker, optimize: Optimize) -> tuple[Plan, float]:
+    """A plan, and the time to make the seed and to plan."""
+    started = perf_counter()
+    seed = None if make is None else make(scenario)
+    seeding = perf_counter() - started
+    plan = optimize(scenario, seed)
+    return plan, seeding + plan.timing["plan"]
+
+
+def _row(
+    optimizer: str,
+    scenario: Scenario,
+    trial: int,
+    source: Source,
+    rule: str,
+    plan: Plan,
+    seconds: float,
+) -> WarmStart:
+    return WarmStart(
+        optimizer=optimizer,
+        n=scenario.n,
+        trial=trial,
+        seed=source[0],
+        training_seed=source[1],
+        rule=rule,
+        convex_solves=plan.convex_solves,
+        seconds=seconds,
+        optimality_gap=plan.certificate.optimality_gap,
+        fuel=plan.certificate.fuel,
+        safe=plan.status == SOLVED and is_safe(plan.certificate, scenario.problem),
+        status=plan.status,
+    )

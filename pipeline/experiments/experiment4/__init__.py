@@ -1,0 +1,1 @@
+"""Experiment 4: other transfer times, which the paper announces without results."""

@@ -1,0 +1,105 @@
+"""Whether networks serve other transfer times, answered by the numbers of experiment 4."""
+
+import pandas as pd
+
+from pipeline.exhibits.numbers import ratio, share
+from pipeline.exhibits.planners import is_network
+from pipeline.experiments.answer import FREE, Answer, measured, with_ratio
+from pipeline.experiments.compare import CHANCE, compare
+from pipeline.experiments.experiment4.averages import WAYS, Training, of_way, trained_on
+from pipeline.experiments.networks import of, picked
+from pipeline.experiments.trials import PREDICTED
+
+DEARER = 1.1
+"""Factor by which fuel over bound may exceed that at the training's time: the quality is kept."""
+
+Row = tuple[float, pd.DataFrame]
+"""A transfer time in minutes, and one planner's trials there."""
+
+
+def times_answers(times: pd.DataFrame | None, training: pd.DataFrame | None) -> list[Answer]:
+    """A row for each way to another transfer time, where a network took part at all of them.
+
+    Quality counts as kept where fuel over bound is no more than DEARER times that at the
+    training's transfer time, and no fewer of the same scenarios are safe, beyond chance.
+
+    Args:
+        times: a row for each trial at each transfer time.
+        training: a row for each trained model.
+    """
+    if times is None or times.empty:
+        return []
+    trials = with_ratio(times[times["reading"] != PREDICTED])
+    minutes = ((trials["nodes"] - 1) * trials["time_step"] / 60).round(6)
+    trials, trained = trials.assign(minutes=minutes), trained_on(times)
+    found = []
+    for way, called in zip(WAYS, ("nodes T", "time steps Δt"), strict=True):
+        rows = of_way(trials, way).drop_duplicates(
+            ["planner", "recipe", "training_seed", "trial", "minutes"]
+        )
+        answer = _answer(rows, trained, training, called)
+        found += [answer] if answer else []
+    return found
+
+
+def _answer(
+    rows: pd.DataFrame, trained: Training, training: pd.DataFrame | None, called: str
+) -> Answer | None:
+    everywhere = rows["minutes"].nunique()
+    networks = rows[rows["planner"].map(is_network)]
+    fits = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique") == everywhere
+    name = picked(networks[fits], training)
+    if name is None or everywhere < 2:
+        return None
+    mine, free = _by_time(of(networks, name)), _by_time(rows[rows["planner"] == FREE])
+    home = [k for k, (minutes, _) in enumerate(mine) if minutes == trained.minutes]
+    if not home:
+        return None
+    first, last = _kept_around(mine, home[0])
+    where = f"{mine[first][0]:.3g} to {mine[last][0]:.3g} min"
+    verdict = (
+        "Yes, at every time tried"
+        if last - first == everywhere - 1
+        else "No, at no other time tried"
+        if first == last
+        else f"Only from {where}"
+    )
+    there = measured(mine[home[0]][1])
+    return Answer(
+        f"Does a network trained for {trained.minutes:g} min serve other {called}?",
+        verdict,
+        f"{there.name}, best on validation of those that fit: at {trained.minutes:g} min "
+        f"{there.text}; {_worst(mine)}",
+        f"Own LP: {_worst(free)}" if free else "",
+    )
+
+
+def _by_time(rows: pd.DataFrame) -> list[Row]:
+    return [(float(str(minutes)), part) for minutes, part in rows.groupby("minutes")]
+
+
+def _worst(mine: list[Row]) -> str:
+    """The worst of one planner over its transfer times."""
+    numbers = [(minutes, measured(rows)) for minutes, rows in mine]
+    least = min(numbers, key=lambda row: row[1].safe)
+    dearest = max(numbers, key=lambda row: row[1].fuel)
+    return (
+        f"at worst safe in {share(least[1].safe)} ({least[0]:.3g} min) and "
+        f"{ratio(dearest[1].fuel)} of the bound ({dearest[0]:.3g} min)"
+    )
+
+
+def _kept_around(mine: list[Row], home: int) -> tuple[int, int]:
+    """The transfer times around the training's, without a gap, at which the quality is kept."""
+    first = last = home
+    while first > 0 and _kept(mine[first - 1][1], mine[home][1]):
+        first -= 1
+    while last < len(mine) - 1 and _kept(mine[last + 1][1], mine[home][1]):
+        last += 1
+    return first, last
+
+
+def _kept(rows: pd.DataFrame, home: pd.DataFrame) -> bool:
+    held = compare(rows, home)
+    less_safe = held.safe < 0 and held.safe_by_chance <= CHANCE
+    return not less_safe and measured(rows).fuel <= DEARER * measured(home).fuel

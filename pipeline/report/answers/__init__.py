@@ -1,1 +1,0 @@
-"""The questions that the paper asks, each with a verdict and the numbers that it rests on."""

@@ -1,1 +1,0 @@
-"""The report's figures, and how planners look in them."""

@@ -1,1 +1,0 @@
-"""Trials averaged: what tables, figures and sentences are made from."""
