@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.errors import InputError
 
 DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
-"""Subpackages of ``pipeline`` and distributions that a result depends on."""
+"""Patterns of paths in ``pipeline``, and distributions, that a result depends on."""
 
 DIGITS = 12
 """Hexadecimal digits of a code's digest that are shown."""
@@ -23,7 +23,8 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
     changed, so a digest of the source of the parts that decide the result goes with it.
 
     Args:
-        parts: subpackages of ``pipeline`` whose code decides the result.
+        parts: subpackages and modules of ``pipeline`` whose code decides the result, as patterns
+            such as ``orbit`` and ``experiments/*/run.py``.
         packages: distributions that do.
     """
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
@@ -31,9 +32,11 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
 
 
 def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parent) -> str:
-    """Digest of the source files of some subpackages."""
+    """Digest of the source files that some patterns stand for, folders for all in them."""
     digest = hashlib.sha256()
-    for path in sorted(path for part in parts for path in (root / part).rglob("*.py")):
+    found = [path for part in parts for path in root.glob(part)]
+    files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
+    for path in sorted(files):
         content = path.read_bytes()
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]

@@ -22,7 +22,10 @@ MADE_WITH = "made_with"
 
 TRAINED_BY = ("orbit", "networks", "training"), ("numpy", "torch")
 EVALUATED_BY = (
-    ("orbit", "scenario", "plan", "expert", "networks", "planners", "experiments"),
+    (
+        *("orbit", "scenario", "plan", "expert", "networks", "planners", "experiments/trials.py"),
+        *("experiments/*/run.py", "experiments/experiment3/rows.py"),
+    ),
     ("numpy", "scipy", "clarabel", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""

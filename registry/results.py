@@ -1,4 +1,4 @@
-"""Results of experiments: recorded as MLflow runs with their tables, and fetched again."""
+"""Results of experiments: recorded as MLflow runs with their table, and fetched again."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ from registry.store import (
 from registry.story import EVALUATION_DATA, dataset_input
 from registry.version import ModelVersion, moment
 
-TABLE = "table"
-"""Name of the main table among a run's tables."""
+TABLE = "table.parquet"
+"""A run's table, in its artifacts ``tables/``."""
 
 SHOWN = 5
 """Runs that a refusal names."""
@@ -41,18 +41,14 @@ class Run:
         run_id: its MLflow run.
         created: when it started.
         table: a row for each trial.
-        extra: further tables by name.
         params: parameters of the run.
-        metrics: metrics of the run.
         tags: what it was made with, such as ``git_commit``.
     """
 
     run_id: str
     created: datetime
     table: pd.DataFrame
-    extra: Mapping[str, pd.DataFrame]
     params: Mapping[str, str]
-    metrics: Mapping[str, float]
     tags: Mapping[str, str]
 
 
@@ -105,8 +101,6 @@ def record(
     table: pd.DataFrame,
     *,
     params: Mapping[str, Any],
-    metrics: Mapping[str, SupportsFloat] | None = None,
-    extra: Mapping[str, pd.DataFrame] | None = None,
     files: Path | None = None,
     dataset: tuple[str, str] | None = None,
 ) -> str:
@@ -116,8 +110,6 @@ def record(
         experiment: EVALUATION, WARMSTART or TRANSFER_TIMES.
         table: a row for each trial.
         params: settings.
-        metrics: summaries.
-        extra: further tables by name.
         files: a folder whose content becomes the run's artifacts ``files/``.
         dataset: folder and digest of the dataset whose test split was used.
 
@@ -131,11 +123,9 @@ def record(
         TemporaryDirectory(prefix="prolearn-") as scratch,
     ):
         log_params(store, run_id, params)
-        log_metrics(store, run_id, metrics_now(metrics or {}))
         if dataset is not None:
             store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
-        for key, frame in {TABLE: table, **(extra or {})}.items():
-            frame.to_parquet(Path(scratch) / f"{key}.parquet", index=False)
+        table.to_parquet(Path(scratch) / TABLE, index=False)
         store.client.log_artifacts(run_id, scratch, "tables")
         if files is not None:
             store.client.log_artifacts(run_id, str(files), "files")
@@ -184,17 +174,15 @@ def evaluation(run_id: str | None = None) -> Run:
 
 
 def _read(store: Store, run: Any) -> Run:
-    """A run with its tables."""
+    """A run with its table."""
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
-        tables = {path.stem: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
+        table = pd.read_parquet(folder / TABLE)
     return Run(
         run_id=run.info.run_id,
         created=moment(run.info.start_time),
-        table=tables.pop(TABLE),
-        extra=tables,
+        table=table,
         params=recorded(run.data.params),
-        metrics=dict(run.data.metrics),
         tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
     )
 

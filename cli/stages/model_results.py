@@ -8,31 +8,44 @@ import pandas as pd
 from cli.stages.entrants import Network
 from pipeline.dataset.storage.folder import Where
 from pipeline.exhibits.style import save, styles
-from pipeline.experiments.averages import summarize
 from pipeline.experiments.examples.figure import figure_transfer
 from pipeline.experiments.examples.run import example_transfer
-from pipeline.experiments.experiment2.figure import COLLISIONS, FUEL, SAFE, scaling_figure
+from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
+from pipeline.experiments.summary import (
+    BOUNDARY,
+    COLLISIONS,
+    DYNAMICS,
+    FUEL,
+    FUEL_RATIO,
+    MOST_COLLISIONS,
+    SAFE,
+    SECONDS,
+    summarize,
+)
 from pipeline.experiments.trials import PREDICTED, Entrant
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
 from registry.results import ModelResults, add_model_results
 
 COMPARED = {
-    "collisions": "collisions_mean",
-    "collisions_max": "collisions_max",
-    "fuel": "fuel_mean",
-    "fuel_ratio": "fuel_ratio",
-    "safe_share": "safe_share",
-    "boundary_error": "boundary_error",
-    "dynamics_error": "dynamics_error",
-    "seconds": "seconds_mean",
+    "collisions": COLLISIONS,
+    "collisions_max": MOST_COLLISIONS,
+    "fuel": FUEL,
+    "fuel_ratio": FUEL_RATIO,
+    "safe_share": SAFE,
+    "boundary_error": BOUNDARY,
+    "dynamics_error": DYNAMICS,
+    "seconds": SECONDS,
 }
-"""Metrics of a model's run, by the column of the summary that they come from."""
+"""What a model's run has of the averages, by the name of its metric."""
 
-ERRORS = {"boundary_error", "dynamics_error"}
+ERRORS = (BOUNDARY, DYNAMICS)
 """Of predictions alone: what is flown has none but rounding."""
 
 EXPERT = "expert"
+
+DRAWN = ("collisions", "fuel", "safe")
+"""Figures of experiment 2."""
 
 
 def add_to_model(
@@ -65,9 +78,9 @@ def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
     found: dict[int, dict[str, float]] = {0: {}}
     for _, row in mine.iterrows():
         values = {
-            f"{row.reading}_{metric}": float(row[column])
-            for metric, column in COMPARED.items()
-            if pd.notna(row[column]) and (row.reading == PREDICTED or metric not in ERRORS)
+            f"{row.reading}_{metric}": float(row[average.source])
+            for metric, average in COMPARED.items()
+            if pd.notna(row[average.source]) and (row.reading == PREDICTED or average not in ERRORS)
         }
         n = int(row.n)
         found.setdefault(n, {}).update({f"exp2_{k}": v for k, v in values.items()})
@@ -79,7 +92,7 @@ def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
 def _draw(folder: Path, summary: pd.DataFrame, network: Network, scenario: Scenario) -> None:
     """Figures of experiment 2 and of one transfer, beside the expert's."""
     look = styles(summary["planner"])
-    for name, quantity in (("collisions", COLLISIONS), ("fuel", FUEL), ("safe", SAFE)):
-        save(scaling_figure(summary, quantity, look), folder / name, [".png"])
+    for name in DRAWN:
+        save(scaling_figure(summary, QUANTITIES[name], look), folder / name, [".png"])
     example = example_transfer(scenario, [Entrant(Expert()), network.entrant])
     save(figure_transfer(example), folder / "transfer", [".png"])

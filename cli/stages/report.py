@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 import pandas as pd
 
-from pipeline.experiments.examples.run import Example
+from pipeline.experiments.examples.run import Example, read_example
 from pipeline.experiments.experiment3.rows import OPTIMIZERS
 from pipeline.provenance import version_change
-from pipeline.report import ReportFiles, Results, build_report
+from pipeline.report import ReportFiles, Results, build_report, no_rows
 from registry.environment import versions_of
 from registry.models import list_versions
 from registry.results import Run, evaluation, fetch_files, latest
@@ -51,8 +50,8 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     training = training_tables(versions)
     results = Results(
         trials=first.table,
-        warmstarts=_joined([parts[name] for name in parts if name != "Experiment 4"]),
-        transfer_times=_joined([parts["Experiment 4"]]),
+        warmstarts=_joined("warmstarts", parts, WARMSTART),
+        transfer_times=_joined("transfer_times", parts, TRANSFER_TIMES),
         training=training.training,
         curves=training.curves,
         examples=_examples(first),
@@ -68,9 +67,10 @@ def _models(first: Run) -> list[ModelVersion]:
     return [version for version in list_versions() if version.uri in wanted]
 
 
-def _joined(parts: Sequence[Run | None]) -> pd.DataFrame | None:
-    tables = [part.table for part in parts if part is not None]
-    return pd.concat(tables, ignore_index=True) if tables else None
+def _joined(table: str, parts: Mapping[str, Run | None], experiment: str) -> pd.DataFrame:
+    """A table of Results from the runs of one experiment."""
+    found = [run.table for name, run in parts.items() if run and PARTS[name][0] == experiment]
+    return pd.concat(found, ignore_index=True) if found else no_rows(table)
 
 
 def _notes(
@@ -103,39 +103,29 @@ def _provenance(
     """A row for each run that a table of the report comes from."""
     runs = {"Experiments 1 and 2, examples": first, **parts}
     rows = [
-        _row(
-            name, run.run_id, _day(run), run.params, run.params.get("dataset_digest", ""), run.tags
-        )
+        _row(name, run, run.params.get("data", ""), run.params.get("dataset_digest", ""))
         for name, run in runs.items()
         if run is not None
     ]
     rows += [
         _row(
             f"Training {v.label}, seed {v.training_seed}",
-            v.run_id,
-            v.created.strftime("%Y-%m-%d %H:%M UTC"),
-            {"data": v.params.get("dataset", "")},
+            v,
+            v.params.get("dataset", ""),
             v.dataset_digest,
-            v.tags,
         )
         for v in versions
     ]
     return pd.DataFrame(rows)
 
 
-def _row(
-    part: str,
-    run: str,
-    made: str,
-    params: Mapping[str, str],
-    digest: str,
-    tags: Mapping[str, str],
-) -> dict[str, str]:
+def _row(part: str, run: Run | ModelVersion, data: str, digest: str) -> dict[str, str]:
+    tags = run.tags
     return {
         "part": part,
-        "run": run,
-        "made": made,
-        "data": params.get("data", ""),
+        "run": run.run_id,
+        "made": _day(run),
+        "data": data,
         "digest": digest,
         "code": tags.get("git_commit", tags.get("prolearn_version", "")),
         "versions": ", ".join(f"{k} {v}" for k, v in sorted(versions_of(tags).items())),
@@ -143,23 +133,11 @@ def _row(
     }
 
 
-def _day(run: Run) -> str:
+def _day(run: Run | ModelVersion) -> str:
     return run.created.strftime("%Y-%m-%d %H:%M UTC")
 
 
 def _examples(first: Run) -> list[Example]:
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         folder = fetch_files(first, Path(scratch))
-        return [_read_example(path) for path in sorted(folder.glob("*.npz"))]
-
-
-def _read_example(path: Path) -> Example:
-    with np.load(path, allow_pickle=False) as stored:
-        tracks = {k.removeprefix("track:"): stored[k] for k in stored.files if ":" in k}
-        return Example(
-            title=str(stored["name"]),
-            initial=stored["initial"],
-            goal=stored["goal"],
-            tracks=tracks,
-            collision_radius=float(stored["collision_radius"]),
-        )
+        return [read_example(path) for path in sorted(folder.glob("*.npz"))]

@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
-from cli.stages.entrants import Network, networks, unlearned
-from cli.stages.evaluate import test_scenarios
+import pandas as pd
+
+from cli.stages.entrants import Network, unlearned
+from cli.stages.experiment import held_out, listed
 from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.experiment4.run import (
     NODES,
+    TIME_STEP,
     EntrantsOn,
     run_transfer_times,
     variations,
@@ -17,7 +20,7 @@ from pipeline.experiments.experiment4.run import (
 from pipeline.experiments.trials import Entrant
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
-from registry.results import Done, earlier_run, record
+from registry.results import Done
 from registry.store import TRANSFER_TIMES
 
 
@@ -49,25 +52,23 @@ def transfer_times(
             that is not in it, or a T or Δt that no transfer has.
         ProlearnError: where the store fails.
     """
-    scenarios = test_scenarios(data, n, trials)
+    ground = held_out(references, data, [n], trials)
+    scenarios = ground.scenarios[n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
-    learned = networks(references, data)
-    digest = read_manifest(data).digest()
+
+    def run(_: Path) -> pd.DataFrame:
+        progress.expect(len(varied))
+        return run_transfer_times(
+            _entrants_on(ground.networks), scenarios, varied, progress=progress
+        )
+
     params = {
-        "data": str(data),
-        "dataset_digest": digest,
         "n": n,
-        "nodes": ",".join(str(v.problem.nodes) for v in varied if v.varied == NODES),
-        "time_steps": ",".join(f"{v.problem.time_step:.9g}" for v in varied if v.varied != NODES),
-        "trials": len(scenarios),
-        "networks": ",".join(dict.fromkeys(network.label for network in learned)),
-        "models": ",".join(network.version.uri for network in learned),
+        "nodes": listed(v.problem.nodes for v in varied if v.varied == NODES),
+        "time_steps": listed(f"{v.problem.time_step:.9g}" for v in varied if v.varied == TIME_STEP),
+        "networks": listed(network.label for network in ground.networks),
     }
-    if resume and (earlier := earlier_run(TRANSFER_TIMES, params, progress=progress)):
-        return Done(earlier, earlier=True)
-    progress.expect(len(varied))
-    table = run_transfer_times(_entrants_on(learned), scenarios, varied, progress=progress)
-    return Done(record(TRANSFER_TIMES, table, params=params, dataset=(str(data), digest)))
+    return ground.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
 
 
 def _entrants_on(learned: Sequence[Network]) -> EntrantsOn:

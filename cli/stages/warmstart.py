@@ -1,18 +1,17 @@
 """Experiment 3 on the test split of a dataset, recorded for the report."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import pandas as pd
 
-from cli.stages.entrants import networks
-from cli.stages.evaluate import test_scenarios
+from cli.stages.experiment import held_out, listed
 from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.experiment3.rows import EXPERT, OPTIMIZERS
 from pipeline.experiments.experiment3.run import run_warmstarts
 from pipeline.progress import SILENT, Progress
-from registry.results import Done, earlier_run, record
+from registry.results import Done
 from registry.store import WARMSTART
 
 
@@ -44,23 +43,20 @@ def warmstart(
     """
     if optimizer not in OPTIMIZERS:
         raise InputError(f"optimizer is {optimizer!r}; expected one of {', '.join(OPTIMIZERS)}.")
-    scenarios = {n: test_scenarios(data, n, trials) for n in sizes}
-    learned = networks(references, data)
-    predictors = {(net.label, net.version.training_seed): net.model for net in learned}
-    digest = read_manifest(data).digest()
+    ground = held_out(references, data, sizes, trials)
+    scenarios = ground.scenarios
+    seeds = {(net.label, net.version.training_seed): net.model for net in ground.networks}
+
+    def run(_: Path) -> pd.DataFrame:
+        progress.expect(sum(map(len, scenarios.values())))
+        tables = [
+            run_warmstarts(seeds, some, optimizer, progress=progress) for some in scenarios.values()
+        ]
+        return pd.concat(tables, ignore_index=True)
+
     params = {
         "optimizer": optimizer,
-        "data": str(data),
-        "dataset_digest": digest,
-        "sizes": ",".join(str(n) for n in sizes),
-        "trials": max(len(s) for s in scenarios.values()),
-        "seeds": ",".join(dict.fromkeys(label for label, _ in predictors)),
-        "models": ",".join(network.version.uri for network in learned),
+        "sizes": listed(scenarios),
+        "seeds": listed(label for label, _ in seeds),
     }
-    if resume and (earlier := earlier_run(WARMSTART, params, ["optimizer"], progress)):
-        return Done(earlier, earlier=True)
-    progress.expect(sum(map(len, scenarios.values())))
-    tables = [run_warmstarts(predictors, scenarios[n], optimizer, progress=progress) for n in sizes]
-    used = (str(data), digest)
-    table = pd.concat(tables, ignore_index=True)
-    return Done(record(WARMSTART, table, params=params, dataset=used))
+    return ground.run(WARMSTART, params, run, kind=["optimizer"], resume=resume, progress=progress)

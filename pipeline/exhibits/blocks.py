@@ -1,10 +1,11 @@
-"""What a report consists of: sections of sentences, tables and pictures."""
+"""What a report shows: tables and pictures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 from matplotlib.figure import Figure
+from tabulate import tabulate
 
 from pipeline.exhibits.numbers import percents
 
@@ -34,47 +35,52 @@ class Table:
 
     Attributes:
         name: name of the CSV file, without suffix.
-        caption: what it shows.
         frame: the numbers.
         columns: what the page shows of them.
+        trainings: most trainings that a number is the average of.
     """
 
     name: str
-    caption: str
     frame: pd.DataFrame
     columns: Sequence[Column]
+    trainings: int = 1
 
+    @property
     def markdown(self) -> str:
         """The printed columns as a Markdown table, numbers aligned right."""
-        shown = pd.DataFrame({c.title: _texts(self.frame, c) for c in self.columns})
-        align = ["left" if c.text is None else "right" for c in self.columns]
-        return str(shown.to_markdown(index=False, disable_numparse=True, colalign=align))
+        return tabulate(
+            list(zip(*(_texts(self.frame, column) for column in self.columns), strict=True)),
+            headers=[column.title for column in self.columns],
+            colalign=["left" if column.text is None else "right" for column in self.columns],
+            tablefmt="pipe",
+            disable_numparse=True,
+        )
+
+    @property
+    def signs(self) -> str:
+        """What brackets and ± mean in it, where it has any."""
+        said = []
+        if any(column.interval for column in self.columns):
+            said.append("Brackets are Wilson's 95 % intervals of a share.")
+        if self.trainings > 1:
+            said.append(
+                f"Networks trained with several seeds (up to {self.trainings}) show the average "
+                "of their trainings ± the standard deviation between them."
+            )
+        return " ".join(said)
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure with its caption.
+    """A figure.
 
     Attributes:
         name: name of the figure files, without suffix.
-        caption: what it shows.
         figure: the drawing.
     """
 
     name: str
-    caption: str
     figure: Figure
-
-
-Block = str | Table | Picture
-
-
-@dataclass(frozen=True, eq=False)
-class Section:
-    """A heading and what stands below it; a string is a paragraph of Markdown."""
-
-    title: str
-    blocks: Sequence[Block]
 
 
 def _texts(frame: pd.DataFrame, column: Column) -> list[str]:

@@ -6,7 +6,6 @@ import pandas as pd
 
 from pipeline.exhibits.numbers import number, percents, ratio, share
 from pipeline.exhibits.planners import name_of
-from pipeline.experiments.averages import as_share, fuel_ratio
 from pipeline.experiments.compare import Interval, mean_interval, share_interval
 
 FREE = "own LP"
@@ -61,24 +60,20 @@ class Measured:
     @property
     def text(self) -> str:
         """Both numbers with their intervals."""
+        low, high = map(ratio, self.fuel_interval)
         return (
-            f"safe in {share_text(self.safe, self.safe_interval)} at "
-            f"{ratio(self.fuel)} {interval_text(self.fuel_interval)} of the bound"
+            f"safe in {share(self.safe)} {percents(*self.safe_interval)} at {ratio(self.fuel)} "
+            f"[{low}, {high}] of the bound"
         )
 
 
-def with_ratio(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials with the column fuel_ratio, fuel over its bound, and safe as 1 or 0."""
-    return trials.assign(fuel_ratio=fuel_ratio(trials), safe=as_share(trials["safe"]))
-
-
 def measured(rows: pd.DataFrame) -> Measured:
-    """The numbers of one planner's trials, of one or several trainings."""
+    """The numbers of one planner's trials from ``prepared``, of one or several trainings."""
     first = rows.iloc[0]
     per = rows.groupby("trial")[["safe", "fuel_ratio"]].mean()
     safe = float(per["safe"].mean())
     return Measured(
-        name=called(str(first["planner"]), str(first["recipe"] or "")),
+        name=f"{name_of(first['planner'])} {first['recipe']}".strip(),
         trials=len(per),
         trainings=int(rows["training_seed"].nunique()),
         safe=safe,
@@ -86,21 +81,6 @@ def measured(rows: pd.DataFrame) -> Measured:
         fuel=float(per["fuel_ratio"].mean()),
         fuel_interval=mean_interval(per["fuel_ratio"].dropna().to_numpy(dtype=float)),
     )
-
-
-def called(planner: str, recipe: str) -> str:
-    """A planner with its recipe."""
-    return f"{name_of(planner)} {recipe}".strip()
-
-
-def share_text(value: float, interval: Interval) -> str:
-    """A share with its interval, in percent."""
-    return f"{share(value)} {percents(*interval)}"
-
-
-def interval_text(interval: Interval) -> str:
-    """An interval of ratios."""
-    return f"[{ratio(interval[0])}, {ratio(interval[1])}]"
 
 
 def span(values: "pd.Series[float] | list[float]") -> str:

@@ -1,4 +1,4 @@
-"""Whether networks plan safely and cheaply, at the swarm size of their training and at others."""
+"""Networks as planners: the one that speaks for all, and whether they plan safely and cheaply."""
 
 import pandas as pd
 
@@ -6,7 +6,6 @@ from pipeline.exhibits.numbers import share
 from pipeline.exhibits.planners import is_network
 from pipeline.experiments.answer import CHEAP, FREE, SAFE, Answer, Measured, measured
 from pipeline.experiments.compare import compare, share_interval
-from pipeline.experiments.paper import NETWORK_SIZE
 from pipeline.experiments.trials import PREDICTED
 
 VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
@@ -15,17 +14,20 @@ Name = tuple[str, str]
 """A network: planner and recipe."""
 
 
-def picked(rows: pd.DataFrame, training: pd.DataFrame | None) -> Name | None:
+def picked(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     """The network that did best on validation data, of those in some rows.
 
     That is the cheapest of those that are as safe as the safest, but for chance: whose share of
     safe scenarios is within Wilson's interval of the highest. None where trainings did not record
     it: no network is chosen by the trials themselves.
+
+    Args:
+        rows: from ``prepared``.
+        training: a row for each trained model.
     """
-    if training is None or not {*VALIDATED} <= {*training.columns}:
-        return None
-    known = training.dropna(subset=VALIDATED).assign(recipe=training["recipe"].fillna(""))
-    there = set(zip(rows["planner"], rows["recipe"].fillna(""), strict=True))
+    known = training.dropna(subset=VALIDATED)
+    known = known.assign(recipe=known["recipe"].fillna(""))
+    there = set(zip(rows["planner"], rows["recipe"], strict=True))
     means = {
         (str(arch), str(recipe)): [float(x) for x in group[VALIDATED].mean()]
         for (arch, recipe), group in known.groupby(["arch", "recipe"])
@@ -40,55 +42,41 @@ def picked(rows: pd.DataFrame, training: pd.DataFrame | None) -> Name | None:
 
 def of(rows: pd.DataFrame, name: Name) -> pd.DataFrame:
     """The rows of one network."""
-    return rows[(rows["planner"] == name[0]) & (rows["recipe"].fillna("") == name[1])]
+    return rows[(rows["planner"] == name[0]) & (rows["recipe"] == name[1])]
 
 
-def network_answers(trials: pd.DataFrame, training: pd.DataFrame | None, n: int) -> list[Answer]:
-    """Two rows: at swarm size n, and at the largest.
+def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
+    """The trials of networks whose plans can be flown."""
+    return trials[(trials["reading"] != PREDICTED) & trials["planner"].map(is_network)]
+
+
+def network_answers(
+    question: str, trials: pd.DataFrame, training: pd.DataFrame, n: int
+) -> list[Answer]:
+    """A row on all networks, and on the one picked, at one swarm size, where any was flown there.
 
     Args:
-        trials: of all planners, with fuel_ratio.
+        question: what is asked.
+        trials: of all planners, from ``prepared``.
         training: a row for each trained model.
-        n: the swarm size of experiment 1.
+        n: the swarm size.
     """
-    plans = trials[trials["reading"] != PREDICTED]
-    networks = plans[plans["planner"].map(is_network)]
+    flown = flown_networks(trials)
+    networks = flown[flown["n"] == n]
     if networks.empty:
         return []
-    name = picked(networks, training)
-    largest = int(networks["n"].max())
-    found = [
-        _answer(f"Do networks plan safely and cheaply (n = {n})?", plans, name, n),
-    ]
-    if largest != n:
-        question = f"Does a network trained at n = {NETWORK_SIZE} serve others (n = {largest})?"
-        found.append(_answer(question, plans, name, largest))
-    return [one for one in found if one is not None]
-
-
-def _answer(question: str, plans: pd.DataFrame, name: Name | None, n: int) -> Answer | None:
-    here = plans[plans["n"] == n]
-    networks = here[here["planner"].map(is_network)]
-    if networks.empty:
-        return None
-    groups = networks.assign(recipe=networks["recipe"].fillna("")).groupby(["planner", "recipe"])
-    every = [measured(rows) for _, rows in groups]
-    free = here[here["planner"] == FREE]
-    mine = None if name is None else of(networks, name)
-    parts, chosen = [], None
-    if mine is not None and not mine.empty:
+    every = [measured(rows) for _, rows in networks.groupby(["planner", "recipe"])]
+    name = picked(flown, training)
+    mine = networks.head(0) if name is None else of(networks, name)
+    numbers = [f"all {len(every)}: safe in {_range([one.safe for one in every])}"]
+    said = verdict(every)
+    if not mine.empty:
         chosen = measured(mine)
-        parts.append(f"{chosen.name}, best on validation: {chosen.text}")
-    parts.append(f"all {len(every)}: safe in {_range([one.safe for one in every])}")
-    said = verdict([chosen] if chosen else every)
-    if chosen and chosen.trainings == 1 and not verdict(every).startswith(said[:2]):
-        said += ", for one training"
-    return Answer(
-        question,
-        said,
-        "; ".join(parts),
-        _baseline(free, mine),
-    )
+        numbers.insert(0, f"{chosen.name}, best on validation: {chosen.text}")
+        alone = chosen.trainings == 1 and not said.startswith(verdict([chosen])[:2])
+        said = verdict([chosen]) + (", for one training" if alone else "")
+    free = trials[(trials["planner"] == FREE) & (trials["n"] == n)]
+    return [Answer(question, said, "; ".join(numbers), _baseline(free, mine))]
 
 
 def verdict(networks: list[Measured]) -> str:
@@ -103,11 +91,11 @@ def verdict(networks: list[Measured]) -> str:
     return "Open: too few trials"
 
 
-def _baseline(free: pd.DataFrame, mine: pd.DataFrame | None) -> str:
+def _baseline(free: pd.DataFrame, mine: pd.DataFrame) -> str:
     if free.empty:
         return ""
     text = f"Own LP: {measured(free).text}"
-    if mine is None or mine.empty:
+    if mine.empty:
         return text
     held = compare(mine, free)
     low, high = held.safe_interval

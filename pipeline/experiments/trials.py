@@ -1,7 +1,7 @@
 """Experiments 1 and 2: every planner on the same test scenarios of each swarm size."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -58,6 +58,11 @@ class Entrant:
     recipe: str = ""
     training_seed: int = 0
     predictor: Predictor | None = None
+
+    @property
+    def label(self) -> str:
+        """Name and recipe; trainings that differ in their seed alone share it."""
+        return f"{self.planner.name} {self.recipe}".strip()
 
     @property
     def reading(self) -> str:
@@ -133,7 +138,7 @@ def run_trials(
             time = seconds[k][trial] if trial < timed else float("nan")
             rows.append(_trial(entrant, scenario, plan, trial, time))
         progress.done(note=f"n={scenarios[0].n}")
-    return pd.DataFrame([asdict(row) for row in rows])
+    return pd.DataFrame(rows)
 
 
 def _times(entrants: Sequence[Entrant], scenarios: Sequence[Scenario]) -> list[list[float]]:

@@ -5,10 +5,11 @@ import re
 from itertools import pairwise
 from pathlib import Path
 
-import jinja2
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
+
+from pipeline.exhibits.sections import TEMPLATES
 
 
 def html_page(title: str, markdown: str, folder: Path) -> str:
@@ -22,16 +23,8 @@ def html_page(title: str, markdown: str, folder: Path) -> str:
     contents = _number_headings(tokens)
     tokens = _wide_tables(_whole_figures(parser, tokens, folder))
     body = parser.renderer.render(tokens, parser.options, {})
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("pipeline.report", ""),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
     # The body comes out of the parser, which escapes what the text contains.
-    return environment.get_template("page.html.jinja").render(
+    return TEMPLATES.get_template("report/page.html.jinja").render(
         title=title, contents=contents, body=Markup(body)
     )
 

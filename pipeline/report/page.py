@@ -1,20 +1,23 @@
 """The report written out: Markdown, one self-contained HTML page, tables and figures."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 
-import jinja2
-
-from pipeline.exhibits.blocks import Block, Picture, Section, Table
-from pipeline.exhibits.style import save
-from pipeline.experiments.averages import reference_size, summarize
+from pipeline.exhibits.blocks import Picture, Table
+from pipeline.exhibits.sections import Writer
+from pipeline.exhibits.style import save, styles
+from pipeline.experiments.examples.section import section as examples
+from pipeline.experiments.experiment1.section import section as experiment1
+from pipeline.experiments.experiment2.section import section as experiment2
+from pipeline.experiments.experiment3.section import section as experiment3
+from pipeline.experiments.experiment4.section import section as experiment4
+from pipeline.experiments.summary import reference_size, summarize
+from pipeline.experiments.trainings.section import section as trainings
 from pipeline.files import write_text
 from pipeline.report.html import html_page
-from pipeline.report.questions import questions_section
+from pipeline.report.provenance import section as provenance
+from pipeline.report.questions import section as questions
 from pipeline.report.results import Results
-from pipeline.report.sections import all_sections
 
 TITLE = "Learned swarm transfers between passive relative orbits"
 
@@ -46,45 +49,28 @@ def build_report(results: Results, out: Path) -> ReportFiles:
     Returns:
         The files written, each of which appears whole.
     """
-    summary = summarize(results.trials)
-    n = reference_size(results.trials)
-    sections = [questions_section(results, summary, n), *all_sections(results, summary, n)]
-    blocks = [b for s in sections for b in s.blocks]
-    tables = [_write_table(b, out) for b in blocks if isinstance(b, Table)]
-    summary_file = out / "tables" / "summary.csv"
-    write_text(summary_file, summary.to_csv(index=False, lineterminator="\n"))
-    figures = [path for b in blocks if isinstance(b, Picture) for path in _write_figure(b, out)]
-    markdown = _markdown(sections)
+    summary, n = summarize(results.trials), reference_size(results.trials)
+    # One style for each planner of any table, so that it looks the same in every figure.
+    look = styles(results.planners)
+    sections = [
+        questions(results, summary, n),
+        experiment1(summary, n, look),
+        trainings(results.training, results.curves, look),
+        experiment2(summary, look),
+        experiment3(results.warmstarts, look),
+        experiment4(results.transfer_times, look),
+        examples(results.examples),
+        provenance(results.provenance),
+    ]
+    writer = Writer()
+    markdown = "\n\n".join([f"# {TITLE}", *map(writer.write, sections)]) + "\n"
+    tables = [_write_table(table, out) for table in [*writer.tables, Table("summary", summary, [])]]
+    figures = [path for picture in writer.pictures for path in _write_figure(picture, out)]
     page = html_page(TITLE, markdown, out)
-    files = ReportFiles(
-        out / "report.md", out / "report.html", (*tables, summary_file), tuple(figures)
-    )
+    files = ReportFiles(out / "report.md", out / "report.html", tuple(tables), tuple(figures))
     write_text(files.markdown, markdown)
     write_text(files.html, page)
     return files
-
-
-def _markdown(sections: Sequence[Section]) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("pipeline.report", ""),
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    numbers = {Table: count(1), Picture: count(1)}
-
-    def written(block: Block) -> str:
-        if isinstance(block, str):
-            return block
-        k = next(numbers[type(block)])
-        if isinstance(block, Table):
-            return f"*Table {k}. {block.caption}*\n\n{block.markdown()}"
-        return f"![Figure {k}](figures/{block.name}.svg)\n*Figure {k}. {block.caption}*"
-
-    shown = [(s.title, [written(b) for b in s.blocks]) for s in sections]
-    template = environment.get_template("report.md.jinja")
-    return template.render(title=TITLE, sections=shown)
 
 
 def _write_table(table: Table, out: Path) -> Path:

@@ -1,29 +1,30 @@
-"""Table of where results come from."""
+"""Where results come from."""
 
 import pandas as pd
 
 from pipeline.exhibits.blocks import Column, Table
+from pipeline.exhibits.sections import Section
 
 DIGITS = 12
 """Digits of ids and digests that the page shows; the CSV file has them in full."""
 
+COLUMNS = [
+    Column("Part", "part"),
+    Column("Run", "run_short"),
+    Column("Made", "made"),
+    Column("Data", "data"),
+    Column("Digest", "digest_short"),
+    Column("Code", "code_short"),
+    Column("Machine", "machine"),
+]
 
-def provenance_table(provenance: pd.DataFrame) -> Table:
-    """The run behind each table; trainings are in the CSV file, the page has their versions."""
+
+def section(provenance: pd.DataFrame) -> Section:
+    """The run behind each table, where any is known."""
+    if provenance.empty:
+        return Section("report/provenance.md.jinja", {"runs": None})
     frame = provenance.assign(
         **{f"{name}_short": provenance[name].str[:DIGITS] for name in ("run", "digest", "code")}
     )
-    columns = [
-        Column("Part", "part"),
-        Column("Run", "run_short"),
-        Column("Made", "made"),
-        Column("Data", "data"),
-        Column("Digest", "digest_short"),
-        Column("Code", "code_short"),
-        Column("Machine", "machine"),
-    ]
-    caption = (
-        "The run that each table comes from. Experiments have the digest of the whole dataset, "
-        "trainings that of the rows that they were trained on. Versions are in the CSV file."
-    )
-    return Table("provenance", caption, frame, columns)
+    runs = Table("provenance", frame, COLUMNS)
+    return Section("report/provenance.md.jinja", {"runs": runs})

@@ -1,37 +1,43 @@
 """What a report is made from: result tables, example transfers and facts about the run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any
 
 import pandas as pd
 
 from pipeline.errors import InputError
+from pipeline.exhibits.planners import planner_of
 from pipeline.experiments.examples.run import Example
+from pipeline.experiments.experiment3.rows import NO_SEED, WarmStart
+from pipeline.experiments.experiment4.run import TIME
+from pipeline.experiments.trainings.rows import Epoch, Training
+from pipeline.experiments.trials import Trial
 
-COLUMNS: dict[str, tuple[str, ...]] = {
-    "trials": (
-        *("planner", "recipe", "training_seed", "reading", "n", "trial", "node_collisions"),
-        *("pair_conflicts", "safe", "min_separation", "fuel", "fuel_lower_bound", "boundary_error"),
-        *("dynamics_error", "seconds", "convex_solves"),
-    ),
-    "warmstarts": (
-        *("optimizer", "n", "trial", "seed", "training_seed", "rule", "convex_solves", "seconds"),
-        *("optimality_gap", "fuel", "safe", "status"),
-    ),
-    "training": (
-        *("arch", "recipe", "training_seed", "version", "parameters", "epochs", "best_epoch"),
-        *("valid_loss", "seconds", "device", "threads", "train_instances", "weights_kib"),
-    ),
-    "curves": ("arch", "recipe", "training_seed", "epoch", "train_loss", "valid_loss"),
+
+def _names(row: type[Any]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(row))
+
+
+COLUMNS = {
+    "trials": _names(Trial),
+    "warmstarts": _names(WarmStart),
+    "training": _names(Training),
+    "curves": _names(Epoch),
+    "transfer_times": (*TIME, *_names(Trial)),
 }
 """The columns that each table must have."""
 
-COLUMNS["transfer_times"] = ("varied", "nodes", "time_step", *COLUMNS["trials"])
+
+def no_rows(table: str) -> pd.DataFrame:
+    """A table of ``COLUMNS`` without rows."""
+    return pd.DataFrame(columns=list(COLUMNS[table]))
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Tables as the experiments leave them; all but ``trials`` may be absent or empty.
+    """Tables as the experiments leave them; all but ``trials`` may be empty.
 
     Attributes:
         trials: a row for each planner, recipe, training seed, reading, n and trial
@@ -51,13 +57,13 @@ class Results:
     """
 
     trials: pd.DataFrame
-    warmstarts: pd.DataFrame | None = None
-    training: pd.DataFrame | None = None
-    curves: pd.DataFrame | None = None
+    warmstarts: pd.DataFrame = field(default_factory=partial(no_rows, "warmstarts"))
+    training: pd.DataFrame = field(default_factory=partial(no_rows, "training"))
+    curves: pd.DataFrame = field(default_factory=partial(no_rows, "curves"))
     examples: Sequence[Example] = ()
-    provenance: pd.DataFrame | None = None
+    provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
     notes: Sequence[str] = ()
-    transfer_times: pd.DataFrame | None = None
+    transfer_times: pd.DataFrame = field(default_factory=partial(no_rows, "transfer_times"))
 
     def __post_init__(self) -> None:
         if self.trials.empty:
@@ -66,15 +72,16 @@ class Results:
                 "run `prolearn evaluate` first"
             )
         for name, columns in COLUMNS.items():
-            table = getattr(self, name)
-            missing = [] if is_empty(table) else [c for c in columns if c not in table.columns]
+            missing = [c for c in columns if c not in getattr(self, name).columns]
             if missing:
                 raise InputError(
                     f"the results table {name!r} lacks the columns {', '.join(missing)}: "
                     "write it with the prolearn of this report"
                 )
 
-
-def is_empty(table: pd.DataFrame | None) -> bool:
-    """Whether a table is absent or has no rows."""
-    return table is None or table.empty
+    @property
+    def planners(self) -> set[str]:
+        """Every planner that some table names."""
+        named = [self.trials["planner"], self.transfer_times["planner"]]
+        named += [self.training["arch"], self.curves["arch"]]
+        return {*pd.concat(named), *map(planner_of, self.warmstarts["seed"])} - {NO_SEED}

@@ -18,7 +18,6 @@ from pipeline.exhibits.style import (
 )
 from pipeline.experiments.examples.run import Example
 from pipeline.orbit.rings import revolution
-from pipeline.orbit.separation import pairs
 
 COLUMNS = 3
 ORBIT_POINTS = 121

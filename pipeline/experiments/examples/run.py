@@ -2,7 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
@@ -12,6 +15,9 @@ from pipeline.scenario import Scenario
 
 TRACK_STEPS = 12
 """Points an interval in the example transfers."""
+
+TRACK = "track:"
+"""What names of tracks begin with in a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +43,34 @@ def example_transfer(scenario: Scenario, entrants: Sequence[Entrant]) -> Example
     """Positions dense in time by label; of trainings that share one, the first is flown."""
     tracks = {}
     for entrant in entrants:
-        label = label_of(entrant)
-        if label not in tracks:
+        if entrant.label not in tracks:
             plan = entrant.planner.plan([scenario])[0]
-            tracks[label] = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
+            tracks[entrant.label] = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
     radius = scenario.problem.collision_radius
     return Example(scenario.name, scenario.initial, scenario.goal, tracks, radius)
 
 
-def label_of(entrant: Entrant) -> str:
-    """Name and recipe."""
-    return f"{entrant.planner.name} {entrant.recipe}".strip()
+def write_example(example: Example, path: Path) -> None:
+    """Keep an example in a file of numpy's."""
+    tracks: dict[str, Any] = {f"{TRACK}{label}": each for label, each in example.tracks.items()}
+    np.savez_compressed(
+        path,
+        initial=example.initial,
+        goal=example.goal,
+        name=np.array(example.title),
+        collision_radius=np.array(example.collision_radius),
+        **tracks,
+    )
+
+
+def read_example(path: Path) -> Example:
+    """The example that a file has."""
+    with np.load(path, allow_pickle=False) as stored:
+        tracks = {k.removeprefix(TRACK): stored[k] for k in stored.files if k.startswith(TRACK)}
+        return Example(
+            title=str(stored["name"]),
+            initial=stored["initial"],
+            goal=stored["goal"],
+            tracks=tracks,
+            collision_radius=float(stored["collision_radius"]),
+        )

@@ -13,7 +13,8 @@ from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.planners import EXPERTS, in_order, name_of
 from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
 from pipeline.experiments import paper
-from pipeline.experiments.averages import SPREAD
+from pipeline.experiments.averages import Average
+from pipeline.experiments.summary import BOUND, COLLISIONS, FUEL
 from pipeline.experiments.trials import PREDICTED
 
 RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}
@@ -30,12 +31,12 @@ def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) 
     figure = Figure(figsize=(PAGE_WIDTH, 1.35 + ROW_HEIGHT * len(planners)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     quoted = n == paper.NETWORK_SIZE
-    _dots(left, rows, look, "collisions_mean", paper.collisions_at(n))
-    _dots(right, rows, look, "fuel_mean", paper.fuel_at(n))
-    bound = float(rows["bound_mean"].mean())
+    _dots(left, rows, look, COLLISIONS, paper.collisions_at(n))
+    _dots(right, rows, look, FUEL, paper.fuel_at(n))
+    bound = float(rows[BOUND.source].mean())
     right.axvline(bound, color="#4d4d4d", linewidth=0.8, linestyle=(0, (1, 1.5)))
-    fit_scale(left, "x", [*rows["collisions_mean"], *paper.collisions_at(n).values(), 0.0])
-    fit_scale(right, "x", [*rows["fuel_mean"], *paper.fuel_at(n).values(), bound])
+    fit_scale(left, "x", [*rows[COLLISIONS.source], *paper.collisions_at(n).values(), 0.0])
+    fit_scale(right, "x", [*rows[FUEL.source], *paper.fuel_at(n).values(), bound])
     left.set_xlabel("node collisions per trial, average")
     right.set_xlabel("fuel per trial, average (m/s²)")
     left.set_yticks(np.arange(len(planners)), [name_of(p) for p in planners])
@@ -50,8 +51,8 @@ def _dots(
     ax: Axes,
     rows: pd.DataFrame,
     look: Mapping[str, Style],
-    value: str,
-    paper: dict[str, float],
+    average: Average,
+    quoted: Mapping[str, float],
 ) -> None:
     planners = in_order(rows["planner"])
     recipes = sorted(set(rows["recipe"]) - {""})
@@ -60,9 +61,9 @@ def _dots(
         shift = OFFSET * (2 * recipes.index(recipe) - len(recipes) + 1) if recipe in recipes else 0
         hollow = row["reading"] == PREDICTED
         ax.errorbar(
-            float(row[value]),
+            float(row[average.source]),
             planners.index(planner) + shift,
-            xerr=None if pd.isna(row[SPREAD[value]]) else float(row[SPREAD[value]]),
+            xerr=None if pd.isna(row[average.spread]) else float(row[average.spread]),
             ecolor=look[planner].colour,
             elinewidth=0.9,
             linestyle="none",
@@ -76,9 +77,9 @@ def _dots(
         )
     for k, planner in enumerate(planners):
         # The paper's "true" stands beside both experts: it keeps craft apart at the nodes only.
-        quoted = paper.get("expert" if planner in EXPERTS else planner)
-        if quoted is not None:
-            ax.plot(quoted, k, **_PAPER)
+        reported = quoted.get("expert" if planner in EXPERTS else planner)
+        if reported is not None:
+            ax.plot(reported, k, **_PAPER)
 
 
 _PAPER: dict[str, Any] = {

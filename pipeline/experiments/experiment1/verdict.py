@@ -1,10 +1,11 @@
-"""How our rows compare with the paper's Table 2."""
+"""The verdicts of experiment 1: on networks at n = 10, and on the paper's Table 2."""
 
 import pandas as pd
 
 from pipeline.exhibits.numbers import number
 from pipeline.exhibits.planners import is_network, name_of
 from pipeline.experiments.answer import FREE, Answer, span
+from pipeline.experiments.networks import network_answers
 from pipeline.experiments.paper import NETWORK_SIZE, OBJECTIVES
 from pipeline.experiments.trials import FLOWN, PREDICTED
 
@@ -13,6 +14,18 @@ NEAR = 2.0
 
 FEWER, CHEAPER = 0.5, 0.1
 """What the tuned networks are held to: shares of the paper's collisions and fuel."""
+
+
+def networks_answer(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Answer]:
+    """A row, where networks were flown at swarm size n.
+
+    Args:
+        trials: from ``prepared``.
+        training: a row for each trained model.
+        n: the swarm size.
+    """
+    question = f"Do networks plan safely and cheaply (n = {n})?"
+    return network_answers(question, trials, training, n)
 
 
 def paper_answers(summary: pd.DataFrame) -> list[Answer]:

@@ -7,13 +7,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator
 
-from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.planners import in_order, is_network
 from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
 from pipeline.experiments import paper
-from pipeline.experiments.lines import draw_lines, planner_handles
+from pipeline.experiments.averages import Average
+from pipeline.experiments.lines import draw_lines, planner_handles, scale
+from pipeline.experiments.summary import COLLISIONS, FUEL, SAFE, SECONDS
 from pipeline.experiments.trials import FLOWN, PLAN, PREDICTED
 
 Points = Mapping[int, Mapping[str, float]]
@@ -28,13 +29,13 @@ class Quantity:
     """What is drawn against n.
 
     Attributes:
-        value: column of the summary.
+        average: of the trials.
         label: of the vertical axis, with the unit.
         readings: readings of networks that get a row of panels.
         paper: the paper's own points.
     """
 
-    value: str
+    average: Average
     label: str
     readings: tuple[str, ...] = (PREDICTED, FLOWN)
     paper: Points | None = None
@@ -42,19 +43,21 @@ class Quantity:
 
 _SIZES = (paper.NETWORK_SIZE, paper.LARGEST_SIZE)
 
-COLLISIONS = Quantity(
-    "collisions_mean",
-    "node collisions, average",
-    paper={n: paper.collisions_at(n) for n in _SIZES},
-)
-SAFE = Quantity("safe_share", "share of safe trials", readings=(FLOWN,))
-FUEL = Quantity("fuel_mean", "fuel, average (m/s²)", paper={n: paper.fuel_at(n) for n in _SIZES})
-SECONDS = Quantity(
-    "seconds_mean",
-    "time per instance (s)",
-    readings=(FLOWN,),
-    paper={paper.LARGEST_SIZE: {"expert": paper.EXPERT_SECONDS_AT_30}},
-)
+QUANTITIES = {
+    "collisions": Quantity(
+        COLLISIONS,
+        "node collisions, average",
+        paper={n: paper.collisions_at(n) for n in _SIZES},
+    ),
+    "safe": Quantity(SAFE, "share of safe trials", readings=(FLOWN,)),
+    "fuel": Quantity(FUEL, "fuel, average (m/s²)", paper={n: paper.fuel_at(n) for n in _SIZES}),
+    "seconds": Quantity(
+        SECONDS,
+        "time per instance (s)",
+        readings=(FLOWN,),
+        paper={paper.LARGEST_SIZE: {"expert": paper.EXPERT_SECONDS_AT_30}},
+    ),
+}
 
 
 @in_style
@@ -64,7 +67,7 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
     Experts, baselines and planners without a recipe whose output is a plan stand in every panel.
     A band is the standard deviation between trainings, where there are several.
     """
-    rows = summary.dropna(subset=[what.value])
+    rows = summary.dropna(subset=[what.average.source])
     # A network whose output is a plan stands with those that are flown, by its recipe.
     plan = (rows["reading"] == PLAN) & (rows["recipe"] != "") & rows["planner"].map(is_network)
     rows = rows.assign(reading=rows["reading"].mask(plan, FLOWN))
@@ -84,7 +87,9 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
         panels[i, 0].set_ylabel(what.label)
     for ax in panels[-1]:
         ax.set_xlabel("spacecraft n")
-    _scale(panels[0, 0], rows, what)
+    panels[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
+    quoted = [v for points in (what.paper or {}).values() for v in points.values()]
+    scale(panels[0, 0], what.average, [*rows[what.average.source], *quoted])
     shown = pd.concat([others, networks[networks["reading"].isin(readings)]])
     handles = planner_handles(shown["planner"], look)
     if what.paper is not None:
@@ -94,7 +99,7 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
 
 
 def _panel(ax: Axes, rows: pd.DataFrame, what: Quantity, look: Mapping[str, Style]) -> None:
-    draw_lines(ax, rows, "n", what.value, look)
+    draw_lines(ax, rows, "n", what.average, look)
     for n, quoted in (what.paper or {}).items():
         _paper_points(ax, n, quoted, in_order(rows["planner"]), look)
 
@@ -125,16 +130,6 @@ def _title(reading: str, recipe: str, what: Quantity) -> str:
     if len(what.readings) == 1 and recipe:
         return f"{recipe} recipe"
     return f"{recipe} recipe, {how}" if recipe else how
-
-
-def _scale(ax: Axes, rows: pd.DataFrame, what: Quantity) -> None:
-    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
-    if what is SAFE:
-        ax.set_ylim(-0.03, 1.03)
-        ax.yaxis.set_major_formatter(PercentFormatter(1.0))
-        return
-    quoted = [v for points in (what.paper or {}).values() for v in points.values()]
-    fit_scale(ax, "y", [*rows[what.value], *quoted])
 
 
 def _size(rows: int, columns: int) -> tuple[float, float]:

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.planners import label_name, planner_of
 from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
-from pipeline.experiments.experiment3.averages import seeds_in_order
-from pipeline.experiments.experiment3.rows import EXPERT, PLAIN
+from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, PLAIN
+from pipeline.experiments.experiment3.summary import seeds_in_order
 
 WHISKERS = (5, 95)
 """Percentiles that the whiskers reach to."""
 
-UNTIL = {"converged": "until converged", "first safe": "until the first safe plan"}
+UNTIL = {CONVERGED: "until converged", FIRST_SAFE: "until the first safe plan"}
 """What the stopping rules are called."""
 
 NAMES = {PLAIN: "Plain SCP", EXPERT: "Our expert"}
@@ -40,7 +40,7 @@ def warmstart_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]
 @in_style
 def optimizers_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
     """Run times until converged from each seed at swarm size n, a panel for each optimizer."""
-    rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["rule"] == "converged")]
+    rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["rule"] == CONVERGED)]
     panels = {
         f"{name}, n = {n}": rows[rows["optimizer"] == optimizer]
         for optimizer, name in NAMES.items()
@@ -93,9 +93,9 @@ def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], look: Mapping[str, St
         capprops={"color": GREY, "linewidth": 0.8},
     )
     for box, seed in zip(shown["boxes"], seeds, strict=True):
-        colour = "#FFFFFF" if seed == "none" else look[planner_of(seed)].colour
+        colour = "#FFFFFF" if seed == NO_SEED else look[planner_of(seed)].colour
         box.set(facecolor=colour, edgecolor=GREY, linewidth=0.7)
-    none = [t for t, s in zip(times, seeds, strict=True) if s == "none" and len(t)]
+    none = [t for t, s in zip(times, seeds, strict=True) if s == NO_SEED and len(t)]
     if none:
         median = float(pd.Series(none[0]).median())
         ax.axvline(median, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=0.5)

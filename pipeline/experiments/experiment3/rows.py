@@ -10,6 +10,10 @@ CONVERGED, FIRST_SAFE = "converged", "first safe"
 """Stopping rules; the plain SCP knows the first alone."""
 
 
+NO_SEED = "none"
+"""What the optimizer's own start is called among seeds."""
+
+
 @dataclass(frozen=True)
 class WarmStart:
     """One run of an optimizer from one seed.

@@ -1,7 +1,6 @@
 """Experiment 3: what a seed saves the expert, and what it saves a plain SCP as the paper's."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from time import perf_counter
 
@@ -67,7 +66,7 @@ def run_warmstarts(
                     plan, seconds = _run(scenario, seeds[source], optimize)
                     rows.append(_row(optimizer, scenario, trial, source, rule, plan, seconds))
             progress.done()
-    return pd.DataFrame([asdict(row) for row in rows])
+    return pd.DataFrame(rows)
 
 
 def _seeds(optimizer: str) -> dict[Source, SeedMaker]:

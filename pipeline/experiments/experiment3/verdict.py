@@ -7,18 +7,14 @@ from pipeline.exhibits.numbers import ratio
 from pipeline.exhibits.planners import is_network, label_name, planner_of
 from pipeline.experiments.answer import Answer, span
 from pipeline.experiments.compare import Interval, mean_interval
-from pipeline.experiments.experiment3.rows import EXPERT, PLAIN
-from pipeline.experiments.paper import NETWORK_SIZE
+from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, NO_SEED, PLAIN
+from pipeline.experiments.summary import reference_size
 
 QUESTION = "Do networks' plans speed up the optimizer that they seed?"
 
-NONE = "none"
 
-
-def seeds_answer(warmstarts: pd.DataFrame | None) -> list[Answer]:
+def seeds_answer(warmstarts: pd.DataFrame) -> list[Answer]:
     """A row, where some optimizer was run with networks' seeds and without one."""
-    if warmstarts is None or warmstarts.empty:
-        return []
     times = {name: _ratios(warmstarts, name) for name in (PLAIN, EXPERT)}
     networks = {name: {s: r for s, r in times[name].items() if _of_network(s)} for name in times}
     if not any(networks.values()):
@@ -33,7 +29,7 @@ def seeds_answer(warmstarts: pd.DataFrame | None) -> list[Answer]:
     ]
     free = [
         f"{called[name]}: "
-        + ", ".join(f"{label_name(s)} {ratio(r)}" for s, (r, _) in found.items() if s != NONE)
+        + ", ".join(f"{label_name(s)} {ratio(r)}" for s, (r, _) in found.items() if s != NO_SEED)
         for name, found in (
             (name, {s: r for s, r in times[name].items() if not _of_network(s)}) for name in times
         )
@@ -73,17 +69,17 @@ def _verdict(
 
 def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> dict[str, tuple[float, Interval]]:
     """By seed, time over that without one on the same trials: geometric mean and its interval."""
-    rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == "converged")]
-    rows = rows[
-        rows["n"] == min(rows["n"].unique(), key=lambda n: abs(n - NETWORK_SIZE), default=0)
-    ]
+    rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == CONVERGED)]
+    if rows.empty:
+        return {}
+    rows = rows[rows["n"] == reference_size(rows)]
     logs = rows.assign(log=np.log(rows["seconds"].astype(float)))
     each = logs.groupby(["seed", "trial"])["log"].mean().unstack("seed")
-    if NONE not in each:
+    if NO_SEED not in each:
         return {}
     found = {}
     for seed in each.columns:
-        difference = (each[seed] - each[NONE]).dropna().to_numpy(dtype=float)
+        difference = (each[seed] - each[NO_SEED]).dropna().to_numpy(dtype=float)
         low, high = mean_interval(difference)
         found[str(seed)] = (
             float(np.exp(difference.mean())),
@@ -98,4 +94,4 @@ def _trainings(warmstarts: pd.DataFrame) -> int:
 
 
 def _of_network(seed: str) -> bool:
-    return seed != NONE and is_network(planner_of(seed))
+    return seed != NO_SEED and is_network(planner_of(seed))

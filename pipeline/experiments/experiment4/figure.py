@@ -3,25 +3,23 @@
 from collections.abc import Mapping
 
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator
 
-from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.planners import is_network
 from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
-from pipeline.experiments.experiment4.averages import WAYS, of_way, trained_on
-from pipeline.experiments.lines import draw_lines, planner_handles
+from pipeline.experiments.experiment4.run import WAYS
+from pipeline.experiments.experiment4.summary import of_way, trained_on
+from pipeline.experiments.lines import draw_lines, planner_handles, scale
+from pipeline.experiments.summary import COLLISIONS, FUEL_RATIO, SAFE
 from pipeline.experiments.trials import PREDICTED
 
-SAFE = "safe_share"
-
-QUANTITIES = {
-    "collisions_mean": "node collisions, average",
+LABELS = {
+    COLLISIONS: "node collisions, average",
     SAFE: "share of safe trials",
-    "fuel_ratio": "fuel / bound, average",
+    FUEL_RATIO: "fuel / bound, average",
 }
-"""A row of panels each: by column of the summary, the label."""
+"""A row of panels each: by average, the label."""
 
 
 def recipes_of(summary: pd.DataFrame) -> list[str]:
@@ -45,14 +43,14 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
     shown = summary[mine & (summary["reading"] != PREDICTED)]
     trained = trained_on(summary)
     figure = Figure(figsize=(PAGE_WIDTH, 8.2), layout="constrained")
-    panels = figure.subplots(len(QUANTITIES), len(WAYS), sharex=True, sharey="row")
-    for line, (value, label) in zip(panels, QUANTITIES.items(), strict=True):
+    panels = figure.subplots(len(LABELS), len(WAYS), sharex=True, sharey="row")
+    for line, (average, label) in zip(panels, LABELS.items(), strict=True):
         for ax, way in zip(line, WAYS, strict=True):
             rows = of_way(shown, way)
             ax.axvline(trained.minutes, color="#4d4d4d", linewidth=0.8, linestyle=(0, (4, 3)))
-            draw_lines(ax, rows, "minutes", value, look)
+            draw_lines(ax, rows, "minutes", average, look)
         line[0].set_ylabel(label)
-        _scale(line[0], shown, value)
+        scale(line[0], average, shown[average.source])
     panels[0, 0].set_title(f"other T, Δt = {trained.time_step:g} s")
     panels[0, 1].set_title(f"other Δt, T = {trained.nodes}")
     for ax in panels[-1]:
@@ -61,11 +59,3 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
     handles = planner_handles(shown["planner"], look)
     figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=3)
     return figure
-
-
-def _scale(ax: Axes, rows: pd.DataFrame, value: str) -> None:
-    if value == SAFE:
-        ax.set_ylim(-0.03, 1.03)
-        ax.yaxis.set_major_formatter(PercentFormatter(1.0))
-    else:
-        fit_scale(ax, "y", rows[value])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pandas as pd
 
@@ -10,8 +11,11 @@ from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
-NODES, TIME_STEP = "nodes", "time_step"
+WAYS = NODES, TIME_STEP = "nodes", "time_step"
 """What is varied: T at the Δt of the training, or Δt at its T."""
+
+TIME = ("varied", *WAYS)
+"""Columns that a transfer time is known by: the way to it, T and Δt in s."""
 
 EntrantsOn = Callable[[Problem], Sequence[Entrant]]
 """Who can take part in a problem: experts and baselines always, networks where they fit."""
@@ -68,16 +72,15 @@ def run_transfer_times(
         progress: told of each of them.
 
     Returns:
-        A row a trial: ``varied``, ``nodes``, ``time_step`` (s) and the columns of Trial.
+        A row a trial: ``TIME`` and the columns of Trial.
     """
     tables = []
     for variation in varied:
         problem = variation.problem
         moved = [replace(scenario, problem=problem) for scenario in scenarios]
         table = run_trials(entrants_on(problem), moved)
-        table.insert(0, "varied", variation.varied)
-        table.insert(1, "nodes", problem.nodes)
-        table.insert(2, "time_step", problem.time_step)
-        tables.append(table)
+        known = (variation.varied, problem.nodes, problem.time_step)
+        time: dict[str, Any] = dict(zip(TIME, known, strict=True))
+        tables.append(table.assign(**time)[[*TIME, *table.columns]])
         progress.done(note=f"T = {problem.nodes}, Δt = {problem.time_step:g} s")
     return pd.concat(tables, ignore_index=True)

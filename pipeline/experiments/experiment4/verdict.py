@@ -4,10 +4,12 @@ import pandas as pd
 
 from pipeline.exhibits.numbers import ratio, share
 from pipeline.exhibits.planners import is_network
-from pipeline.experiments.answer import FREE, Answer, measured, with_ratio
+from pipeline.experiments.answer import FREE, Answer, measured
 from pipeline.experiments.compare import CHANCE, compare
-from pipeline.experiments.experiment4.averages import WAYS, Training, of_way, trained_on
+from pipeline.experiments.experiment4.run import NODES, TIME_STEP
+from pipeline.experiments.experiment4.summary import TimeGrid, of_way, trained_on, with_minutes
 from pipeline.experiments.networks import of, picked
+from pipeline.experiments.summary import prepared
 from pipeline.experiments.trials import PREDICTED
 
 DEARER = 1.1
@@ -17,7 +19,7 @@ Row = tuple[float, pd.DataFrame]
 """A transfer time in minutes, and one planner's trials there."""
 
 
-def times_answers(times: pd.DataFrame | None, training: pd.DataFrame | None) -> list[Answer]:
+def times_answers(times: pd.DataFrame, training: pd.DataFrame) -> list[Answer]:
     """A row for each way to another transfer time, where a network took part at all of them.
 
     Quality counts as kept where fuel over bound is no more than DEARER times that at the
@@ -27,23 +29,21 @@ def times_answers(times: pd.DataFrame | None, training: pd.DataFrame | None) -> 
         times: a row for each trial at each transfer time.
         training: a row for each trained model.
     """
-    if times is None or times.empty:
+    if times.empty:
         return []
-    trials = with_ratio(times[times["reading"] != PREDICTED])
-    minutes = ((trials["nodes"] - 1) * trials["time_step"] / 60).round(6)
-    trials, trained = trials.assign(minutes=minutes), trained_on(times)
+    trials = prepared(with_minutes(times[times["reading"] != PREDICTED]))
     found = []
-    for way, called in zip(WAYS, ("nodes T", "time steps Δt"), strict=True):
+    for way, called in ((NODES, "nodes T"), (TIME_STEP, "time steps Δt")):
         rows = of_way(trials, way).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
         )
-        answer = _answer(rows, trained, training, called)
+        answer = _answer(rows, trained_on(times), training, called)
         found += [answer] if answer else []
     return found
 
 
 def _answer(
-    rows: pd.DataFrame, trained: Training, training: pd.DataFrame | None, called: str
+    rows: pd.DataFrame, trained: TimeGrid, training: pd.DataFrame, called: str
 ) -> Answer | None:
     everywhere = rows["minutes"].nunique()
     networks = rows[rows["planner"].map(is_network)]

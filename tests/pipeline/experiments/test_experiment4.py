@@ -1,17 +1,21 @@
-"""Experiment 4 in the report: planted numbers at three transfer times either way."""
+"""Experiment 4: planted numbers at three transfer times either way."""
 
 import numpy as np
 import pandas as pd
 import pytest
+from planted import cells, flown, shares, trained
 
 from pipeline.errors import InputError
 from pipeline.exhibits.style import styles
-from pipeline.experiments.experiment4.averages import Training, of_way, summarize_times, trained_on
 from pipeline.experiments.experiment4.figure import recipes_of, times_figure
-from pipeline.experiments.experiment4.table import times_tables
+from pipeline.experiments.experiment4.section import times_tables
+from pipeline.experiments.experiment4.summary import TimeGrid, of_way, summarize_times, trained_on
+from pipeline.experiments.experiment4.verdict import times_answers
 from pipeline.report import Results, build_report
 
 GRIDS = {6: 10, 11: 20, 21: 40}
+
+
 STEPS = {60.0: 10, 120.0: 20, 240.0: 40}
 """Minutes by T at 120 s, and by Δt at T = 11."""
 
@@ -46,15 +50,8 @@ def times(times_at):
     return times_at({10: 1.25, 20: 1.2, 40: 3.5}, {10: 4, 20: 4, 40: 2})
 
 
-def cells(table):
-    lines = [
-        [c.strip() for c in line.strip("|").split("|")] for line in table.markdown().splitlines()
-    ]
-    return lines[0], lines[2:]
-
-
 def test_the_training_is_where_the_two_ways_meet(times):
-    assert trained_on(times) == Training(nodes=11, time_step=120.0)
+    assert trained_on(times) == TimeGrid(nodes=11, time_step=120.0)
     assert trained_on(times).minutes == 20
 
 
@@ -73,7 +70,7 @@ def test_planners_keep_the_order_of_the_other_tables_though_some_fit_one_time_al
 
 
 def test_tables_have_both_ways_and_dashes_where_a_network_does_not_fit(times):
-    collisions, safe, fuel = times_tables(summarize_times(times))
+    collisions, safe, fuel = times_tables(summarize_times(times)).values()
     header, body = cells(fuel)
     assert header[3:] == [
         "10 min, T = 6",
@@ -124,7 +121,7 @@ def test_without_networks_one_figure_is_still_there(times):
 def test_several_trainings_show_their_average_and_spread(times):
     again = times[times.planner == "lstm1"].assign(training_seed=1)
     summary = summarize_times(pd.concat([times, again.assign(fuel=again.fuel + 2)]))
-    _, body = cells(times_tables(summary)[2])
+    _, body = cells(times_tables(summary)["fuel"])
     flown = {tuple(row[:3]): row[3:] for row in body}
     assert flown["LSTM1", "tuned", "flown"][0] == "2.250 ± 1.414"  # 1.25 and 3.25
     assert flown["Expert", "", "plan"][0] == "1.000"
@@ -148,3 +145,39 @@ def test_the_report_has_the_section_with_figures_and_tables(trials, times, tmp_p
 def test_a_table_of_another_shape_is_refused(trials, times):
     with pytest.raises(InputError, match=r"'transfer_times' lacks the columns varied"):
         Results(trials, transfer_times=times.drop(columns="varied"))
+
+
+def lstms_at(rows, safe, fuel):
+    """lstm1's safe trials of 40 and fuel over bound by minutes; ff1 fits 20 min alone."""
+    grids = [("nodes", T, 120.0, m) for T, m in ((6, 10), (11, 20), (21, 40))]
+    grids += [("time_step", 11, step, m) for step, m in ((60.0, 10), (120.0, 20), (240.0, 40))]
+    table = []
+    for varied, nodes, step, minutes in grids:
+        kept = [k < safe[minutes] for k in range(40)]
+        here = flown(rows, "lstm1", "tuned", kept, fuel[minutes])
+        here += flown(rows, "own LP", "", shares(20, 40), 1.0, reading="plan")
+        here += flown(rows, "ff1", "tuned", kept, 1.0) if nodes == 11 else []
+        table += [row | {"varied": varied, "nodes": nodes, "time_step": step} for row in here]
+    return pd.DataFrame(table)
+
+
+@pytest.mark.parametrize(
+    ("safe", "fuel", "verdict"),
+    [
+        ({10: 40, 20: 40, 40: 40}, {10: 1.3, 20: 1.2, 40: 1.2}, "Yes, at every time tried"),
+        ({10: 40, 20: 40, 40: 40}, {10: 1.4, 20: 1.2, 40: 1.4}, "No, at no other time tried"),
+        ({10: 20, 20: 40, 40: 40}, {10: 1.2, 20: 1.2, 40: 1.2}, "Only from 20 to 40 min"),
+        # Of 5 scenarios that differ all are worse: by chance once in 16 times.
+        ({10: 35, 20: 40, 40: 40}, {10: 1.2, 20: 1.2, 40: 1.2}, "Yes, at every time tried"),
+    ],
+)
+def test_other_transfer_times_are_judged_by_fuel_and_by_safety_beyond_chance(
+    rows, safe, fuel, verdict
+):
+    training = trained(("ff1", "tuned", 0.9, 1.0), ("lstm1", "tuned", 0.5, 1.0))
+    nodes, steps = times_answers(lstms_at(rows, safe, fuel), training)
+    assert "for 20 min serve other nodes T" in nodes.question
+    assert nodes.verdict == verdict
+    assert nodes.numbers.startswith("LSTM1 tuned, best on validation of those that fit")
+    assert steps.numbers.startswith("FF1 tuned"), "at other time steps the better one fits, too"
+    assert nodes.baseline.startswith("Own LP: at worst safe in 50 % ")

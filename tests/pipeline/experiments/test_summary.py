@@ -1,19 +1,11 @@
+"""Trials averaged over scenarios and over trainings."""
+
 import numpy as np
 import pandas as pd
 import pytest
+from planted import row
 
-from pipeline.errors import InputError
-from pipeline.experiments.averages import reference_size, summarize
-from pipeline.experiments.experiment3.averages import summarize_warmstarts
-from pipeline.report import Results
-
-
-def row(table, **keys):
-    chosen = table
-    for key, value in keys.items():
-        chosen = chosen[chosen[key] == value]
-    assert len(chosen) == 1
-    return chosen.iloc[0]
+from pipeline.experiments.summary import reference_size, summarize
 
 
 def test_averages_maxima_and_shares_are_those_of_the_trials(trials):
@@ -69,45 +61,6 @@ def test_the_reference_size_is_ten_or_the_nearest_smaller_first(trials_at, sizes
     assert reference_size(trials_at(*sizes)) == chosen
 
 
-def test_warm_starts_give_solves_shares_medians_and_their_ratio_to_no_seed(warmstarts):
-    summary = summarize_warmstarts(warmstarts)
-    none = row(summary, rule="first safe", seed="none")
-    ff1 = row(summary, rule="first safe", seed="ff1 tuned")
-    assert none["solves_mean"] == 2.0
-    assert none["one_solve_share"] == pytest.approx(1 / 3)
-    assert (none["seconds_median"], none["time_ratio"]) == (0.4, 1.0)
-    assert ff1["one_solve_share"] == pytest.approx(2 / 3)
-    assert ff1["seconds_median"] == 0.1
-    assert ff1["time_ratio"] == pytest.approx(0.25)
-    assert ff1["gap_mean"] == pytest.approx(0.15)  # the infinite gap is left out
-    assert ff1["safe_share"] == 1.0
-
-
-def test_warm_starts_without_an_unseeded_run_have_no_ratio(warmstarts):
-    converged = row(summarize_warmstarts(warmstarts), rule="converged", seed="ff1 tuned")
-    assert np.isnan(converged["time_ratio"])
-
-
-def test_each_optimizer_is_measured_against_its_own_start(both):
-    summary = summarize_warmstarts(both)
-    plain = row(summary, optimizer="plain", seed="ff1 tuned")
-    assert plain["time_ratio"] == pytest.approx(1.0 / 4.0)
-    expert = row(summary, optimizer="expert", rule="first safe", seed="ff1 tuned")
-    assert expert["time_ratio"] == pytest.approx(0.1 / 0.4)
-    assert np.isnan(row(summary, optimizer="expert", rule="converged")["time_ratio"])
-    assert (plain["solved_share"], plain["safe_share"]) == (1.0, 1.0)
-    assert row(summary, optimizer="plain", seed="own LP")["safe_share"] == 0.0
-
-
-def test_results_without_trials_or_columns_are_refused_with_what_to_do(trials):
-    with pytest.raises(InputError, match="prolearn evaluate"):
-        Results(trials.head(0))
-    with pytest.raises(InputError, match="'trials' lacks the columns fuel, seconds"):
-        Results(trials.drop(columns=["seconds", "fuel"]))
-    with pytest.raises(InputError, match="'curves' lacks"):
-        Results(trials, curves=pd.DataFrame({"arch": ["ff1"]}))
-
-
 def seeds_of_ff1(rows):
     """Two trainings of one network: 1 and 3 collisions, fuel 2 and 4, on average."""
     return pd.DataFrame(
@@ -130,15 +83,3 @@ def test_trainings_that_differ_in_seed_are_averaged_with_their_spread(rows):
     expert = row(summary, planner="expert")
     assert expert["seeds"] == 1
     assert np.isnan(expert["collisions_spread"])
-
-
-def test_the_spread_of_warm_starts_is_that_between_trainings(warmstarts):
-    further = warmstarts[warmstarts["seed"] == "ff1 tuned"].assign(training_seed=1)
-    further = further.assign(seconds=3 * further["seconds"])
-    summary = summarize_warmstarts(pd.concat([warmstarts, further]))
-    ff1 = row(summary, seed="ff1 tuned", rule="first safe")
-    assert ff1["seeds"] == 2
-    assert ff1["seconds_median"] == pytest.approx(0.2)  # of 0.1 and 0.3
-    assert ff1["time_ratio"] == pytest.approx(0.5)  # to 0.4 without a seed
-    assert ff1["ratio_spread"] == pytest.approx(0.5 / 2**0.5)  # of 0.25 and 0.75
-    assert ff1["gap_spread"] == 0.0

@@ -1,0 +1,64 @@
+"""Example transfers and their figure."""
+
+import matplotlib
+import numpy as np
+import pytest
+
+from pipeline.experiments.examples.figure import _orbits, figure_transfer, within
+from pipeline.experiments.examples.run import Example
+
+
+def test_conflicts_are_marked_where_two_craft_are_within_the_radius(example):
+    # Separation is 2 √(x² + 5²): within 15 m where |x| ≤ √31.25 = 5.59, at x = -5, 0 and 5.
+    close = within(example.tracks["expert"], 15.0)
+    x = example.tracks["expert"][0, :, 0]
+    assert sorted(x[close[0]]) == pytest.approx([-5, 0, 5])
+    assert (close[0] == close[1]).all()
+
+
+def test_a_lone_craft_is_never_in_conflict():
+    assert not within(np.zeros((1, 4, 3)), 15.0).any()
+
+
+def test_passive_orbits_are_two_by_one_ellipses(example):
+    orbit = _orbits(example.initial)[0]  # x = 100 cos θ, y = -200 sin θ
+    np.testing.assert_allclose((orbit[:, 0] / 100) ** 2 + (orbit[:, 1] / 200) ** 2, 1, rtol=1e-9)
+    np.testing.assert_allclose(orbit[0], orbit[-1], atol=1e-6)
+
+
+def test_states_that_drift_show_as_points():
+    assert _orbits(np.array([[100.0, 0, 0, 0, -0.2, 0], [50.0, 0, 0, 0, 0.4, 0]])).shape == (
+        2,
+        1,
+        3,
+    )
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_transfer_has_a_panel_for_each_planner_at_one_equal_scale(example, count):
+    tracks = {f"planner {k}": example.tracks["expert"] * (1 + k) for k in range(count)}
+    shown = Example(example.title, example.initial, example.goal, tracks, 15.0)
+    figure = figure_transfer(shown)
+    assert len(figure.axes) == count
+    for ax in figure.axes:
+        ranges = _ranges(ax)
+        np.testing.assert_allclose(ranges, _ranges(figure.axes[0]))
+        shape = np.asarray(ax._box_aspect)
+        np.testing.assert_allclose(shape / shape[0], ranges / ranges[0])
+
+
+def _ranges(ax):
+    return np.array([np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim()), np.ptp(ax.get_zlim())])
+
+
+def test_drawing_leaves_the_callers_settings_alone(example):
+    before = dict(matplotlib.rcParams)
+    figure_transfer(example)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_panels_are_named_after_planner_and_recipe(example):
+    tracks = dict.fromkeys(("expert", "ff1 tuned", "own LP"), example.tracks["expert"])
+    figure = figure_transfer(Example("", example.initial, example.goal, tracks, 15.0))
+    names = [t.get_text() for t in figure.texts]
+    assert {"Expert", "FF1 tuned", "Own LP"} <= set(names)

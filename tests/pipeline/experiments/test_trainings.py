@@ -1,0 +1,40 @@
+"""The table of trainings."""
+
+import pandas as pd
+from planted import cells
+
+from pipeline.experiments import paper
+from pipeline.experiments.experiment1.section import objectives_table
+from pipeline.experiments.experiment2.section import scaling_tables
+from pipeline.experiments.summary import summarize
+from pipeline.experiments.trainings.section import training_table
+
+
+def test_training_times_stand_beside_the_papers(results):
+    header, body = cells(training_table(results.training))
+    assert [r[0] for r in body] == ["FF1", "LSTM1", "my net"]
+    at = header.index("Time (s)")
+    assert [r[at : at + 2] for r in body] == [["12.5", "25.1"], ["12.5", "207"], ["12.5", "–"]]
+
+
+def test_the_paper_quotes_every_architecture_in_each_of_its_tables():
+    names = {"ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol"}
+    assert set(paper.NEURONS) == set(paper.TRAIN_SECONDS) == names
+    assert set(paper.OBJECTIVES) == names | {"expert"}
+
+
+def test_averages_over_training_seeds_show_their_spread(trials, results):
+    further = trials[trials["planner"] == "ff1"].assign(training_seed=1)
+    further["fuel"] += 1.0
+    summary = summarize(pd.concat([trials, further]))
+    table = objectives_table(summary, 10)
+    ff1 = next(r for r in cells(table)[1] if r[:3] == ["FF1", "paper", "flown"])
+    assert ff1[3] == "1.50 ± 0"
+    assert ff1[9] == "3.50 ± 0.707"
+    assert "± the standard deviation" in table.signs
+    fuel = scaling_tables(summary)["fuel"]
+    assert ["FF1", "paper", "flown", "3.500 ± 0.707", "3.500 ± 0.707"] in cells(fuel)[1]
+    training = pd.concat([results.training, results.training.assign(training_seed=1, version="2")])
+    header, body = cells(training_table(training))
+    assert [r[header.index("Versions")] for r in body] == ["1, 2"] * 3
+    assert [r[header.index("Time (s)")] for r in body] == ["12.5 ± 0"] * 3
