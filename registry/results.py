@@ -197,43 +197,31 @@ def fetch_files(run: Run, folder: Path) -> Path:
         return Path(_download(store, run.run_id, "files", folder))
 
 
-@dataclass(frozen=True)
-class ModelResults:
-    """What an evaluation says about one model.
-
-    Attributes:
-        metrics: by step, then by name.
-        figures: a folder whose content becomes the run's artifacts ``figures/``.
-    """
-
-    metrics: Mapping[int, Mapping[str, SupportsFloat]]
-    figures: Path
-
-
 def add_model_results(
-    version: ModelVersion, results: ModelResults, *, data: str, digest: str
+    version: ModelVersion,
+    metrics: Mapping[int, Mapping[str, SupportsFloat]],
+    figures: Path,
+    *,
+    dataset: tuple[str, str],
 ) -> None:
     """Add an evaluation to a model's own training run.
 
     Args:
         version: the model.
-        results: metrics and figures.
-        data: folder of the dataset that it was evaluated on.
-        digest: of its content.
+        metrics: by step, then by name.
+        figures: a folder whose content becomes the run's artifacts ``figures/``.
+        dataset: folder and digest of the dataset that it was evaluated on.
 
     Raises:
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store:
-        entities = [
-            metric
-            for step, metrics in results.metrics.items()
-            for metric in metrics_now(metrics, version.model_id or None, step)
-        ]
+        model = version.model_id or None
+        entities = [m for k, values in metrics.items() for m in metrics_now(values, model, k)]
         log_metrics(store, version.run_id, entities)
-        used = dataset_input(data, digest, EVALUATION_DATA)
+        used = dataset_input(*dataset, EVALUATION_DATA)
         store.client.log_inputs(version.run_id, [used])
-        store.client.log_artifacts(version.run_id, str(results.figures), "figures")
+        store.client.log_artifacts(version.run_id, str(figures), "figures")
 
 
 def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:

@@ -1,7 +1,7 @@
 """Trainings as tables, for the report: a row a model, and the learning curves."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import pandas as pd
@@ -11,21 +11,8 @@ from registry.store import Store, opened
 from registry.version import ModelVersion
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingTables:
-    """Versions as tables.
-
-    Attributes:
-        training: a row each, columns of Training.
-        curves: a row for each epoch of each, columns of Epoch.
-    """
-
-    training: pd.DataFrame
-    curves: pd.DataFrame
-
-
-def training_tables(versions: Sequence[ModelVersion]) -> TrainingTables:
-    """What the report says about some versions.
+def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """A row for each version, columns of Training; and for each of its epochs, columns of Epoch.
 
     Raises:
         InputError: where there is no tracking store yet.
@@ -33,9 +20,7 @@ def training_tables(versions: Sequence[ModelVersion]) -> TrainingTables:
     """
     with opened(create=False) as store:
         epochs = [epoch for version in versions for epoch in _epochs(store, version)]
-    return TrainingTables(
-        training=_table(Training, map(_training, versions)), curves=_table(Epoch, epochs)
-    )
+    return _table(Training, map(_training, versions)), _table(Epoch, epochs)
 
 
 def _table(row: type[Any], rows: Iterable[object]) -> pd.DataFrame:

@@ -8,38 +8,29 @@ import pandas as pd
 from cli.stages.entrants import Network
 from pipeline.dataset.storage.folder import Where
 from pipeline.exhibits.style import save, styles
+from pipeline.experiments import summary as averages
 from pipeline.experiments.examples.figure import figure_transfer
 from pipeline.experiments.examples.run import example_transfer
 from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
-from pipeline.experiments.summary import (
-    BOUNDARY,
-    COLLISIONS,
-    DYNAMICS,
-    FUEL,
-    FUEL_RATIO,
-    MOST_COLLISIONS,
-    SAFE,
-    SECONDS,
-    summarize,
-)
+from pipeline.experiments.summary import summarize
 from pipeline.experiments.trials import PREDICTED, Entrant
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
-from registry.results import ModelResults, add_model_results
+from registry.results import add_model_results
 
 COMPARED = {
-    "collisions": COLLISIONS,
-    "collisions_max": MOST_COLLISIONS,
-    "fuel": FUEL,
-    "fuel_ratio": FUEL_RATIO,
-    "safe_share": SAFE,
-    "boundary_error": BOUNDARY,
-    "dynamics_error": DYNAMICS,
-    "seconds": SECONDS,
+    "collisions": averages.COLLISIONS,
+    "collisions_max": averages.MOST_COLLISIONS,
+    "fuel": averages.FUEL,
+    "fuel_ratio": averages.FUEL_RATIO,
+    "safe_share": averages.SAFE,
+    "boundary_error": averages.BOUNDARY,
+    "dynamics_error": averages.DYNAMICS,
+    "seconds": averages.SECONDS,
 }
 """What a model's run has of the averages, by the name of its metric."""
 
-ERRORS = (BOUNDARY, DYNAMICS)
+ERRORS = (averages.BOUNDARY, averages.DYNAMICS)
 """Of predictions alone: what is flown has none but rounding."""
 
 EXPERT = "expert"
@@ -69,8 +60,8 @@ def add_to_model(
     beside = summarize(trials[trials.planner == EXPERT])
     with TemporaryDirectory(prefix="prolearn-") as scratch:
         _draw(Path(scratch), pd.concat([beside, mine]), network, scenario)
-        results = ModelResults(_metrics(mine, network.model.n_train), Path(scratch))
-        add_model_results(version, results, data=str(data), digest=digest)
+        metrics = _metrics(mine, network.model.n_train)
+        add_model_results(version, metrics, Path(scratch), dataset=(str(data), digest))
 
 
 def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:

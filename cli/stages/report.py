@@ -47,13 +47,13 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
         name: latest(experiment, same | having) for name, (experiment, having, _) in PARTS.items()
     }
     versions = _models(first)
-    training = training_tables(versions)
+    training, curves = training_tables(versions)
     results = Results(
         trials=first.table,
         warmstarts=_joined("warmstarts", parts, WARMSTART),
         transfer_times=_joined("transfer_times", parts, TRANSFER_TIMES),
-        training=training.training,
-        curves=training.curves,
+        training=training,
+        curves=curves,
         examples=_examples(first),
         provenance=_provenance(first, parts, versions),
         notes=_notes(first, parts, versions),

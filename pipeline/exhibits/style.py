@@ -63,6 +63,11 @@ class Style:
     marker: str
     line: Literal["-", "--", "-.", ":"]
 
+    @property
+    def drawn(self) -> dict[str, Any]:
+        """Matplotlib's arguments for it."""
+        return {"color": self.colour, "marker": self.marker, "linestyle": self.line}
+
 
 KNOWN = {
     "expert": Style("#000000", "o", "-"),

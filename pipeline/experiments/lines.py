@@ -29,15 +29,8 @@ def draw_lines(
     value, spread = average.source, average.spread
     for k, planner in enumerate(in_order(rows["planner"])):
         line = rows[rows["planner"] == planner].drop_duplicates(against).sort_values(against)
-        style = look[planner]
-        ax.plot(
-            line[against],
-            line[value],
-            color=style.colour,
-            marker=style.marker,
-            linestyle=style.line,
-            markevery=_every(len(line), k),
-        )
+        style, every = look[planner], _every(len(line), k)
+        ax.plot(line[against], line[value], markevery=every, **style.drawn)
         if spread and line[spread].notna().any():
             low, high = line[value] - line[spread], line[value] + line[spread]
             ax.fill_between(line[against], low, high, color=style.colour, alpha=0.2, linewidth=0)
@@ -54,17 +47,7 @@ def scale(ax: Axes, average: Average, values: Iterable[float]) -> None:
 
 def planner_handles(planners: Iterable[str], look: Mapping[str, Style]) -> list[Line2D]:
     """A legend's entry for each planner."""
-    return [
-        Line2D(
-            [],
-            [],
-            color=look[p].colour,
-            marker=look[p].marker,
-            linestyle=look[p].line,
-            label=name_of(p),
-        )
-        for p in in_order(planners)
-    ]
+    return [Line2D([], [], label=name_of(p), **look[p].drawn) for p in in_order(planners)]
 
 
 def _every(points: int, k: int) -> tuple[int, int]:

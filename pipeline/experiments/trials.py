@@ -1,7 +1,8 @@
 """Experiments 1 and 2: every planner on the same test scenarios of each swarm size."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -64,11 +65,6 @@ class Entrant:
         """Name and recipe; trainings that differ in their seed alone share it."""
         return f"{self.planner.name} {self.recipe}".strip()
 
-    @property
-    def reading(self) -> str:
-        """What the planner's plans are called: "flown" for networks, "plan" for the others."""
-        return PLAN if self.predictor is None else FLOWN
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -129,14 +125,14 @@ def run_trials(
     """
     seconds = _times(entrants, scenarios[:timed])
     rows: list[Trial] = []
-    for k, entrant in enumerate(entrants):
+    for entrant, taken in zip(entrants, seconds, strict=True):
         plans = entrant.planner.plan(scenarios)
-        bounds = [plan.certificate.fuel_lower_bound for plan in plans]
+        untimed = [float("nan")] * (len(plans) - len(taken))
+        judged = zip(count(), scenarios, plans, taken + untimed, strict=False)
+        planned = [_trial(entrant, *one) for one in judged]
         if entrant.predictor is not None:
-            rows += _predicted(entrant, entrant.predictor, scenarios, bounds)
-        for trial, (scenario, plan) in enumerate(zip(scenarios, plans, strict=True)):
-            time = seconds[k][trial] if trial < timed else float("nan")
-            rows.append(_trial(entrant, scenario, plan, trial, time))
+            rows += _predicted(entrant.predictor, scenarios, planned)
+        rows += planned
         progress.done(note=f"n={scenarios[0].n}")
     return pd.DataFrame(rows)
 
@@ -153,14 +149,14 @@ def _times(entrants: Sequence[Entrant], scenarios: Sequence[Scenario]) -> list[l
     return seconds
 
 
-def _trial(entrant: Entrant, scenario: Scenario, plan: Plan, trial: int, seconds: float) -> Trial:
+def _trial(entrant: Entrant, trial: int, scenario: Scenario, plan: Plan, seconds: float) -> Trial:
     certificate = plan.certificate
     apart = certificate.min_separation
     return Trial(
         planner=entrant.planner.name,
         recipe=entrant.recipe,
         training_seed=entrant.training_seed,
-        reading=entrant.reading,
+        reading=PLAN if entrant.predictor is None else FLOWN,
         n=scenario.n,
         trial=trial,
         node_collisions=certificate.node_collisions,
@@ -177,13 +173,10 @@ def _trial(entrant: Entrant, scenario: Scenario, plan: Plan, trial: int, seconds
 
 
 def _predicted(
-    entrant: Entrant,
-    predictor: Predictor,
-    scenarios: Sequence[Scenario],
-    bounds: Sequence[float],
+    predictor: Predictor, scenarios: Sequence[Scenario], flown: Sequence[Trial]
 ) -> Iterator[Trial]:
     """Raw predictions read as the paper reads them, with their errors beside."""
-    problem, n = scenarios[0].problem, scenarios[0].n
+    problem = scenarios[0].problem
     initial = np.stack([scenario.initial for scenario in scenarios])
     goal = np.stack([scenario.goal for scenario in scenarios])
     states = predictor.predict(initial, goal)
@@ -191,20 +184,15 @@ def _predicted(
     defect = dynamics_defect(states, controls, problem)
     ends = np.stack([states[..., 0, :] - initial, states[..., -1, :] - goal])
     used, collisions = fuel(controls), node_collisions(states, problem.collision_radius)
-    for trial in range(len(scenarios)):
-        yield Trial(
-            planner=entrant.planner.name,
-            recipe=entrant.recipe,
-            training_seed=entrant.training_seed,
+    for trial, row in enumerate(flown):
+        yield replace(
+            row,
             reading=PREDICTED,
-            n=n,
-            trial=trial,
             node_collisions=int(collisions[trial]),
             pair_conflicts=float("nan"),
             safe=False,
             min_separation=float("nan"),
             fuel=float(used[trial]),
-            fuel_lower_bound=bounds[trial],
             boundary_error=float(np.abs(ends[:, trial, :, :3]).max()),
             dynamics_error=float(np.abs(defect[trial, ..., :3]).max()),
             seconds=float("nan"),

@@ -2,14 +2,19 @@
 
 import base64
 import re
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
 from pipeline.exhibits.sections import TEMPLATES
+
+TABLE = '<div class="table" role="region" aria-label="table" tabindex="0">\n<table>\n'
+"""Tables have a box of their own that scrolls where the window is narrow."""
 
 
 def html_page(title: str, markdown: str, folder: Path) -> str:
@@ -19,9 +24,22 @@ def html_page(title: str, markdown: str, folder: Path) -> str:
     """
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     parser.disable(["link", "autolink"])
+    rules: dict[str, Callable[..., str]] = parser.renderer.rules  # type: ignore[attr-defined]
+    rules["table_open"] = lambda *_: TABLE
+    rules["table_close"] = lambda *_: "</table>\n</div>\n"
+    rules["paragraph_open"] = lambda tokens, k, *_: "<figure>\n" if _is_figure(tokens, k) else "<p>"
+    rules["paragraph_close"] = lambda tokens, k, *_: (
+        "</figcaption>\n</figure>\n" if _is_figure(tokens, k - 2) else "</p>\n"
+    )
+
+    def image(tokens: Sequence[Token], k: int, *_: Any) -> str:
+        data = base64.b64encode((folder / str(tokens[k].attrs["src"])).read_bytes()).decode()
+        label = Markup.escape(tokens[k].content)
+        return f'<img alt="{label}" src="data:image/svg+xml;base64,{data}">\n<figcaption>'
+
+    rules["image"] = image
     tokens = parser.parse(markdown)
-    contents = _number_headings(tokens)
-    tokens = _wide_tables(_whole_figures(parser, tokens, folder))
+    contents = _numbered_headings(tokens)
     body = parser.renderer.render(tokens, parser.options, {})
     # The body comes out of the parser, which escapes what the text contains.
     return TEMPLATES.get_template("report/page.html.jinja").render(
@@ -29,7 +47,12 @@ def html_page(title: str, markdown: str, folder: Path) -> str:
     )
 
 
-def _number_headings(tokens: list[Token]) -> list[tuple[str, str]]:
+def _is_figure(tokens: Sequence[Token], k: int) -> bool:
+    """Whether a paragraph begins with an image, of which the rest of it is the caption."""
+    return any(child.type == "image" for child in (tokens[k + 1].children or ())[:1])
+
+
+def _numbered_headings(tokens: Sequence[Token]) -> list[tuple[str, str]]:
     """Give each section heading an id; the ids and titles, in order."""
     contents = []
     for heading, inline in pairwise(tokens):
@@ -38,46 +61,3 @@ def _number_headings(tokens: list[Token]) -> list[tuple[str, str]]:
             heading.attrSet("id", name)
             contents.append((name, inline.content))
     return contents
-
-
-def _whole_figures(parser: MarkdownIt, tokens: list[Token], folder: Path) -> list[Token]:
-    """Paragraphs that begin with an image become figures, the rest of them the caption."""
-    out: list[Token] = []
-    skip = 0
-    for k, token in enumerate(tokens):
-        if skip:
-            skip -= 1
-            continue
-        children = tokens[k + 1].children if token.type == "paragraph_open" else None
-        if children and children[0].type == "image":
-            out.append(_figure(parser, children, folder))
-            skip = 2  # the paragraph's inline and closing tokens
-        else:
-            out.append(token)
-    return out
-
-
-def _figure(parser: MarkdownIt, children: list[Token], folder: Path) -> Token:
-    image, caption = children[0], children[1:]
-    data = base64.b64encode((folder / str(image.attrs["src"])).read_bytes()).decode()
-    label = Markup.escape(image.content)
-    inline = Token("inline", "", 0, children=caption)
-    text = str(parser.renderer.render([inline], parser.options, {})).strip()
-    figure = (
-        f'<figure>\n<img alt="{label}" src="data:image/svg+xml;base64,{data}">\n'
-        f"<figcaption>{text}</figcaption>\n</figure>\n"
-    )
-    return Token("html_block", "", 0, content=figure)
-
-
-def _wide_tables(tokens: list[Token]) -> list[Token]:
-    """Tables in a box of their own that scrolls where the window is narrow."""
-    out = []
-    for token in tokens:
-        if token.type == "table_open":
-            box = '<div class="table" role="region" aria-label="table" tabindex="0">\n'
-            out.append(Token("html_block", "", 0, content=box))
-        out.append(token)
-        if token.type == "table_close":
-            out.append(Token("html_block", "", 0, content="</div>\n"))
-    return out

@@ -13,7 +13,7 @@ from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.cw import cw_matrices
 from pipeline.training.loop import Trained
-from registry.results import ModelResults, add_model_results
+from registry.results import add_model_results
 from registry.training import DatasetInfo, record_training
 
 
@@ -136,8 +136,8 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
 
     (folder / "figures").mkdir()
     measured = {3: {"exp2_flown_safe_share": 0.75}, 30: {"exp2_flown_safe_share": 0.125}}
-    results = ModelResults(measured, folder / "figures")
-    add_model_results(resolve("ff1"), results, data="data/paper", digest=dataset.digest)
+    used = ("data/paper", dataset.digest)
+    add_model_results(resolve("ff1"), measured, folder / "figures", dataset=used)
 
     export("ff1", "--out", "x.onnx")
 

@@ -81,10 +81,10 @@ def test_a_run_tells_its_whole_story(project: Project) -> None:
 def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
     project.train(7.5)
 
-    tables = training_tables(list_versions())
+    training, curves = training_tables(list_versions())
 
     history = project.trained.history
-    assert tables.curves.to_dict("list") == {
+    assert curves.to_dict("list") == {
         "arch": ["ff1", "ff1"],
         "recipe": ["tuned", "tuned"],
         "training_seed": [3, 3],
@@ -92,7 +92,7 @@ def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
         "train_loss": [epoch.train_loss for epoch in history],
         "valid_loss": [epoch.valid_loss for epoch in history],
     }
-    (row,) = tables.training.to_dict("records")
+    (row,) = training.to_dict("records")
     assert (row["version"], row["epochs"], row["train_instances"]) == (1, 2, 20)
     assert row["valid_loss"] == min(epoch.valid_loss for epoch in history)
     assert row["seconds"] == project.trained.seconds
@@ -104,14 +104,14 @@ def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) ->
 
     newest = [(v.recipe, v.version) for v in newest_trainings()]
     assert newest == [("paper", 3), ("tuned", 2)]
-    assert list(training_tables(newest_trainings()).training["version"]) == [3, 2]
+    assert list(training_tables(newest_trainings())[0]["version"]) == [3, 2]
 
 
 def test_an_empty_registry_gives_empty_tables(folder: Path) -> None:
     assert list_versions() == []
-    tables = training_tables([])
-    assert len(tables.training) == len(tables.curves) == 0
-    assert {"arch", "recipe", "version", "valid_loss"} <= set(tables.training.columns)
+    training, curves = training_tables([])
+    assert len(training) == len(curves) == 0
+    assert {"arch", "recipe", "version", "valid_loss"} <= set(training.columns)
 
 
 def test_a_model_is_found_by_every_name_it_has(project: Project) -> None:

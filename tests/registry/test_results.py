@@ -11,7 +11,6 @@ from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.models import resolve
 from registry.results import (
-    ModelResults,
     add_model_results,
     earlier_run,
     evaluation,
@@ -104,7 +103,7 @@ def test_more_parameters_and_metrics_than_one_request_takes_all_arrive(
 def add(version: ModelVersion, folder: Path, metrics: dict[str, float], step: int = 0) -> None:
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
-    add_model_results(version, ModelResults({step: metrics}, figures), data="data", digest="d1")
+    add_model_results(version, {step: metrics}, figures, dataset=("data", "d1"))
 
 
 def test_an_evaluation_adds_its_metrics_to_the_models_own_run(

@@ -105,3 +105,18 @@ def test_the_code_is_known_by_its_source_files_and_their_names(tmp_path):
     assert code_digest(("plan",), tmp_path) != other
     (tmp_path / "orbit" / "a.py").rename(tmp_path / "orbit" / "b.py")
     assert code_digest(("orbit",), tmp_path) != first
+
+
+def test_code_that_decides_a_result_is_named_by_folders_modules_and_patterns(tmp_path):
+    for part in ("first", "second"):
+        (tmp_path / "experiments" / part).mkdir(parents=True)
+        for name in ("run", "figure"):
+            (tmp_path / "experiments" / part / f"{name}.py").write_text("x = 1\n")
+    runs = code_digest(("experiments/*/run.py",), tmp_path)
+    (tmp_path / "experiments" / "first" / "figure.py").write_text("x = 2\n")
+    assert code_digest(("experiments/*/run.py",), tmp_path) == runs
+    (tmp_path / "experiments" / "second" / "run.py").write_text("x = 2\n")
+    assert code_digest(("experiments/*/run.py",), tmp_path) != runs
+    one, folder = ("experiments/first/run.py",), ("experiments/first",)
+    assert code_digest((*folder, *one), tmp_path) == code_digest(folder, tmp_path)
+    assert code_digest(one, tmp_path) != code_digest(folder, tmp_path)
