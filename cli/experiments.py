@@ -8,6 +8,7 @@ import typer
 
 from cli.app import float_list, int_list, name_list
 from cli.progress import progress
+from pipeline.experiments.experiment3.rows import EXPERT, PLAIN
 
 if TYPE_CHECKING:
     from registry.results import Done
@@ -69,8 +70,8 @@ def evaluate(
 class Optimizer(StrEnum):
     """What the seeds of experiment 3 are given to."""
 
-    EXPERT = "expert"
-    PLAIN = "plain"
+    EXPERT = EXPERT
+    PLAIN = PLAIN
 
 
 SIZES = {Optimizer.EXPERT: "10,30", Optimizer.PLAIN: "10"}

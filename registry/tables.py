@@ -43,7 +43,6 @@ def _training(version: ModelVersion) -> Training:
         train_instances=whole(params, "train_instances"),
         best_epoch=whole(metrics, "best_epoch"),
         valid_loss=metrics.get("best_valid_loss"),
-        valid_position_rmse=metrics.get("valid_position_rmse"),
         valid_flown_safe_share=metrics.get("valid_flown_safe_share"),
         valid_flown_fuel=metrics.get("valid_flown_fuel"),
         valid_flown_trials=metrics.get("valid_flown_trials"),

@@ -31,7 +31,7 @@ def evaluate(
     """Evaluate networks, expert and baselines, and record it.
 
     Args:
-        references: models; none means the newest trainings on the data, of each seed.
+        references: models, as for ``held_out``.
         data: a solved dataset.
         sizes: swarm sizes, or all of the dataset.
         trials: most test scenarios of a size, or all.

@@ -1,19 +1,19 @@
 """Experiment 4 on the test split of a dataset, recorded for the report."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
-from cli.stages.entrants import Network, unlearned
+from cli.stages.entrants import unlearned
 from cli.stages.experiment import held_out, listed
 from pipeline.dataset.storage.folder import Where
 from pipeline.errors import InputError
 from pipeline.experiments.experiment4.run import (
     NODES,
     TIME_STEP,
-    EntrantsOn,
     run_transfer_times,
     variations,
 )
@@ -38,7 +38,7 @@ def transfer_times(
     """Give the same ends other transfer times, and record what becomes of every plan.
 
     Args:
-        references: models; none means the newest trainings on the data, of each seed.
+        references: models, as for ``held_out``.
         data: a solved dataset.
         n: swarm size.
         nodes: numbers of nodes T, at the dataset's Δt.
@@ -56,11 +56,17 @@ def transfer_times(
     scenarios = ground.scenarios[n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
 
+    def entrants(problem: Problem) -> list[Entrant]:
+        """Experts and baselines, which plan for any problem, and the networks that fit it."""
+        fitting = unlearned()
+        for network in ground.networks:
+            with suppress(InputError):  # its weights are for another T
+                fitting.append(replace(network, model=network.model.on(problem)).entrant)
+        return fitting
+
     def run(_: Path) -> pd.DataFrame:
         progress.expect(len(varied))
-        return run_transfer_times(
-            _entrants_on(ground.networks), scenarios, varied, progress=progress
-        )
+        return run_transfer_times(entrants, scenarios, varied, progress=progress)
 
     params = {
         "n": n,
@@ -69,20 +75,3 @@ def transfer_times(
         "networks": listed(network.label for network in ground.networks),
     }
     return ground.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
-
-
-def _entrants_on(learned: Sequence[Network]) -> EntrantsOn:
-    """Experts and baselines, which plan for any problem, and the networks that fit it."""
-
-    def entrants(problem: Problem) -> list[Entrant]:
-        return unlearned() + [e for network in learned for e in _fitting(network, problem)]
-
-    return entrants
-
-
-def _fitting(network: Network, problem: Problem) -> list[Entrant]:
-    """The network as an entrant; nothing where its weights are for another T."""
-    try:
-        return [replace(network, model=network.model.on(problem)).entrant]
-    except InputError:
-        return []

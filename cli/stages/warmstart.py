@@ -28,7 +28,7 @@ def warmstart(
     """Start an optimizer from every seed on the same scenarios, and record it.
 
     Args:
-        references: models; none means the newest trainings on the data, of each seed.
+        references: models, as for ``held_out``.
         data: a solved dataset.
         sizes: swarm sizes.
         trials: most scenarios of a size.

@@ -87,16 +87,12 @@ def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
     values = frame[column.source]
     if column.text is None:
         return [" ".join(str(v).split()).replace("|", "\\|") for v in values]
-    texts = [column.text(float("nan") if pd.isna(v) else float(v)) for v in values]
-    if column.spread:
-        texts = [
-            text if pd.isna(spread) else f"{text} ± {column.text(float(spread))}"
-            for text, spread in zip(texts, frame[column.spread], strict=True)
-        ]
-    if column.interval:
-        ends = zip(*(frame[end] for end in column.interval), strict=True)
-        texts = [
-            text if pd.isna(low) else f"{text} {percents(low, high)}"
-            for text, (low, high) in zip(texts, ends, strict=True)
-        ]
+    texts = []
+    for value, (_, row) in zip(values, frame.iterrows(), strict=True):
+        text = column.text(float("nan") if pd.isna(value) else float(value))
+        if column.spread and pd.notna(row[column.spread]):
+            text += f" ± {column.text(float(row[column.spread]))}"
+        if column.interval and pd.notna(row[column.interval[0]]):
+            text += f" {percents(*row[list(column.interval)])}"
+        texts.append(text)
     return texts

@@ -2,40 +2,29 @@
 
 from collections.abc import Iterable
 
-EXPERTS = ("expert", "expert (nodes only)")
-"""Centralized convex optimization."""
+EXPERTS = {"expert": "Expert", "expert (nodes only)": "Expert (nodes only)"}
+"""Centralized convex optimization; what it is called by the planner's name."""
 
-BASELINES = ("straight line", "minimum energy", "own LP")
-"""Planners that look at one craft at a time."""
-
-FEED_FORWARD = ("ff1", "ff2", "ffcol")
-"""The paper's feed-forward networks."""
-
-RECURRENT = ("lstm1", "lstm2", "lstmcol")
-"""The paper's LSTMs."""
-
-KNOWN = EXPERTS + BASELINES + FEED_FORWARD + RECURRENT
-"""In reading order."""
-
-NAMES = {
-    "expert": "Expert",
-    "expert (nodes only)": "Expert (nodes only)",
+BASELINES = {
     "straight line": "Straight line",
     "minimum energy": "Minimum energy",
     "own LP": "Own LP",
-    "ff1": "FF1",
-    "ff2": "FF2",
-    "ffcol": "FFcol",
-    "lstm1": "LSTM1",
-    "lstm2": "LSTM2",
-    "lstmcol": "LSTMcol",
-    "none": "No seed",
 }
+"""Planners that look at one craft at a time."""
+
+FEED_FORWARD = {"ff1": "FF1", "ff2": "FF2", "ffcol": "FFcol"}
+"""The paper's feed-forward networks."""
+
+RECURRENT = {"lstm1": "LSTM1", "lstm2": "LSTM2", "lstmcol": "LSTMcol"}
+"""The paper's LSTMs."""
+
+KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT
+"""All of them, in reading order."""
 
 
 def name_of(planner: str) -> str:
     """What tables and figures call a planner or a seed."""
-    return NAMES.get(planner, planner)
+    return "No seed" if planner == "none" else KNOWN.get(planner, planner)
 
 
 def planner_of(label: str) -> str:
@@ -51,9 +40,10 @@ def label_name(label: str) -> str:
 
 def in_order(planners: Iterable[str]) -> list[str]:
     """Distinct planners: experts, baselines, feed-forward, LSTM, then others by name."""
-    return sorted(set(planners), key=lambda p: (KNOWN.index(p) if p in KNOWN else len(KNOWN), p))
+    known = list(KNOWN)
+    return sorted(set(planners), key=lambda p: (known.index(p) if p in known else len(known), p))
 
 
 def is_network(planner: str) -> bool:
     """Whether a planner is neither an expert nor a baseline."""
-    return planner not in EXPERTS + BASELINES
+    return planner not in EXPERTS | BASELINES

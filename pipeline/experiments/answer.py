@@ -41,7 +41,6 @@ class Measured:
 
     Attributes:
         name: what it is called.
-        trials: scenarios.
         trainings: averaged over, 1 where nothing is trained.
         safe: share of safe trials.
         safe_interval: Wilson's interval of it.
@@ -50,7 +49,6 @@ class Measured:
     """
 
     name: str
-    trials: int
     trainings: int
     safe: float
     safe_interval: Interval
@@ -74,7 +72,6 @@ def measured(rows: pd.DataFrame) -> Measured:
     safe = float(per["safe"].mean())
     return Measured(
         name=f"{name_of(first['planner'])} {first['recipe']}".strip(),
-        trials=len(per),
         trainings=int(rows["training_seed"].nunique()),
         safe=safe,
         safe_interval=share_interval(safe, len(per)),

@@ -28,12 +28,6 @@ NETWORK_SIZE = 10
 LARGEST_SIZE = 30
 """Largest swarm of experiment 2 (Section IV)."""
 
-TRAIN_INSTANCES, VALID_INSTANCES, TEST_INSTANCES = 8000, 1000, 1000
-"""Instances of n=10 (Section IV, experiment 1)."""
-
-WARM_START_INSTANCES = 100
-"""Instances of n=10 (Section IV, experiment 3)."""
-
 NEURONS: dict[str, tuple[int, ...]] = {
     "ff1": (180,),
     "ff2": (180, 150),

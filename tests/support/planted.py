@@ -131,7 +131,6 @@ def results(trials, warmstarts, example) -> Results:
                 "threads": "2",
                 "train_instances": 8000,
                 "weights_kib": 4.82,
-                "valid_position_rmse": None,
                 "valid_flown_safe_share": None,
                 "valid_flown_fuel": None,
                 "valid_flown_trials": None,

@@ -7,6 +7,7 @@ from pipeline.exhibits.planners import is_network, name_of
 from pipeline.experiments.answer import FREE, Answer, span
 from pipeline.experiments.networks import network_answers
 from pipeline.experiments.paper import NETWORK_SIZE, OBJECTIVES
+from pipeline.experiments.summary import COLLISIONS, FUEL
 from pipeline.experiments.trials import FLOWN, PREDICTED
 
 NEAR = 2.0
@@ -35,12 +36,9 @@ def paper_answers(summary: pd.DataFrame) -> list[Answer]:
         summary: from ``summarize``.
     """
     here = summary[summary["n"] == NETWORK_SIZE]
-    free = here[here["planner"] == FREE]
-    beside = (
-        f"Own LP: {number(float(free['collisions_mean'].iloc[0]))} collisions, fuel "
-        f"{number(float(free['fuel_mean'].iloc[0]))}"
-        if len(free)
-        else ""
+    beside = "".join(
+        f"Own LP: {number(row[COLLISIONS.source])} collisions, fuel {number(row[FUEL.source])}"
+        for row in here[here["planner"] == FREE].to_dict("records")
     )
     found = []
     if not (rows := _over_paper(here, "paper", PREDICTED)).empty:
@@ -67,15 +65,14 @@ def paper_answers(summary: pd.DataFrame) -> list[Answer]:
 
 def _over_paper(summary: pd.DataFrame, recipe: str, reading: str) -> pd.DataFrame:
     """Collisions and fuel of the paper's networks over the paper's, by name."""
-    known = summary["planner"].map(lambda p: p in OBJECTIVES and is_network(p)).astype(bool)
+    known = summary["planner"].isin([planner for planner in OBJECTIVES if is_network(planner)])
     rows = summary[known & (summary["recipe"] == recipe) & (summary["reading"] == reading)]
     quoted = [OBJECTIVES[planner] for planner in rows["planner"]]
     return pd.DataFrame(
         {
             "name": [name_of(planner) for planner in rows["planner"]],
-            "collisions": rows["collisions_mean"].to_numpy()
-            / [row.collisions_mean for row in quoted],
-            "fuel": rows["fuel_mean"].to_numpy() / [row.fuel_mean for row in quoted],
+            "collisions": list(rows[COLLISIONS.source] / [row.collisions_mean for row in quoted]),
+            "fuel": list(rows[FUEL.source] / [row.fuel_mean for row in quoted]),
         }
     )
 

@@ -7,6 +7,7 @@ from pipeline.exhibits.planners import FEED_FORWARD, RECURRENT, name_of
 from pipeline.experiments import paper
 from pipeline.experiments.answer import FREE, Answer
 from pipeline.experiments.networks import flown_networks, network_answers
+from pipeline.experiments.summary import COLLISIONS
 from pipeline.experiments.trials import FLOWN, PREDICTED
 
 QUESTION = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
@@ -27,7 +28,7 @@ def others_answer(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
 
 def families_answer(summary: pd.DataFrame) -> list[Answer]:
     """A row, where both families took part in one recipe; the paper's own setting first."""
-    networks = summary[summary["planner"].isin(FEED_FORWARD + RECURRENT)]
+    networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
     for recipe in ("paper", "tuned", ""):
         for reading in (PREDICTED, FLOWN):
             rows = networks[(networks["recipe"] == recipe) & (networks["reading"] == reading)]
@@ -41,7 +42,7 @@ def families_answer(summary: pd.DataFrame) -> list[Answer]:
 def _answer(summary: pd.DataFrame, forward: pd.DataFrame, recurrent: pd.DataFrame) -> Answer:
     first = forward.iloc[0]
     n, how = int(first["n"]), "as predicted" if first["reading"] == PREDICTED else "flown"
-    free = summary[(summary["planner"] == FREE) & (summary["n"] == n)]["collisions_mean"]
+    free = summary[(summary["planner"] == FREE) & (summary["n"] == n)][COLLISIONS.source]
     quoted = paper.COLLISIONS_AT_30
     recipe = f", {first['recipe']} recipe" if first["recipe"] else ""
     return Answer(
@@ -65,16 +66,16 @@ def _verdict(forward: pd.DataFrame, recurrent: pd.DataFrame) -> str:
 
 def _all_below(these: pd.DataFrame, those: pd.DataFrame) -> bool:
     """Whether all of these collide less than all of those, by more than the seeds' spread."""
-    worst = these.sort_values("collisions_mean").iloc[-1]
-    best = those.sort_values("collisions_mean").iloc[0]
-    spreads = [float(row["collisions_spread"]) for row in (worst, best)]
-    difference = float(best["collisions_mean"]) - float(worst["collisions_mean"])
+    worst = these.sort_values(COLLISIONS.source).iloc[-1]
+    best = those.sort_values(COLLISIONS.source).iloc[0]
+    spreads = [float(row[COLLISIONS.spread]) for row in (worst, best)]
+    difference = float(best[COLLISIONS.source]) - float(worst[COLLISIONS.source])
     return bool(difference > max([s for s in spreads if pd.notna(s)], default=0.0))
 
 
 def _listed(rows: pd.DataFrame) -> str:
     return ", ".join(
-        f"{name_of(str(row['planner']))} {number(float(row['collisions_mean']))}"
-        + ("" if pd.isna(row["collisions_spread"]) else f" ± {number(row['collisions_spread'])}")
+        f"{name_of(str(row['planner']))} {number(float(row[COLLISIONS.source]))}"
+        + ("" if pd.isna(row[COLLISIONS.spread]) else f" ± {number(row[COLLISIONS.spread])}")
         for _, row in rows.iterrows()
     )

@@ -17,7 +17,6 @@ class Training:
         train_instances: that it learnt from.
         best_epoch: whose weights were kept.
         valid_loss: at the best epoch.
-        valid_position_rmse: on validation data, m.
         valid_flown_safe_share: share of validation scenarios in which it is safe when flown.
         valid_flown_fuel: average there, m/s².
         valid_flown_trials: validation scenarios that were flown.
@@ -36,7 +35,6 @@ class Training:
     train_instances: int | None
     best_epoch: int | None
     valid_loss: float | None
-    valid_position_rmse: float | None
     valid_flown_safe_share: float | None
     valid_flown_fuel: float | None
     valid_flown_trials: float | None
