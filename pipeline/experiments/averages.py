@@ -22,11 +22,13 @@ class Average(Column):
         of: column of the trials.
         how: how the trials of one training become one number.
         over: how the trainings that differ in their seed alone do.
+        label: of an axis that shows it.
     """
 
     of: str = ""
     how: str = "mean"
     over: "str | Callable[[pd.Series[Any]], object]" = "mean"
+    label: str = ""
 
 
 TRIALS = Average("Trials", "trials", count, of="trial", how="nunique", over="max")

@@ -18,7 +18,9 @@ NAMED = [Column("Planner", "name"), Column("Recipe", "recipe"), Column("Reading"
 """The same on the page, for rows from ``named``."""
 
 COLLISIONS = Average(
-    *("Collisions, av.", "collisions_mean", number, "collisions_spread"), of="node_collisions"
+    *("Collisions, av.", "collisions_mean", number, "collisions_spread"),
+    of="node_collisions",
+    label="node collisions, average",
 )
 MOST_COLLISIONS = Average(
     *("Collisions, max.", "collisions_max", count), of="node_collisions", how="max", over="max"
@@ -27,6 +29,7 @@ CONFLICTS = Average("Pairs too close, av.", "conflicts_mean", number, of="pair_c
 SAFE = Average(
     *("Safe at all times", "safe_share", share, "safe_spread", ("safe_low", "safe_high")),
     of="safe",
+    label="share of safe trials",
 )
 SEPARATION = Average(
     *("Separation, least (m)", "separation_min", number),
@@ -34,12 +37,22 @@ SEPARATION = Average(
     how="min",
     over="min",
 )
-FUEL = Average("Fuel, av. (m/s²)", "fuel_mean", number, "fuel_spread", of="fuel")
+FUEL = Average(
+    *("Fuel, av. (m/s²)", "fuel_mean", number, "fuel_spread"),
+    of="fuel",
+    label="fuel, average (m/s²)",
+)
 BOUND = Average("Bound, av. (m/s²)", "bound_mean", number, of="fuel_lower_bound")
-FUEL_RATIO = Average("Fuel / bound, av.", "fuel_ratio", ratio, "fuel_ratio_spread", of="fuel_ratio")
+FUEL_RATIO = Average(
+    *("Fuel / bound, av.", "fuel_ratio", ratio, "fuel_ratio_spread"),
+    of="fuel_ratio",
+    label="fuel / bound, average",
+)
 BOUNDARY = Average("Boundary error (m)", "boundary_error", error, of="boundary_error")
 DYNAMICS = Average("Dynamics error (m)", "dynamics_error", error, of="dynamics_error")
-SECONDS = Average("Time, av. (s)", "seconds_mean", number, of="seconds")
+SECONDS = Average(
+    "Time, av. (s)", "seconds_mean", number, of="seconds", label="time per instance (s)"
+)
 SOLVES = Average("Convex solves, av.", "convex_solves_mean", number, of="convex_solves")
 
 AVERAGES = (

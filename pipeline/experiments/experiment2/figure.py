@@ -30,13 +30,11 @@ class Quantity:
 
     Attributes:
         average: of the trials.
-        label: of the vertical axis, with the unit.
         readings: readings of networks that get a row of panels.
         paper: the paper's own points.
     """
 
     average: Average
-    label: str
     readings: tuple[str, ...] = (PREDICTED, FLOWN)
     paper: Points | None = None
 
@@ -44,16 +42,11 @@ class Quantity:
 _SIZES = (paper.NETWORK_SIZE, paper.LARGEST_SIZE)
 
 QUANTITIES = {
-    "collisions": Quantity(
-        COLLISIONS,
-        "node collisions, average",
-        paper={n: paper.collisions_at(n) for n in _SIZES},
-    ),
-    "safe": Quantity(SAFE, "share of safe trials", readings=(FLOWN,)),
-    "fuel": Quantity(FUEL, "fuel, average (m/s²)", paper={n: paper.fuel_at(n) for n in _SIZES}),
+    "collisions": Quantity(COLLISIONS, paper={n: paper.collisions_at(n) for n in _SIZES}),
+    "safe": Quantity(SAFE, readings=(FLOWN,)),
+    "fuel": Quantity(FUEL, paper={n: paper.fuel_at(n) for n in _SIZES}),
     "seconds": Quantity(
         SECONDS,
-        "time per instance (s)",
         readings=(FLOWN,),
         paper={paper.LARGEST_SIZE: {"expert": paper.EXPERT_SECONDS_AT_30}},
     ),
@@ -84,7 +77,7 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
             _panel(panels[i, j], pd.concat([others, mine]), what, look)
             if not mine.empty:
                 panels[i, j].set_title(_title(reading, recipe, what))
-        panels[i, 0].set_ylabel(what.label)
+        panels[i, 0].set_ylabel(what.average.label)
     for ax in panels[-1]:
         ax.set_xlabel("spacecraft n")
     panels[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))

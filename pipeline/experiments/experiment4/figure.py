@@ -8,18 +8,11 @@ from matplotlib.ticker import MaxNLocator
 
 from pipeline.exhibits.planners import is_network
 from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
+from pipeline.experiments.against import SHOWN
 from pipeline.experiments.experiment4.run import WAYS
 from pipeline.experiments.experiment4.summary import of_way, trained_on
 from pipeline.experiments.lines import draw_lines, planner_handles, scale
-from pipeline.experiments.summary import COLLISIONS, FUEL_RATIO, SAFE
 from pipeline.experiments.trials import PREDICTED
-
-LABELS = {
-    COLLISIONS: "node collisions, average",
-    SAFE: "share of safe trials",
-    FUEL_RATIO: "fuel / bound, average",
-}
-"""A row of panels each: by average, the label."""
 
 
 def recipes_of(summary: pd.DataFrame) -> list[str]:
@@ -31,8 +24,8 @@ def recipes_of(summary: pd.DataFrame) -> list[str]:
 def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) -> Figure:
     """The networks of one recipe, flown, with experts and baselines.
 
-    A row of panels for each quantity; other T on the left, other Δt on the right. A band is the
-    standard deviation between trainings, where there are several.
+    A row of panels for each average of SHOWN; other T on the left, other Δt on the right. A band
+    is the standard deviation between trainings, where there are several.
 
     Args:
         summary: from ``summarize_times``.
@@ -43,13 +36,13 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
     shown = summary[mine & (summary["reading"] != PREDICTED)]
     trained = trained_on(summary)
     figure = Figure(figsize=(PAGE_WIDTH, 8.2), layout="constrained")
-    panels = figure.subplots(len(LABELS), len(WAYS), sharex=True, sharey="row")
-    for line, (average, label) in zip(panels, LABELS.items(), strict=True):
+    panels = figure.subplots(len(SHOWN), len(WAYS), sharex=True, sharey="row")
+    for line, average in zip(panels, SHOWN.values(), strict=True):
         for ax, way in zip(line, WAYS, strict=True):
             rows = of_way(shown, way)
             ax.axvline(trained.minutes, color="#4d4d4d", linewidth=0.8, linestyle=(0, (4, 3)))
             draw_lines(ax, rows, "minutes", average, look)
-        line[0].set_ylabel(label)
+        line[0].set_ylabel(average.label)
         scale(line[0], average, shown[average.source])
     panels[0, 0].set_title(f"other T, Δt = {trained.time_step:g} s")
     panels[0, 1].set_title(f"other Δt, T = {trained.nodes}")
