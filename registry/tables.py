@@ -1,6 +1,6 @@
 """Trainings as tables, for the report: a row a model, and the learning curves."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -9,6 +9,11 @@ import pandas as pd
 from pipeline.experiments.trainings.rows import Epoch, Training
 from registry.store import Store, opened
 from registry.version import ModelVersion
+
+KNOWN = ("arch", "recipe", "training_seed", "version")
+"""What a version knows itself; the rest its run says."""
+
+WHOLE = ("parameters", "epochs", "train_instances", "best_epoch")
 
 
 def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -28,29 +33,12 @@ def _table(row: type[Any], rows: Iterable[object]) -> pd.DataFrame:
 
 
 def _training(version: ModelVersion) -> Training:
-    metrics, params = version.metrics, version.params
-
-    def whole(told: Mapping[str, Any], name: str) -> int | None:
-        return int(told[name]) if name in told else None
-
-    return Training(
-        arch=version.arch,
-        recipe=version.recipe,
-        training_seed=version.training_seed,
-        version=version.version,
-        parameters=whole(params, "parameters"),
-        epochs=whole(params, "epochs"),
-        train_instances=whole(params, "train_instances"),
-        best_epoch=whole(metrics, "best_epoch"),
-        valid_loss=metrics.get("best_valid_loss"),
-        valid_flown_safe_share=metrics.get("valid_flown_safe_share"),
-        valid_flown_fuel=metrics.get("valid_flown_fuel"),
-        valid_flown_trials=metrics.get("valid_flown_trials"),
-        seconds=metrics.get("training_seconds"),
-        device=params.get("device"),
-        threads=params.get("threads"),
-        weights_kib=metrics.get("weights_kib"),
-    )
+    told: dict[str, Any] = {**version.params, **version.metrics}
+    told |= {name: int(told[name]) for name in WHOLE if name in told}
+    told |= {"valid_loss": told.get("best_valid_loss"), "seconds": told.get("training_seconds")}
+    told |= {name: getattr(version, name) for name in KNOWN}
+    row: dict[str, Any] = {field.name: told.get(field.name) for field in fields(Training)}
+    return Training(**row)
 
 
 def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:

@@ -21,9 +21,12 @@ PAGE_WIDTH = 7.2
 INITIAL_COLOUR, GOAL_COLOUR, CONFLICT_COLOUR = "#0072B2", "#009E73", "#D55E00"
 """Blue, green and vermillion of the Okabe-Ito palette."""
 
+GREY = "#4d4d4d"
+"""Of axes, and of what belongs to no planner."""
+
 RC: dict[Any, Any] = {
     "axes.axisbelow": True,
-    "axes.edgecolor": "#4d4d4d",
+    "axes.edgecolor": GREY,
     "axes.grid": True,
     "axes.labelsize": 8.5,
     "axes.linewidth": 0.7,

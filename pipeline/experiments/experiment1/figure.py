@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.planners import EXPERTS, in_order, name_of
-from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
+from pipeline.exhibits.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.experiments import paper
 from pipeline.experiments.averages import Average
 from pipeline.experiments.summary import BOUND, COLLISIONS, FUEL
@@ -34,7 +34,7 @@ def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) 
     _dots(left, rows, look, COLLISIONS, paper.collisions_at(n))
     _dots(right, rows, look, FUEL, paper.fuel_at(n))
     bound = float(rows[BOUND.source].mean())
-    right.axvline(bound, color="#4d4d4d", linewidth=0.8, linestyle=(0, (1, 1.5)))
+    right.axvline(bound, color=GREY, linewidth=0.8, linestyle=(0, (1, 1.5)))
     fit_scale(left, "x", [*rows[COLLISIONS.source], *paper.collisions_at(n).values(), 0.0])
     fit_scale(right, "x", [*rows[FUEL.source], *paper.fuel_at(n).values(), bound])
     left.set_xlabel("node collisions per trial, average")
@@ -93,7 +93,6 @@ _PAPER: dict[str, Any] = {
 
 
 def _legend(rows: pd.DataFrame, quoted: bool) -> list[Line2D]:
-    grey = "#4d4d4d"
     shown = rows[["recipe", "reading"]].assign(raw=rows["reading"] == PREDICTED)
     kinds = shown[["recipe", "raw"]].drop_duplicates().sort_values(["recipe", "raw"])
     handles = [
@@ -102,15 +101,15 @@ def _legend(rows: pd.DataFrame, quoted: bool) -> list[Line2D]:
             [],
             linestyle="none",
             marker=RECIPE_MARKERS.get(recipe, "D"),
-            color=grey,
-            markerfacecolor="white" if raw else grey,
+            color=GREY,
+            markerfacecolor="white" if raw else GREY,
             label=(f"{recipe} recipe, " if recipe else "")
             + ("as predicted" if raw else "flown" if recipe else "expert or baseline"),
         )
         for recipe, raw in kinds.itertuples(index=False)
     ]
     handles.append(
-        Line2D([], [], color=grey, linewidth=0.8, linestyle=(0, (1, 1.5)), label="lower bound")
+        Line2D([], [], color=GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), label="lower bound")
     )
     if quoted:
         handles.append(Line2D([], [], label="reported in the paper", **_PAPER))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -10,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.exhibits.planners import in_order, is_network
-from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
+from pipeline.exhibits.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.experiments import paper
 from pipeline.experiments.averages import Average
 from pipeline.experiments.lines import draw_lines, planner_handles, scale
@@ -22,6 +23,10 @@ Points = Mapping[int, Mapping[str, float]]
 
 DODGE = 0.4
 """Spacecraft by which the paper's markers at one n are moved apart, to be told from each other."""
+
+
+HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white"}
+"""The paper's markers."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,8 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
     present = set(networks["reading"])
     readings = [r for r in what.readings if r in present] or sorted(present) or [FLOWN]
     recipes = sorted(set(networks["recipe"])) or [""]
-    figure = Figure(figsize=_size(len(readings), len(recipes)), layout="constrained")
+    width = PAGE_WIDTH if len(recipes) > 1 else 0.75 * PAGE_WIDTH
+    figure = Figure(figsize=(width, 1.1 + 2.3 * len(readings)), layout="constrained")
     panels = figure.subplots(len(readings), len(recipes), sharex=True, sharey=True, squeeze=False)
     for i, reading in enumerate(readings):
         for j, recipe in enumerate(recipes):
@@ -86,7 +92,8 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
     shown = pd.concat([others, networks[networks["reading"].isin(readings)]])
     handles = planner_handles(shown["planner"], look)
     if what.paper is not None:
-        handles.append(_paper_handle())
+        label = "hollow: in the paper"
+        handles.append(Line2D([], [], marker="o", markeredgecolor=GREY, label=label, **HOLLOW))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=3)
     return figure
 
@@ -109,12 +116,11 @@ def _paper_points(
         ax.plot(
             n + DODGE * (k - (len(shown) - 1) / 2),
             quoted[planner],
-            linestyle="none",
             marker=look[planner].marker,
-            markerfacecolor="white",
             markeredgecolor=look[planner].colour,
             markersize=4.8,
             zorder=4,
+            **HOLLOW,
         )
 
 
@@ -123,19 +129,3 @@ def _title(reading: str, recipe: str, what: Quantity) -> str:
     if len(what.readings) == 1 and recipe:
         return f"{recipe} recipe"
     return f"{recipe} recipe, {how}" if recipe else how
-
-
-def _size(rows: int, columns: int) -> tuple[float, float]:
-    return (PAGE_WIDTH if columns > 1 else 0.75 * PAGE_WIDTH), 1.1 + 2.3 * rows
-
-
-def _paper_handle() -> Line2D:
-    return Line2D(
-        [],
-        [],
-        linestyle="none",
-        marker="o",
-        markerfacecolor="white",
-        markeredgecolor="#4d4d4d",
-        label="hollow: in the paper",
-    )

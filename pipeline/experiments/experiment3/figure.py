@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.planners import label_name, planner_of
-from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
+from pipeline.exhibits.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, PLAIN
 from pipeline.experiments.experiment3.summary import seeds_in_order
 
@@ -21,8 +21,6 @@ UNTIL = {CONVERGED: "until converged", FIRST_SAFE: "until the first safe plan"}
 
 NAMES = {PLAIN: "Plain SCP", EXPERT: "Our expert"}
 """What the optimizers are called."""
-
-GREY = "#4d4d4d"
 
 
 @in_style

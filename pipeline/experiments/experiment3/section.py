@@ -32,7 +32,7 @@ COLUMNS = {
 
 def section(warmstarts: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     """Figure and table of each optimizer at each swarm size."""
-    values: dict[str, Any] = {PLAIN: [], EXPERT: [], "whiskers": WHISKERS, "paper": paper}
+    values: dict[str, Any] = {"whiskers": WHISKERS, "paper": paper}
     for optimizer in OPTIMIZERS:
         sizes = warmstarts.loc[warmstarts["optimizer"] == optimizer, "n"]
         values[optimizer] = [

@@ -40,7 +40,7 @@ TIME_RATIO = Average(
     "Time / no seed", "time_ratio", ratio, "ratio_spread", of="ratio", how="median"
 )
 
-AVERAGES = (*(SOLVES, ONE_SOLVE, MEDIAN, MEAN, DEVIATION, GAP, FUEL, CLEAR, SAFE, TIME_RATIO),)
+AVERAGES = (SOLVES, ONE_SOLVE, MEDIAN, MEAN, DEVIATION, GAP, FUEL, CLEAR, SAFE, TIME_RATIO)
 
 
 def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.exhibits.planners import is_network
-from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
+from pipeline.exhibits.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.experiments.against import SHOWN
 from pipeline.experiments.experiment4.run import WAYS
 from pipeline.experiments.experiment4.summary import of_way, trained_on
@@ -40,7 +40,7 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
     for line, average in zip(panels, SHOWN.values(), strict=True):
         for ax, way in zip(line, WAYS, strict=True):
             rows = of_way(shown, way)
-            ax.axvline(trained.minutes, color="#4d4d4d", linewidth=0.8, linestyle=(0, (4, 3)))
+            ax.axvline(trained.minutes, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
             draw_lines(ax, rows, "minutes", average, look)
         line[0].set_ylabel(average.label)
         scale(line[0], average, shown[average.source])

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.planners import FEED_FORWARD, RECURRENT, in_order, name_of
-from pipeline.exhibits.style import PAGE_WIDTH, Style, in_style
+from pipeline.exhibits.style import GREY, PAGE_WIDTH, Style, in_style
 
 
 @in_style
@@ -58,7 +58,6 @@ def _legend(curves: pd.DataFrame, look: Mapping[str, Style]) -> list[Line2D]:
     handles = [
         Line2D([], [], color=look[a].colour, label=name_of(a)) for a in in_order(curves["arch"])
     ]
-    grey = "#4d4d4d"
-    handles.append(Line2D([], [], color=grey, label="validation"))
-    handles.append(Line2D([], [], color=grey, linewidth=0.8, linestyle=":", label="training"))
+    handles.append(Line2D([], [], color=GREY, label="validation"))
+    handles.append(Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label="training"))
     return handles

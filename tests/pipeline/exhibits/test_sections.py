@@ -1,0 +1,63 @@
+"""Sections from templates: numbered tables and figures, each paragraph on one line."""
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pipeline.exhibits.blocks import Column, Picture, Table
+from pipeline.exhibits.numbers import number, share
+from pipeline.exhibits.sections import Section, Writer
+
+SHARES = pd.DataFrame(
+    {
+        "name": ["a | b", "c"],
+        "mean": [0.5, 1.0],
+        "spread": [0.25, float("nan")],
+        "low": [0.25, float("nan")],
+        "high": [0.75, float("nan")],
+    }
+)
+
+
+def examples(*titles):
+    pictures = [(title, Picture(f"figure-{title}", Figure())) for title in titles]
+    return Section("experiments/examples/section.md.jinja", {"pictures": pictures})
+
+
+def test_figures_are_numbered_through_all_sections_with_their_captions_on_one_line():
+    writer = Writer()
+    first, second = writer.write(examples("one", "two")), writer.write(examples("three"))
+    assert first.startswith(
+        "## Example transfers\n\n![Figure 1](figures/figure-one.svg)\n*Figure 1. one ("
+    )
+    assert "\n\n![Figure 2](figures/figure-two.svg)\n*Figure 2. two (compare" in first
+    assert "*Figure 3. three (compare" in second
+    assert all(line.endswith("orbits.*") for line in first.splitlines() if line.startswith("*"))
+    assert [p.name for p in writer.pictures] == ["figure-one", "figure-two", "figure-three"]
+
+
+def test_a_section_without_what_it_shows_says_how_to_get_it():
+    writer = Writer()
+    assert "`prolearn evaluate` keeps some to draw." in writer.write(examples())
+    assert writer.pictures == []
+
+
+def test_a_table_says_what_its_signs_mean_and_only_those_that_it_has():
+    plain = Table("t", SHARES, [Column("Name", "name"), Column("Mean", "mean", number)])
+    assert plain.signs == ""
+    assert Table("t", SHARES, plain.columns, trainings=3).signs.startswith(
+        "Networks trained with several seeds (up to 3) show"
+    )
+    interval = Column("Share", "mean", share, interval=("low", "high"))
+    assert (
+        Table("t", SHARES, [interval]).signs == "Brackets are Wilson's 95 % intervals of a share."
+    )
+
+
+def test_columns_of_one_heading_stand_beside_each_other():
+    spread = Column("paper", "mean", number, "spread")
+    interval = Column("paper", "mean", share, interval=("low", "high"))
+    lines = Table("t", SHARES, [Column("Name", "name"), spread, interval]).markdown.splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+    assert rows[0] == ["Name", "paper", "paper"]
+    assert rows[2] == ["a \\| b", "0.500 ± 0.250", "50 % [25.0, 75.0]"]
+    assert rows[3] == ["c", "1.00", "100 %"]
