@@ -70,6 +70,7 @@ class HeldOut:
             return Done(earlier, earlier=True)
         with TemporaryDirectory(prefix="prolearn-") as scratch:
             table, used = make(Path(scratch)), (str(self.data), self.digest)
+            # Last, since a finished run is what ``resume`` looks for.
             return Done(record(experiment, table, params=params, files=Path(scratch), dataset=used))
 
 

@@ -5,10 +5,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import pipeline
 from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
+from registry.environment import EVALUATED_BY
 from registry.models import resolve
 from registry.results import (
     add_model_results,
@@ -140,6 +142,21 @@ def test_an_experiment_was_done_earlier_only_with_the_same_parameters(folder: Pa
     record(EVALUATION, TRIALS, params={"trials": 5, "sizes": "10"})
     # the report shows the newest results, so older ones do not count as done
     assert earlier_run(EVALUATION, {"sizes": "10", "trials": 100}) is None
+
+
+def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() -> None:
+    root = Path(pipeline.__file__).parent
+    found = {pattern: sorted(root.glob(pattern)) for pattern in EVALUATED_BY[0]}
+    assert all(found.values())
+    files = {path.relative_to(root).as_posix() for paths in found.values() for path in paths}
+    decided = {name for name in files if name.startswith("experiments")}
+    assert decided == {
+        "experiments/trials.py",
+        "experiments/examples/run.py",
+        "experiments/experiment3/rows.py",
+        "experiments/experiment3/run.py",
+        "experiments/experiment4/run.py",
+    }
 
 
 def test_an_experiment_of_other_versions_is_not_taken_for_done_and_says_which(
