@@ -24,7 +24,6 @@ Points = Mapping[int, Mapping[str, float]]
 DODGE = 0.4
 """Spacecraft by which the paper's markers at one n are moved apart, to be told from each other."""
 
-
 HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white"}
 """The paper's markers."""
 
