@@ -18,6 +18,7 @@ from pipeline.exhibits.style import (
 )
 from pipeline.experiments.examples.run import Example
 from pipeline.orbit.rings import revolution
+from pipeline.orbit.separation import pairs
 
 COLUMNS = 3
 ORBIT_POINTS = 121
