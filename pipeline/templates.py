@@ -1,32 +1,14 @@
-"""Text from Jinja templates, which lie beside the code that fills them."""
+"""Jinja templates, which lie beside the code that fills them."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from pathlib import Path
 
 import jinja2
-from tabulate import tabulate
 
-
-def render(package: str, template: str, *, html: bool = False, **values: Any) -> str:
-    """A template of a package with its values; a value that is missing is an error.
-
-    Args:
-        package: where the template lies, such as "pipeline.report".
-        template: its file.
-        html: escape what the values contain.
-        values: what the template names.
-    """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader(package, ""),
-        autoescape=html,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template(template).render(values)
-
-
-def markdown_table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A Markdown table whose cells stand as they are given."""
-    return tabulate(list(rows), head, tablefmt="github", disable_numparse=True)
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parents[1]),
+    autoescape=jinja2.select_autoescape(["html.jinja"]),
+    trim_blocks=True,
+    lstrip_blocks=True,
+    undefined=jinja2.StrictUndefined,
+)
+"""All templates by their paths, such as ``pipeline/report/page.html.jinja``."""

@@ -1,11 +1,14 @@
 """The model card that goes with an exported network: what it takes, gives, and is worth."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from tabulate import tabulate
 
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_check import TOLERANCE
 from pipeline.networks.onnx_export import Exported
-from pipeline.templates import markdown_table, render
+from pipeline.templates import TEMPLATES
 from registry.version import ModelVersion
 
 BY_SIZE = {
@@ -40,9 +43,7 @@ def model_card(
     """
     checked, rmse = exported.checked, version.metrics.get("valid_position_rmse")
     times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in checked.seconds.items()]
-    return render(
-        "cli.stages",
-        "card.md.jinja",
+    return TEMPLATES.get_template("cli/stages/card.md.jinja").render(
         version=version,
         exported=exported,
         checked=checked,
@@ -52,7 +53,7 @@ def model_card(
         input_scale=_numbers(model.encoding.input_scale),
         target_scale=_numbers(model.encoding.target_scale),
         rmse="not recorded" if rmse is None else f"{rmse:.3g} m",
-        times=markdown_table(("n", "ms"), times),
+        times=_table(("n", "ms"), times),
         interface=_interface(model.problem.nodes, flown=exported.flown),
         training=_training(version, model),
         measured=_by_size({name: by_n for name, by_n in measured.items() if by_n}),
@@ -66,7 +67,7 @@ def _interface(T: int, *, flown: bool) -> str:
         ("output", "`states`", f"(batch, n, {T}, 6)", f"{STATE} at each node"),
         ("output", "`controls`", f"(batch, n, {T - 1}, 3)", HELD),
     ]
-    return markdown_table(("", "name", "shape, float32", "content"), rows if flown else rows[:-1])
+    return _table(("", "name", "shape, float32", "content"), rows if flown else rows[:-1])
 
 
 def _training(version: ModelVersion, model: Model) -> str:
@@ -82,7 +83,7 @@ def _training(version: ModelVersion, model: Model) -> str:
         ("weights", params.get("parameters", "unknown")),
         ("seed, code", f"{params.get('seed')}, `{version.tags.get('git_commit', 'unknown')}`"),
     ]
-    return markdown_table(("", ""), rows)
+    return _table(("", ""), rows)
 
 
 def _by_size(measured: Mapping[str, Mapping[int, float]]) -> str:
@@ -91,7 +92,11 @@ def _by_size(measured: Mapping[str, Mapping[int, float]]) -> str:
         return ""
     sizes = sorted({n for by_n in measured.values() for n in by_n})
     rows = [(n, *(f"{m[n]:.3g}" if n in m else "" for m in measured.values())) for n in sizes]
-    return markdown_table(("n", *(BY_SIZE[name] for name in measured)), rows)
+    return _table(("n", *(BY_SIZE[name] for name in measured)), rows)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    return tabulate(list(rows), head, tablefmt="github", disable_numparse=True)
 
 
 def _numbers(values: Sequence[float]) -> str:

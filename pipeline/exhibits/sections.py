@@ -5,18 +5,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jinja2
-
 from pipeline.exhibits.blocks import Picture, Table
-
-TEMPLATES = jinja2.Environment(
-    loader=jinja2.PackageLoader("pipeline", ""),
-    autoescape=jinja2.select_autoescape(["html.jinja"]),
-    trim_blocks=True,
-    lstrip_blocks=True,
-    undefined=jinja2.StrictUndefined,
-)
-"""All templates, by their paths within ``pipeline``."""
+from pipeline.templates import TEMPLATES
 
 
 @dataclass(frozen=True, eq=False)

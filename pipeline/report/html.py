@@ -11,7 +11,7 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from pipeline.exhibits.sections import TEMPLATES
+from pipeline.templates import TEMPLATES
 
 TABLE = '<div class="table" role="region" aria-label="table" tabindex="0">\n<table>\n'
 """Tables have a box of their own that scrolls where the window is narrow."""
@@ -42,7 +42,7 @@ def html_page(title: str, markdown: str, folder: Path) -> str:
     contents = _numbered_headings(tokens)
     body = parser.renderer.render(tokens, parser.options, {})
     # The body comes out of the parser, which escapes what the text contains.
-    return TEMPLATES.get_template("report/page.html.jinja").render(
+    return TEMPLATES.get_template("pipeline/report/page.html.jinja").render(
         title=title, contents=contents, body=Markup(body)
     )
 

@@ -22,9 +22,9 @@ COLUMNS = [
 def section(provenance: pd.DataFrame) -> Section:
     """The run behind each table, where any is known."""
     if provenance.empty:
-        return Section("report/provenance.md.jinja", {"runs": None})
+        return Section("pipeline/report/provenance.md.jinja", {"runs": None})
     frame = provenance.assign(
         **{f"{name}_short": provenance[name].str[:DIGITS] for name in ("run", "digest", "code")}
     )
     runs = Table("provenance", frame, COLUMNS)
-    return Section("report/provenance.md.jinja", {"runs": runs})
+    return Section("pipeline/report/provenance.md.jinja", {"runs": runs})

@@ -42,4 +42,4 @@ def section(results: Results, summary: pd.DataFrame, n: int) -> Section:
     ]
     table = Table("questions", pd.DataFrame(map(asdict, answers)), COLUMNS) if answers else None
     values = {"answers": table, "notes": results.notes, "safe": share(SAFE), "cheap": CHEAP}
-    return Section("report/questions.md.jinja", values)
+    return Section("pipeline/report/questions.md.jinja", values)

@@ -14,4 +14,4 @@ def section(examples: Sequence[Example]) -> Section:
         (example.title, Picture(f"transfer-{k}", figure_transfer(example)))
         for k, example in enumerate(examples, start=1)
     ]
-    return Section("experiments/examples/section.md.jinja", {"pictures": pictures})
+    return Section("pipeline/experiments/examples/section.md.jinja", {"pictures": pictures})

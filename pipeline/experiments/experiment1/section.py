@@ -32,7 +32,7 @@ def section(averages: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Sectio
         "table_2": table,
         "figures_2_3": Picture("experiment1", objectives_figure(averages, n, look)),
     }
-    return Section("experiments/experiment1/section.md.jinja", values)
+    return Section("pipeline/experiments/experiment1/section.md.jinja", values)
 
 
 def objectives_table(averages: pd.DataFrame, n: int) -> Table:

@@ -11,7 +11,7 @@ from pipeline.experiments import paper
 from pipeline.experiments.against import tables_against
 from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
 
-TEMPLATE = "experiments/experiment2/section.md.jinja"
+TEMPLATE = "pipeline/experiments/experiment2/section.md.jinja"
 
 PRINTED_SIZES = (2, 5, 10, 20, 30)
 """Swarm sizes that the page shows where they were evaluated; the CSV files have all."""

@@ -43,7 +43,7 @@ def section(warmstarts: pd.DataFrame, look: Mapping[str, Style]) -> Section:
             }
             for n in sorted(map(int, set(sizes)))
         ]
-    return Section("experiments/experiment3/section.md.jinja", values)
+    return Section("pipeline/experiments/experiment3/section.md.jinja", values)
 
 
 def warmstart_picture(

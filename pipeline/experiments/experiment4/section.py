@@ -13,7 +13,7 @@ from pipeline.experiments.experiment4.figure import recipes_of, times_figure
 from pipeline.experiments.experiment4.run import NODES, WAYS
 from pipeline.experiments.experiment4.summary import summarize_times
 
-TEMPLATE = "experiments/experiment4/section.md.jinja"
+TEMPLATE = "pipeline/experiments/experiment4/section.md.jinja"
 
 PRINTED_MINUTES = (10, 14, 20, 30, 40)
 """Transfer times that the page shows where they were tried; the CSV files have all."""

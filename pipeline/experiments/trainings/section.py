@@ -50,7 +50,7 @@ def section(training: pd.DataFrame, curves: pd.DataFrame, look: Mapping[str, Sty
         "models": None if training.empty else training_table(training),
         "losses": None if curves.empty else Picture("training", curves_figure(curves, look)),
     }
-    return Section("experiments/trainings/section.md.jinja", values)
+    return Section("pipeline/experiments/trainings/section.md.jinja", values)
 
 
 def training_table(training: pd.DataFrame) -> Table:

@@ -20,7 +20,7 @@ SHARES = pd.DataFrame(
 
 def examples(*titles):
     pictures = [(title, Picture(f"figure-{title}", Figure())) for title in titles]
-    return Section("experiments/examples/section.md.jinja", {"pictures": pictures})
+    return Section("pipeline/experiments/examples/section.md.jinja", {"pictures": pictures})
 
 
 def test_figures_are_numbered_through_all_sections_with_their_captions_on_one_line():
