@@ -21,9 +21,9 @@ from torch.utils.data import DataLoader, Dataset
 from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.dataset.reading.examples import Examples
 from pipeline.expert import own_optima
-from pipeline.networks.architecture import find
+from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
-from pipeline.networks.recipes import Recipe, recipe_for
+from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw

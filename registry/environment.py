@@ -20,7 +20,7 @@ LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")
 MADE_WITH = "made_with"
 """Tag with the versions, ours and others', that decide what a run gives, as JSON."""
 
-TRAINED_BY = ("orbit", "networks", "training"), ("numpy", "torch")
+TRAINED_BY = ("orbit", "scenario", "networks", "training"), ("numpy", "torch")
 EVALUATED_BY = (
     (
         *("orbit", "scenario", "plan", "expert", "networks", "planners", "experiments/trials.py"),

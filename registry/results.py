@@ -12,17 +12,9 @@ import pandas as pd
 
 from pipeline.errors import InputError
 from pipeline.progress import SILENT, Progress
+from registry.entries import log_metrics, log_params, metrics_now, recorded
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
-from registry.store import (
-    EVALUATION,
-    Store,
-    log_metrics,
-    log_params,
-    metrics_now,
-    opened,
-    recorded,
-    recorded_run,
-)
+from registry.store import EVALUATION, Store, opened, recorded_run
 from registry.story import EVALUATION_DATA, dataset_input
 from registry.version import ModelVersion, moment
 

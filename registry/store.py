@@ -3,18 +3,16 @@
 import logging
 import os
 import ssl
-import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from http.client import HTTPException
 from pathlib import Path
-from typing import Any, SupportsFloat
+from typing import Any
 
 import mlflow
-from mlflow.entities import Metric, Param
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
 from sqlalchemy.exc import SQLAlchemyError
@@ -36,10 +34,6 @@ TUNING = "prolearn-tuning"
 
 REACH_SECONDS = 4.0
 """How long a tracking server may take to say anything at all."""
-
-MOST_PARAMS = 100
-MOST_METRICS = 1000
-"""What MLflow takes in one request."""
 
 PROCESS_DEFAULTS = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
@@ -155,42 +149,6 @@ def recorded_run(
         log_system_metrics=False,
     ) as run:
         yield run.info.run_id
-
-
-def recorded(params: Mapping[str, Any]) -> dict[str, str]:
-    """Parameters as the store keeps them: as text, without the secrets of URLs."""
-    return {key: str(shown(value)) for key, value in params.items()}
-
-
-def shown(value: Any) -> Any:
-    """A parameter's value without the secrets of a URL; any other stays what it is."""
-    text = str(value)
-    return public_url(text) if "://" in text else value
-
-
-def log_params(store: Store, run_id: str, params: Mapping[str, Any]) -> None:
-    """Log parameters, in as few requests as MLflow allows."""
-    entities = [Param(key, value) for key, value in recorded(params).items()]
-    for batch in _batches(entities, MOST_PARAMS):
-        store.client.log_batch(run_id, params=batch)
-
-
-def log_metrics(store: Store, run_id: str, metrics: Sequence[Any]) -> None:
-    """Log MLflow's metrics, in as few requests as MLflow allows."""
-    for batch in _batches(metrics, MOST_METRICS):
-        store.client.log_batch(run_id, metrics=batch)
-
-
-def metrics_now(
-    metrics: Mapping[str, SupportsFloat], model_id: str | None = None, step: int = 0
-) -> list[Any]:
-    """MLflow's metrics for values reached by now, of a run and of a model that it logged."""
-    stamp = int(time.time() * 1000)
-    return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in metrics.items()]
-
-
-def _batches(entities: Sequence[Any], most: int) -> Iterator[Sequence[Any]]:
-    return (entities[k : k + most] for k in range(0, len(entities), most))
 
 
 def _prepare_process() -> None:

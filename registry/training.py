@@ -21,17 +21,10 @@ from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
+from registry.entries import log_metrics, log_params, metrics_now
 from registry.environment import TRAINED_BY, environment_tags, requirements
 from registry.flavor import SIGNATURE
-from registry.store import (
-    TRAINING,
-    Store,
-    log_metrics,
-    log_params,
-    metrics_now,
-    opened,
-    recorded_run,
-)
+from registry.store import TRAINING, Store, opened, recorded_run
 from registry.story import (
     CURVES,
     TRAINING_DATA,

@@ -12,7 +12,7 @@ from safetensors import safe_open
 
 from pipeline.errors import ProlearnError
 from pipeline.files import write_text
-from registry.store import shown
+from registry.entries import shown
 
 WEIGHTS = "weights.safetensors"
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from mlflow.exceptions import MlflowException
 
+from registry.entries import recorded
 from registry.environment import MADE_WITH
-from registry.store import TRAINING, Store, recorded
+from registry.store import TRAINING, Store
 from registry.story import RECIPE_PARAMS
 
 PREFIX = "prolearn-"

@@ -8,14 +8,16 @@ from cli.stages.champion import Challenge, challenge, flown_metrics, validation_
 from pipeline.dataset.reading.stream import MEMORY
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.networks.recipes import Recipe, recipe_for
+from pipeline.networks.architecture import recipe_for
+from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
 from pipeline.training.validation import POSITION_RMSE, position_rmse
+from registry.entries import recorded
 from registry.environment import TRAINED_BY, changed_since
 from registry.models import list_versions
-from registry.store import connect, recorded
+from registry.store import connect
 from registry.story import recipe_params
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -10,35 +9,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mlflow
-from filelock import FileLock
 from mlflow.exceptions import MlflowException
-from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.dataset.reading.examples import ExampleSource
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError
-from pipeline.networks.architecture import find
-from pipeline.networks.recipes import Recipe, recipe_for
+from pipeline.networks.architecture import find, recipe_for
+from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.training.loop import train
-from pipeline.training.search import SPACE, Between
 from pipeline.training.sources import sources
+from pipeline.training.study import complete, open_study, suggested
 from pipeline.training.validation import POSITION_RMSE, position_rmse
+from registry.entries import log_metrics, log_params, metrics_now
 from registry.environment import TRAINED_BY, environment_tags
 from registry.sqlite import database_path
-from registry.store import (
-    TUNING,
-    Store,
-    explained,
-    log_metrics,
-    log_params,
-    metrics_now,
-    opened,
-    recorded_run,
-    with_experiment,
-)
+from registry.store import TUNING, Store, explained, opened, recorded_run, with_experiment
 from registry.story import DatasetInfo, curve_metrics, story_of
 
 if TYPE_CHECKING:
@@ -51,10 +39,6 @@ OBJECTIVES = (POSITION_RMSE, "best_valid_loss")
 
 PARENT = "mlflow_run_id"
 """Under this name a study remembers its MLflow run."""
-
-HEARTBEAT_SECONDS = 60
-GRACE_SECONDS = 180
-"""A trial that has not been heard of for so long has died."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +148,6 @@ def tune(
     """
     if trials < 1:
         raise InputError(f"trials is {trials}; expected at least 1.")
-    optuna = _optuna()
     followed = recipe_for(arch, recipe)
     followed = followed if epochs is None else replace(followed, epochs=epochs)
     learn, valid = sources(followed, data, n, seed=seed)
@@ -173,57 +156,15 @@ def tune(
     with opened() as opened_store:
         store = with_experiment(opened_store, TUNING)
         path = (storage or _storage_beside(store)).absolute()
-        with _explained(optuna, path):
-            study = _study(optuna, path, search)
+        with open_study(path, search.name, seed) as study:
             with _parent(store, study, search) as run_id:
-                _search(optuna, study, store, search, trials, run_id, progress)
-            return _found(optuna, study, search, path, run_id)
-
-
-def _optuna() -> Any:
-    try:
-        import optuna
-    except ImportError as error:
-        raise InputError(
-            "optuna is not installed; expected the packages of prolearn's extra `tune`: "
-            "pip install 'prolearn[tune]'."
-        ) from error
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    return optuna
+                _search(study, store, search, trials, run_id, progress)
+            return _found(study, search, path, run_id)
 
 
 def _storage_beside(store: Store) -> Path:
     sqlite = store.uri.startswith("sqlite:")
     return (database_path(store.uri).parent if sqlite else Path.cwd()) / STORAGE
-
-
-@contextmanager
-def _explained(optuna: Any, path: Path) -> Iterator[None]:
-    """Turn failures of the storage into one sentence about it."""
-    try:
-        yield
-    except (optuna.exceptions.OptunaError, SQLAlchemyError) as error:
-        reason = str(error.__cause__ or error).strip().splitlines()[0]
-        raise ProlearnError(
-            f"The storage of trials {path} failed ({reason[:300]}); expected Optuna's SQLite file "
-            "on a disk with space: move it away, or name another with --storage."
-        ) from error
-
-
-def _study(optuna: Any, path: Path, search: Tuning) -> "Study":
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # Several processes must not make its tables at once. Optuna calls its heartbeat experimental.
-    with FileLock(f"{path}.lock"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        kept = optuna.storages.RDBStorage(
-            f"sqlite:///{path}", heartbeat_interval=HEARTBEAT_SECONDS, grace_period=GRACE_SECONDS
-        )
-        study = optuna.create_study(
-            study_name=search.name, storage=kept, direction="minimize", load_if_exists=True
-        )
-    # A search that goes on must not draw once more what it began with.
-    study.sampler = optuna.samplers.TPESampler(seed=search.seed + len(study.trials))
-    return study
 
 
 @contextmanager
@@ -245,7 +186,6 @@ def _parent(store: Store, study: "Study", search: Tuning) -> Iterator[str]:
 
 
 def _search(
-    optuna: Any,
     study: "Study",
     store: Store,
     search: Tuning,
@@ -253,19 +193,19 @@ def _search(
     run_id: str,
     progress: Progress,
 ) -> None:
-    last = min(trials, len(_complete(optuna, study)))
+    last = min(trials, complete(study))
     progress.expect(trials - last)
 
     def after(study: "Study", trial: Any) -> None:
         nonlocal last
-        complete = len(_complete(optuna, study))
-        if complete:
+        done = complete(study)
+        if done:
             name = "best_" + search.objective.removeprefix("best_")
-            log_metrics(store, run_id, metrics_now({name: study.best_value}, step=complete))
-            before, last = last, min(complete, trials)  # other processes may have done more
+            log_metrics(store, run_id, metrics_now({name: study.best_value}, step=done))
+            before, last = last, min(done, trials)  # other processes may have done more
             unit = " m" if search.objective == POSITION_RMSE else ""
             progress.done(last - before, f"best {study.best_value:.4g}{unit}")
-        if complete >= trials:
+        if done >= trials:
             study.stop()
 
     if last < trials:
@@ -280,7 +220,7 @@ def _search(
 
 def _trial(trial: "Trial", store: Store, search: Tuning) -> float:
     """Train once and record it as a nested run; what the objective comes to."""
-    recipe = replace(search.recipe, **{name: _suggest(trial, name) for name in SPACE})
+    recipe = replace(search.recipe, **suggested(trial))
     with recorded_run(
         store, TUNING, f"trial-{trial.number}", environment_tags(TRAINED_BY)
     ) as run_id:
@@ -302,23 +242,12 @@ def _trial(trial: "Trial", store: Store, search: Tuning) -> float:
     return story.metrics[search.objective]
 
 
-def _suggest(trial: "Trial", name: str) -> Any:
-    space = SPACE[name]
-    if isinstance(space, Between):
-        return trial.suggest_float(name, space.low, space.high, log=space.log)
-    return trial.suggest_categorical(name, space.values)
-
-
-def _complete(optuna: Any, study: "Study") -> list[Any]:
-    return study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,))
-
-
-def _found(optuna: Any, study: "Study", search: Tuning, path: Path, run_id: str) -> Tuned:
-    complete = len(_complete(optuna, study))
-    if not complete:
+def _found(study: "Study", search: Tuning, path: Path, run_id: str) -> Tuned:
+    trials = complete(study)
+    if not trials:
         raise ProlearnError(
             f"No trial of {study.study_name} came to an end: the loss diverged in each; expected "
             "at least one: run the command again, or start from another recipe."
         )
     best = study.best_value, study.best_params
-    return Tuned(study.study_name, path, run_id, complete, search.objective, *best)
+    return Tuned(study.study_name, path, run_id, trials, search.objective, *best)

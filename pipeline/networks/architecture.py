@@ -12,6 +12,7 @@ Then ``mine`` can be trained, saved, loaded, evaluated and planned with like the
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -21,7 +22,7 @@ from torch import Tensor, nn
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.catalogue import entry_point
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.recipes import Recipe
+from pipeline.networks.recipes import RECIPES, Recipe
 from pipeline.networks.swarms import Batch, Swarms
 
 Answer = Literal["states", "controls"]
@@ -124,3 +125,24 @@ def find(name: str) -> Architecture:
             "pipeline.networks.architecture.Architecture; add them."
         )
     return found
+
+
+def recipe_for(arch: str, name: str) -> Recipe:
+    """The recipe of a name, with the departures that an architecture declares.
+
+    What an architecture calls otherwise departs from the tuned recipe.
+
+    Raises:
+        InputError: for an unknown architecture or recipe, or departures that make none.
+    """
+    own = find(arch).recipes
+    if name not in {**RECIPES, **own}:
+        known = ", ".join(dict.fromkeys([*RECIPES, *own]))
+        raise InputError(f"recipe is {name!r}; expected one of {known}.")
+    try:
+        return replace(RECIPES.get(name, RECIPES["tuned"]), **{"name": name, **own.get(name, {})})
+    except TypeError as error:
+        raise InputError(
+            f"recipe {name!r} of architecture {arch!r} cannot be followed ({error}); expected "
+            "fields of pipeline.networks.recipes.Recipe."
+        ) from error

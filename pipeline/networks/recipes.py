@@ -1,7 +1,7 @@
 """Recipes for training: the paper's, one tuned on validation, and those of an architecture."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
@@ -94,26 +94,3 @@ RECIPES: Mapping[str, Recipe] = {
     ),
 }
 """By name; an architecture may depart from them, or add its own (``Architecture.recipes``)."""
-
-
-def recipe_for(arch: str, name: str) -> Recipe:
-    """The recipe of a name, with the departures that an architecture declares.
-
-    What an architecture calls otherwise departs from the tuned recipe.
-
-    Raises:
-        InputError: for an unknown architecture or recipe, or departures that make none.
-    """
-    from pipeline.networks.architecture import find  # needs the recipe's type
-
-    own = find(arch).recipes
-    if name not in {**RECIPES, **own}:
-        known = ", ".join(dict.fromkeys([*RECIPES, *own]))
-        raise InputError(f"recipe is {name!r}; expected one of {known}.")
-    try:
-        return replace(RECIPES.get(name, RECIPES["tuned"]), **{"name": name, **own.get(name, {})})
-    except TypeError as error:
-        raise InputError(
-            f"recipe {name!r} of architecture {arch!r} cannot be followed ({error}); expected "
-            "fields of pipeline.networks.recipes.Recipe."
-        ) from error

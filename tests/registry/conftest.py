@@ -15,7 +15,8 @@ from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
-from pipeline.networks.recipes import Recipe, recipe_for
+from pipeline.networks.architecture import recipe_for
+from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.scenario import draw

@@ -23,7 +23,7 @@ from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import load
 from pipeline.training.loop import Epoch, Trained
-from pipeline.networks.recipes import recipe_for
+from pipeline.networks.architecture import recipe_for
 from registry.training import DatasetInfo, record_training
 
 model = load(Path({network!r}))

@@ -20,9 +20,8 @@ from pipeline.dataset.storage.schema import SOLVED_FIELDS, metadata
 from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.errors import InputError
 from pipeline.expert import Settings
-from pipeline.networks.architecture import find
+from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
-from pipeline.networks.recipes import recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.training.data import Preparation, batches
@@ -172,7 +171,7 @@ from pathlib import Path
 import torch
 from pipeline.dataset.reading.stream import examples_within
 from pipeline.training.loop import train
-from pipeline.networks.recipes import recipe_for
+from pipeline.networks.architecture import recipe_for
 torch.set_num_threads(1)
 folder, memory = sys.argv[1], float(sys.argv[2])
 def run(split_size, memory):

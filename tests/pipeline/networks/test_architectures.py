@@ -11,10 +11,9 @@ from torch import nn
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks import architecture
-from pipeline.networks.architecture import find
+from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.catalogue import architecture_names
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.recipes import recipe_for
 from pipeline.orbit.problem import Problem
 
 NAMES = ("ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol")

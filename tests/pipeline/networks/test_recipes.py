@@ -10,7 +10,8 @@ from torch import nn
 
 from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError
-from pipeline.networks.recipes import RECIPES, recipe_for
+from pipeline.networks.architecture import recipe_for
+from pipeline.networks.recipes import RECIPES
 from pipeline.orbit.problem import Problem
 from pipeline.training.device import training_device
 from pipeline.training.loop import train

@@ -8,7 +8,7 @@ import torch
 
 from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError, ProlearnError
-from pipeline.networks.recipes import recipe_for
+from pipeline.networks.architecture import recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, minimum_energy

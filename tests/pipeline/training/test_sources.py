@@ -8,10 +8,9 @@ import torch
 
 from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError
-from pipeline.networks.architecture import find
+from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.networks.model import load, save
-from pipeline.networks.recipes import recipe_for
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.training.data import Preparation, batches

@@ -1,0 +1,78 @@
+"""A search for better recipes as an Optuna study, which several processes may share."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from filelock import FileLock
+from sqlalchemy.exc import SQLAlchemyError
+
+from pipeline.errors import InputError, ProlearnError
+from pipeline.training.search import SPACE, Between
+
+if TYPE_CHECKING:
+    from optuna import Study, Trial
+
+HEARTBEAT_SECONDS = 60
+GRACE_SECONDS = 180
+"""A trial that has not been heard of for so long has died."""
+
+
+@contextmanager
+def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
+    """The study of a name in an SQLite file, both made where they are missing.
+
+    Args:
+        path: the file.
+        name: the same for searches whose trials can be compared.
+        seed: of what is drawn next.
+
+    Raises:
+        InputError: where Optuna is not installed.
+        ProlearnError: where the file fails, in the block too.
+    """
+    try:
+        import optuna
+    except ImportError as error:
+        raise InputError(
+            "optuna is not installed; expected the packages of prolearn's extra `tune`: "
+            "pip install 'prolearn[tune]'."
+        ) from error
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Several processes must not make its tables at once. The heartbeat is experimental.
+        with FileLock(f"{path}.lock"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            storage = optuna.storages.RDBStorage(
+                f"sqlite:///{path}",
+                heartbeat_interval=HEARTBEAT_SECONDS,
+                grace_period=GRACE_SECONDS,
+            )
+            study = optuna.create_study(study_name=name, storage=storage, load_if_exists=True)
+        # A search that goes on must not draw once more what it began with.
+        study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials))
+        yield study
+    except (optuna.exceptions.OptunaError, SQLAlchemyError) as error:
+        reason = str(error.__cause__ or error).strip().splitlines()[0]
+        raise ProlearnError(
+            f"The storage of trials {path} failed ({reason[:300]}); expected Optuna's SQLite file "
+            "on a disk with space: move it away, or name another with --storage."
+        ) from error
+
+
+def complete(study: "Study") -> int:
+    """Trials that came to an end."""
+    return sum(trial.state.name == "COMPLETE" for trial in study.get_trials(deepcopy=False))
+
+
+def suggested(trial: "Trial") -> dict[str, Any]:
+    """Fields of a recipe, of SPACE, for a trial."""
+    return {
+        name: trial.suggest_float(name, space.low, space.high, log=space.log)
+        if isinstance(space, Between)
+        else trial.suggest_categorical(name, space.values)
+        for name, space in SPACE.items()
+    }
