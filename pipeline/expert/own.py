@@ -1,5 +1,6 @@
 """Each craft's own optimum, the others ignored: the SCP's start and the bound no plan beats."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,12 @@ from pipeline.expert.interior_point import (
     right_hand_side,
 )
 from pipeline.expert.subproblem import Subproblem
+from pipeline.orbit.least_fuel import least_fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
 BOUND_TOLERANCE = 1e-8
-"""Relative tolerance of own optima, and so of the lower bound."""
+"""Relative tolerance of the programs of single craft, and so of their lower bound."""
 
 FARKAS_MARGIN = 1e-6
 """Relative margin by which a proof of impossibility must hold, beyond rounding."""
@@ -51,12 +53,10 @@ def goal_miss(
     return goal - initial @ transfer_maps(problem).drift[-1].T
 
 
-def control_unit(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
-) -> float:
+def control_unit(miss: Float[Array, "n 6"], problem: Problem) -> float:
     """Size of a typical control, m/s²: of the transfers, or to move by the collision radius."""
     evasive = problem.collision_radius / problem.duration**2
-    return max(float(np.abs(minimum_energy(initial, goal, problem)).max()), evasive)
+    return max(float(np.abs(miss @ transfer_maps(problem).to_goal.T).max()), evasive)
 
 
 def control_limit(problem: Problem) -> float:
@@ -67,33 +67,62 @@ def control_limit(problem: Problem) -> float:
 def own_optima(
     initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
 ) -> OwnOptima:
-    """Solve one linear program a craft: least ‖u‖₁ that joins its two states.
+    """Least ‖u‖₁ that joins the two states of each craft.
+
+    By table where the optimum without a thrust limit keeps to it, for then it is the optimum with
+    it too; the others by one linear program each.
+    """
+    miss = goal_miss(initial, goal, problem)
+    controls, bound = minimum_energy(initial, goal, problem), np.zeros(len(miss))
+    feasible, impossible = np.zeros((2, len(miss)), dtype=bool)
+    found = least_fuel(miss, problem)
+    if found is not None:
+        within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
+        feasible = found.exact & within
+        controls[feasible], bound[:] = found.controls[feasible], found.bound
+    for k, one in zip(np.flatnonzero(~feasible), _programs(miss[~feasible], problem), strict=True):
+        feasible[k], impossible[k] = one.controls is not None, one.impossible
+        bound[k] = max(bound[k], one.bound)
+        if one.controls is not None:
+            controls[k] = one.controls
+    exact = meet_goal(initial, controls, goal, problem)
+    return OwnOptima(exact, bound, feasible, impossible)
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """What the linear program of one craft gave."""
+
+    controls: Float[Array, "intervals 3"] | None
+    bound: float = 0.0
+    impossible: bool = False
+
+
+def _programs(miss: Float[Array, "n 6"], problem: Problem) -> Iterator[_Program]:
+    """Solve one linear program a craft.
 
     The bound is not the solver's optimum but what its multipliers prove: for any y,
     missᵀy - limit · Σ max(|reachᵀy| - 1, 0) is a lower bound, and so is missᵀy where y is
     shrunk until |reachᵀy| ≤ 1 (linear programming duality).
     """
+    if len(miss) == 0:
+        return
     reach = transfer_maps(problem).reach[-1]
-    miss = goal_miss(initial, goal, problem)
-    one = _single(reach, miss[:1], control_limit(problem), control_unit(initial, goal, problem))
+    unit = control_unit(miss, problem)
+    one = _single(reach, miss[:1], control_limit(problem), unit)
     solver, b = new_solver(one, tolerance=BOUND_TOLERANCE), right_hand_side(one)
-    controls = minimum_energy(initial, goal, problem)
-    bound = np.zeros(len(miss))
-    feasible, impossible = np.zeros((2, len(miss)), dtype=bool)
     scale = one.goal_scale
-    for k, wanted in enumerate(miss):
+    for wanted in miss:
         b[:6] = wanted * scale
         solver.update(b=b)
         found = solver.solve()
         multipliers = -np.asarray(found.z)[:6] * scale * one.unit
-        feasible[k] = str(found.status) in OPTIMAL
-        if feasible[k]:
-            controls[k] = controls_of(np.asarray(found.x), one).reshape(-1, 3)
-            bound[k] = _proven(multipliers, wanted, reach, problem.max_acceleration)
+        if str(found.status) in OPTIMAL:
+            controls = controls_of(np.asarray(found.x), one).reshape(-1, 3)
+            yield _Program(controls, _proven(multipliers, wanted, reach, problem.max_acceleration))
         else:
-            impossible[k] = _refutes(multipliers, wanted, reach, problem.max_acceleration)
-    exact = meet_goal(initial, controls, goal, problem)
-    return OwnOptima(exact, bound, feasible, impossible)
+            refuted = _refutes(multipliers, wanted, reach, problem.max_acceleration)
+            yield _Program(None, impossible=refuted)
 
 
 def _single(

@@ -85,7 +85,7 @@ class Search:
         self.scenario, self.own, self.settings = scenario, own, settings
         self.problem, self.radius = scenario.problem, scenario.problem.collision_radius
         self.miss = goal_miss(scenario.initial, scenario.goal, self.problem)
-        self.unit = control_unit(scenario.initial, scenario.goal, self.problem)
+        self.unit = control_unit(self.miss, self.problem)
         everyone = np.ones(scenario.n, dtype=bool)
         self.accepted, self.active, self.failed = ~everyone, ~everyone, ~everyone
         self.failure = ""

@@ -1,0 +1,140 @@
+"""The least fuel of a craft on its own, by table: a gauge, looked up on the facets of a polytope.
+
+The fuel that brings about a change b of the final state is a linear program, min ‖u‖₁ subject to
+R u = b, and its value is the gauge of the convex hull of R's columns and their negatives: by how
+much the hull must grow until b is on it. What the ray to b meets is a facet, and a facet is all
+that a simplex method looks for:
+
+- its corners are the optimal basis: which thrusters burn in which intervals, in which direction;
+- the weights by which they give b are how much they burn, the primal solution;
+- its normal y, with yᵀp = 1 at the corners, is the dual one: |Rᵀy| ≤ 1, so no u needs less than
+  bᵀy (weak duality), and by the facet exactly that is needed.
+
+R is the same for all craft of a problem, so the facets are found once, by Qhull, and every craft
+is a product and a maximum. Where motions are decoupled, as in-plane and cross-track are, each has
+a hull of its own, of few dimensions.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+from pipeline.arrays import Array
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import transfer_maps
+
+NEGLIGIBLE = 1e-12
+"""Share of a component's largest reach under which an entry of R is none."""
+
+FLAT = 1e10
+"""Condition from which a facet's corners span no volume: others cover what it would."""
+
+ROUNDING = 1e-9
+"""Share of the fuel by which a weight may be negative, or a primal exceed its dual."""
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """The hull of some decoupled components of the final state, F facets in d dimensions.
+
+    Attributes:
+        component: components of the state, (d,).
+        column: control, flattened by time, at each corner of each facet, (F, d).
+        sign: direction in which it acts there, (F, d).
+        weights: from a change of the components to the corners' weights, (F, d, d).
+        dual: y of each facet, scaled so that |Rᵀy| ≤ 1 holds beyond rounding, (F, d).
+    """
+
+    component: Int[Array, "d"]
+    column: Int[Array, "F d"]
+    sign: Float[Array, "F d"]
+    weights: Float[Array, "F d d"]
+    dual: Float[Array, "F d"]
+
+
+@dataclass(frozen=True, eq=False)
+class LeastFuel:
+    """Optima of N craft without a thrust limit.
+
+    Attributes:
+        controls: (N, intervals, 3), m/s².
+        bound: proven lower bound on the fuel of each craft, (N,), m/s².
+        dual: y that proves it, (N, 6): bound = missᵀy and |reachᵀy| ≤ 1.
+        exact: whether the controls need no more than the bound but for rounding, (N,).
+    """
+
+    controls: Float[Array, "N intervals 3"]
+    bound: Float[Array, "N"]
+    dual: Float[Array, "N 6"]
+    exact: Bool[Array, "N"]
+
+
+def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
+    """Least-fuel controls for changes of the final state, m and m/s; the thrust limit is ignored.
+
+    None for a problem whose controls do not reach every state, so that there is no hull.
+    """
+    table = facets_of(problem)
+    if table is None:
+        return None
+    flat = np.zeros((len(miss), 3 * problem.intervals))
+    bound, dual = np.zeros(len(miss)), np.zeros(miss.shape)
+    for facets in table:
+        part = miss[:, facets.component]
+        value = part @ facets.dual.T
+        chosen = value.argmax(axis=1)
+        weight = np.einsum("nij,nj->ni", facets.weights[chosen], part)
+        for k in np.flatnonzero(weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)):
+            chosen[k], weight[k] = _met(facets, part[k], value[k])
+        craft = np.arange(len(miss))[:, None]
+        flat[craft, facets.column[chosen]] = weight * facets.sign[chosen]
+        bound += np.take_along_axis(value, chosen[:, None], axis=1)[:, 0]
+        dual[:, facets.component] = facets.dual[chosen]
+    bound = np.maximum(bound, 0.0)
+    exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
+    return LeastFuel(flat.reshape(len(miss), -1, 3), bound, dual, exact)
+
+
+@lru_cache(maxsize=32)
+def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
+    """The hulls of a problem, made once; None where some state is out of reach."""
+    reach = transfer_maps(problem).reach[-1]
+    size = np.abs(reach).max(axis=1, keepdims=True)
+    acts = np.abs(reach) > NEGLIGIBLE * size
+    _, label = connected_components(csr_array(acts @ acts.T), directed=False)
+    try:
+        return tuple(_facets(reach, acts, np.flatnonzero(label == k)) for k in np.unique(label))
+    except QhullError:
+        return None
+
+
+def _facets(
+    reach: Float[Array, "6 m"], acts: Bool[Array, "6 m"], component: Int[Array, "d"]
+) -> Facets:
+    used = np.flatnonzero(acts[component].any(axis=0))
+    columns = reach[np.ix_(component, used)]
+    scale = 1 / np.abs(columns).max(axis=1)  # Qhull wants coordinates of one size
+    points = np.concatenate([columns.T, -columns.T]) * scale
+    corner = ConvexHull(points).simplices
+    corner = corner[np.linalg.cond(points[corner]) < FLAT]
+    inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
+    dual = inverse.sum(axis=2)  # solves corners · y = 1
+    dual /= np.maximum(np.abs(dual @ points.T).max(axis=1, keepdims=True), 1.0)
+    weights = inverse.transpose(0, 2, 1) * scale
+    sign = np.where(corner < len(used), 1.0, -1.0)
+    return Facets(component, used[corner % len(used)], sign, weights, dual * scale)
+
+
+def _met(
+    facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
+) -> tuple[int, Float[Array, "d"]]:
+    """Where facets share a plane, the one that the ray meets: whose weights are not negative."""
+    near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
+    weights = facets.weights[near] @ part
+    k = int(weights.min(axis=1).argmax())
+    return int(near[k]), weights[k]
