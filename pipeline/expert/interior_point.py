@@ -1,4 +1,4 @@
-"""The convex subproblem handed to Clarabel as sparse data: the default, and the fast one.
+"""The convex subproblem handed to Clarabel as sparse data: the reference for the simplex method.
 
 Each control is split into its positive and negative part, u = p - q with p, q ≥ 0, so that
 ‖u‖₁ is linear. The variables are p and q of each craft in turn, then the slacks; the rows are
@@ -13,13 +13,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from pipeline.arrays import Array
-from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
-
-LENGTH = 10.0
-"""Scale of half-space rows, m."""
-
-NEGLIGIBLE = 1e-13
-"""Entries of a scaled map below this are structural zeros."""
+from pipeline.expert.subproblem import LENGTH, NEGLIGIBLE, Optimum, Subproblem, UnsolvableError
 
 TOLERANCE = 1e-7
 """Relative tolerance of a joint program: far below what a round gains."""

@@ -38,12 +38,14 @@ class OwnOptima:
         feasible: whether an optimum was found, (n,).
         impossible: whether it is proven that the craft cannot make the transfer within the
             thrust limit, (n,); what is neither the solver failed at.
+        basis: basic variables without a thrust limit, as in ``Subproblem``, where they are known.
     """
 
     controls: Float[Array, "n intervals 3"]
     lower_bound: Float[Array, "n"]
     feasible: Bool[Array, "n"]
     impossible: Bool[Array, "n"]
+    basis: Int[Array, "n 6"] | None = None
 
 
 def goal_miss(
@@ -86,7 +88,8 @@ def own_optima(
         if one.controls is not None:
             controls[k] = one.controls
     exact = meet_goal(initial, controls, goal, problem)
-    return OwnOptima(exact, bound, feasible, impossible)
+    basis = None if found is None else found.basis
+    return OwnOptima(exact, bound, feasible, impossible, basis)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.expert import interior_point
+from pipeline.expert import interior_point, simplex
 from pipeline.expert.clusters import Cluster, cluster_labels
 from pipeline.expert.cuts import Cuts, HalfSpaces, conflicts, gaps, half_spaces
 from pipeline.expert.own import OwnOptima, control_limit, control_unit, goal_miss
@@ -236,7 +236,10 @@ class Search:
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
             unit=self.unit,
+            basis=None if self.own.basis is None else self.own.basis[craft],
         )
+        if self.settings.solver == "simplex":
+            return simplex.solve(sub)
         if self.settings.solver == "clarabel":
             return interior_point.solve(sub)
         from pipeline.expert import readable  # cvxpy takes a second to import

@@ -17,7 +17,8 @@ class Settings:
         margin: separation asked for beyond the collision radius, m, so that small shifts stay
             safe; the smaller, the less fuel and the more rounds.
         max_rounds: rounds of programs that a search may take.
-        solver: the subproblem by Clarabel directly, or by its readable form in cvxpy.
+        solver: the subproblem by the simplex method of HiGHS, by the interior points of Clarabel,
+            or by its readable form in cvxpy.
     """
 
     separation: Literal["continuous", "nodes"] = "continuous"
@@ -27,7 +28,7 @@ class Settings:
     starts: int = 1
     margin: float = 0.05
     max_rounds: int = 60
-    solver: Literal["clarabel", "cvxpy"] = "clarabel"
+    solver: Literal["simplex", "clarabel", "cvxpy"] = "simplex"
 
 
 BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8, margin=0.005)

@@ -19,6 +19,12 @@ from jaxtyping import Float, Int
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
 
+LENGTH = 10.0
+"""Scale of half-space rows, m."""
+
+NEGLIGIBLE = 1e-13
+"""Entries of a scaled map below this are structural zeros."""
+
 
 class UnsolvableError(ProlearnError):
     """The solver found no optimum; a thrust limit is the usual reason."""
@@ -39,6 +45,8 @@ class Subproblem:
         limit: largest component of a control, m/s², or infinity.
         penalty: cost of a metre of slack, m/s².
         unit: size of a typical control, m/s², which makes the solver's numbers of order one.
+        basis: basic variables of each craft's own optimum, where they are known, (n, 6): the
+            number of a control, or m more where it acts in the negative direction.
     """
 
     reach: Float[Array, "6 m"]
@@ -50,6 +58,7 @@ class Subproblem:
     limit: float
     penalty: float
     unit: float
+    basis: Int[Array, "n 6"] | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:

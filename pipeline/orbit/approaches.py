@@ -1,13 +1,14 @@
 """Closest approaches of the craft of a swarm, soundly: nothing is sampled."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
-from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier
+from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
@@ -17,6 +18,9 @@ TOLERANCE = 1e-4
 PROVABLE = 1.01 * TOLERANCE
 """What a bound must exceed a distance by, m, so that any later bracket's bound exceeds it too:
 the width of a bracket, and rounding."""
+
+FEW = 50
+"""Craft up to which comparing all with all takes less time than a tree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,20 +114,28 @@ def _candidates(
 ) -> tuple[Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
     """First craft, second craft and interval of all pairs whose balls are within a distance.
 
-    All intervals go into one tree: as many planes of a fourth dimension, too far apart to meet.
+    Few craft are compared all with all. Of many, all intervals go into one tree: as many planes of
+    a fourth dimension, too far apart to meet.
     """
     h = problem.time_step
     n, intervals = controls.shape[:2]
     start, end = states[:, :-1], states[:, 1:]
     most = problem.dynamics.most_acceleration(start, controls, h)
     sag = most * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
-    radius = (np.linalg.norm(end[..., :3] - start[..., :3], axis=-1) / 2 + sag).ravel()
+    radius = norm(end[..., :3] - start[..., :3]) / 2 + sag
+    middle = (start[..., :3] + end[..., :3]) / 2
+    if n <= FEW:
+        i, j = np.triu_indices(n, 1)
+        apart = norm(middle[i] - middle[j])
+        k, pair = np.nonzero((apart <= radius[i] + radius[j] + within).T)
+        return i[pair], j[pair], k
+    radius = radius.ravel()
     reach = 2 * float(radius.max()) + within
     plane = np.broadcast_to(2 * reach * np.arange(intervals)[:, None], (n, intervals, 1))
-    middle = np.concatenate([(start[..., :3] + end[..., :3]) / 2, plane], axis=-1).reshape(-1, 4)
+    middle = np.concatenate([middle, plane], axis=-1).reshape(-1, 4)
     pair = cKDTree(middle).query_pairs(reach, output_type="ndarray")
     one, other = pair[:, 0], pair[:, 1]
-    apart = np.linalg.norm(middle[one] - middle[other], axis=1)
+    apart = norm(middle[one] - middle[other])
     one, other = pair[apart <= radius[one] + radius[other] + within].T
     i, j, k = one // intervals, other // intervals, one % intervals
     order = np.lexsort((j, i, k))
@@ -134,6 +146,14 @@ def _exact_parts(
     start: Float[Array, "g 6"], push: Float[Array, "g 3"], dynamics: Dynamics, h: float, parts: int
 ) -> Float[Array, "_ 4 3"]:
     """Each interval cut into equal parts with exact states at their ends, as cubics."""
-    A, B = dynamics.step(h / parts * np.arange(parts + 1))
+    A, B = _steps(dynamics, h, parts)
     states = np.einsum("qij,gj->gqi", A, start) + np.einsum("qij,gj->gqi", B, push)
     return hermite_bezier(states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6), h / parts)
+
+
+@lru_cache(maxsize=64)
+def _steps(
+    dynamics: Dynamics, h: float, parts: int
+) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"]]:
+    """How a state moves to the ends of the parts of an interval."""
+    return dynamics.step(h / parts * np.arange(parts + 1))

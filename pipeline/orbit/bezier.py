@@ -10,7 +10,7 @@ from pipeline.arrays import Array
 MAX_SPLITS = 40
 """More than enough: each split at least quarters the error of the bracket."""
 
-NEWTON_STEPS = 4
+NEWTON_STEPS = 2
 """Enough to be within rounding of a minimum on a stretch where motion is nearly uniform."""
 
 EDGE = 0.02
@@ -41,7 +41,7 @@ def chord_distance(
     p0: Float[Array, "*batch 3"], p1: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch"]:
     """Distance of the origin from the chord between two points."""
-    square, product, other = _dot(p0, p0), _dot(p0, p1), _dot(p1, p1)
+    square, product, other = dot(p0, p0), dot(p0, p1), dot(p1, p1)
     length = square + other - 2 * product
     s = np.clip((square - product) / np.where(length > 0, length, 1.0), 0.0, 1.0)
     return np.sqrt(np.maximum(square + s * (s * length - 2 * (square - product)), 0.0))
@@ -50,7 +50,7 @@ def chord_distance(
 def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     """A quick lower bound on the least distance of each cubic from the origin: its chord's."""
     p0, p1, p2, p3 = (curve[:, k] for k in range(4))
-    bend = np.maximum(_norm(p1 - (2 * p0 + p3) / 3), _norm(p2 - (p0 + 2 * p3) / 3))
+    bend = np.maximum(norm(p1 - (2 * p0 + p3) / 3), norm(p2 - (p0 + 2 * p3) / 3))
     return chord_distance(p0, p3) - 0.75 * bend
 
 
@@ -59,17 +59,17 @@ def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Arr
     p0, p1, p2, p3 = (curve[:, k] for k in range(4))
     a1, a2, a3 = 3 * (p1 - p0), 3 * (p2 - 2 * p1 + p0), p3 - 3 * p2 + 3 * p1 - p0
     chord = p3 - p0
-    length = _dot(chord, chord)
-    s = np.clip(-_dot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    length = dot(chord, chord)
+    s = np.clip(-dot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
     for _ in range(NEWTON_STEPS):
         r = s[:, None]
         c = p0 + r * (a1 + r * (a2 + r * a3))
         v = a1 + r * (2 * a2 + 3 * r * a3)
-        slope, curvature = _dot(c, v), _dot(v, v) + _dot(c, 2 * a2 + 6 * r * a3)
+        slope, curvature = dot(c, v), dot(v, v) + dot(c, 2 * a2 + 6 * r * a3)
         convex = curvature > 0
         s = np.clip(s - np.where(convex, slope / np.where(convex, curvature, 1.0), 0.0), 0.0, 1.0)
     r = s[:, None]
-    return s, _norm(p0 + r * (a1 + r * (a2 + r * a3)))
+    return s, norm(p0 + r * (a1 + r * (a2 + r * a3)))
 
 
 def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "_ 4 3"]:
@@ -85,7 +85,7 @@ def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, 
 
 def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     """Lower bound on the distance from the origin: the least Bernstein coefficient of |c|²."""
-    gram = np.einsum("sik,sjk->sij", curve, curve)
+    gram = curve @ curve.transpose(0, 2, 1)
     least = (gram.reshape(-1, 16) @ SQUARED).min(axis=1)
     return np.sqrt(np.maximum(least, 0.0))
 
@@ -142,9 +142,11 @@ def _keep_least(
     when[group[order]] = time[order]
 
 
-def _dot(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
-    return np.einsum("...k,...k->...", a, b)
+def dot(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """Products of vectors."""
+    return np.vecdot(a, b)
 
 
-def _norm(a: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
-    return np.sqrt(_dot(a, a))
+def norm(a: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """Length of vectors."""
+    return np.sqrt(dot(a, a))

@@ -65,12 +65,15 @@ class LeastFuel:
         controls: (N, intervals, 3), m/s².
         bound: proven lower bound on the fuel of each craft, (N,), m/s².
         dual: y that proves it, (N, 6): bound = missᵀy and |reachᵀy| ≤ 1.
+        basis: basic variables, (N, 6): the number of a control, flattened by time, or 3(T-1) more
+            where it acts in the negative direction.
         exact: whether the controls need no more than the bound but for rounding, (N,).
     """
 
     controls: Float[Array, "N intervals 3"]
     bound: Float[Array, "N"]
     dual: Float[Array, "N 6"]
+    basis: Int[Array, "N 6"]
     exact: Bool[Array, "N"]
 
 
@@ -84,6 +87,7 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
         return None
     flat = np.zeros((len(miss), 3 * problem.intervals))
     bound, dual = np.zeros(len(miss)), np.zeros(miss.shape)
+    basis = np.zeros(miss.shape, dtype=int)
     for facets in table:
         part = miss[:, facets.component]
         value = part @ facets.dual.T
@@ -92,12 +96,14 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
         for k in np.flatnonzero(weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)):
             chosen[k], weight[k] = _met(facets, part[k], value[k])
         craft = np.arange(len(miss))[:, None]
-        flat[craft, facets.column[chosen]] = weight * facets.sign[chosen]
+        column, sign = facets.column[chosen], facets.sign[chosen]
+        flat[craft, column] = weight * sign
+        basis[:, facets.component] = column + (sign < 0) * flat.shape[1]
         bound += np.take_along_axis(value, chosen[:, None], axis=1)[:, 0]
         dual[:, facets.component] = facets.dual[chosen]
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
-    return LeastFuel(flat.reshape(len(miss), -1, 3), bound, dual, exact)
+    return LeastFuel(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
 
 
 @lru_cache(maxsize=32)
