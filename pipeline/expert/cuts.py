@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import close_approaches
+from pipeline.orbit.approaches import close_approaches, pairs
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import pairs
 from pipeline.orbit.transfer import transfer_maps
 
 TOUCHING = 1e-3
@@ -23,13 +22,15 @@ class Cuts:
         first: first craft, (k,).
         second: second craft, (k,).
         interval: interval of the time, (k,).
-        offset: time since the interval's start, s, (k,).
+        free: from a craft's state at the interval's start to its position then, (k, 3, 6).
+        pushed: the same of its control in the interval, (k, 3, 3).
     """
 
     first: Int[Array, "k"]
     second: Int[Array, "k"]
     interval: Int[Array, "k"]
-    offset: Float[Array, "k"]
+    free: Float[Array, "k 3 6"]
+    pushed: Float[Array, "k 3 3"]
 
     def __len__(self) -> int:
         """Number of cuts."""
@@ -37,20 +38,19 @@ class Cuts:
 
     def __add__(self, other: "Cuts") -> "Cuts":
         """Both sets of cuts."""
-        return Cuts(
-            np.concatenate([self.first, other.first]),
-            np.concatenate([self.second, other.second]),
-            np.concatenate([self.interval, other.interval]),
-            np.concatenate([self.offset, other.offset]),
-        )
+        return Cuts(*(np.concatenate(both) for both in zip(self._parts, other._parts, strict=True)))
 
     def where(self, keep: Bool[Array, "k"] | Int[Array, "j"]) -> "Cuts":
         """Some of the cuts."""
-        return Cuts(self.first[keep], self.second[keep], self.interval[keep], self.offset[keep])
+        return Cuts(*(part[keep] for part in self._parts))
+
+    @property
+    def _parts(self) -> tuple[Array, ...]:
+        return self.first, self.second, self.interval, self.free, self.pushed
 
 
 _NO_INDEX = np.zeros(0, dtype=int)
-NO_CUTS = Cuts(_NO_INDEX, _NO_INDEX, _NO_INDEX, np.zeros(0))
+NO_CUTS = Cuts(_NO_INDEX, _NO_INDEX, _NO_INDEX, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,22 +94,24 @@ def conflicts(
         i, j = i[touched], j[touched]
         distance = np.linalg.norm(states[i, :-1, :3] - states[j, :-1, :3], axis=-1)
         row, node = np.nonzero(distance <= within)
-        return Cuts(i[row], j[row], node, np.zeros(len(row))), distance[row, node]
+        free, pushed = problem.dynamics.step(np.zeros(len(row)))
+        return Cuts(i[row], j[row], node, free[:, :3], pushed[:, :3]), distance[row, node]
     found = close_approaches(states, controls, problem, within, moved=moved)
-    return Cuts(found.first, found.second, found.interval, found.offset), found.bound
+    if len(found.first) == 0:
+        return NO_CUTS, found.bound
+    free, pushed = problem.dynamics.step(found.offset)
+    return Cuts(found.first, found.second, found.interval, free[:, :3], pushed[:, :3]), found.bound
 
 
 def gaps(
     cuts: Cuts,
     states: Float[Array, "n T 6"],
     controls: Float[Array, "n intervals 3"],
-    problem: Problem,
 ) -> Float[Array, "k 3"]:
     """Position of each cut's first craft relative to its second, there and then, m."""
-    A, B = problem.dynamics.step(cuts.offset)
     i, j, k = cuts.first, cuts.second, cuts.interval
-    gap = np.einsum("kij,kj->ki", A[:, :3], states[i, k] - states[j, k])
-    return gap + np.einsum("kij,kj->ki", B[:, :3], controls[i, k] - controls[j, k])
+    gap = np.matvec(cuts.free, states[i, k] - states[j, k])
+    return gap + np.matvec(cuts.pushed, controls[i, k] - controls[j, k])
 
 
 def half_spaces(
@@ -130,7 +132,7 @@ def half_spaces(
         separation: what to ask for, m.
         shift: added to each gap before its direction is taken, m: passes on another side.
     """
-    gap = gaps(cuts, states, controls, problem) + shift
+    gap = gaps(cuts, states, controls) + shift
     k = cuts.interval
     normal = directions(gap, states[cuts.first, k, 3:] - states[cuts.second, k, 3:])
     return half_spaces_along(cuts, normal, states[:, 0], problem, separation)
@@ -153,16 +155,13 @@ def half_spaces_along(
         separation: what to ask for, m.
     """
     maps = transfer_maps(problem)
-    A, B = problem.dynamics.step(cuts.offset)
-    A, B = A[:, :3], B[:, :3]
     i, j, k = cuts.first, cuts.second, cuts.interval
-    to_state = np.einsum("ki,kij->kj", normal, A)
-    row = np.einsum("kj,kjm->km", to_state, maps.reach[k])
+    to_state = np.vecmat(normal, cuts.free)
+    row = np.vecmat(to_state, maps.reach[k])
     columns = 3 * k[:, None] + np.arange(3)
-    row[np.arange(len(k))[:, None], columns] += np.einsum("ki,kij->kj", normal, B)
-    start = initial[i] - initial[j]
-    free = np.einsum("kj,kjl,kl->k", to_state, maps.drift[k], start)
-    return HalfSpaces(row, separation - free)
+    row[np.arange(len(k))[:, None], columns] += np.vecmat(normal, cuts.pushed)
+    drifted = np.matvec(maps.drift[k], initial[i] - initial[j])
+    return HalfSpaces(row, separation - np.vecdot(to_state, drifted))
 
 
 def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:

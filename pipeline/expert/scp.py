@@ -169,7 +169,7 @@ class Search:
         self, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
     ) -> Float[Array, "k"]:
         """Separation of each cut's pair in a trajectory, m."""
-        return np.linalg.norm(gaps(self.cuts, states, controls, self.problem), axis=1)
+        return np.linalg.norm(gaps(self.cuts, states, controls), axis=1)
 
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
         """Solve each cluster's program, with every cut aimed from the same trajectory.

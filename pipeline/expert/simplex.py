@@ -32,7 +32,7 @@ def solve(sub: Subproblem) -> Optimum:
             infeasible.
     """
     solver = _solver()
-    n, m, k = sub.shape
+    n, m, _ = sub.shape
     _pass(solver, sub)
     if sub.basis is not None:
         solver.setBasis(_basis(sub, sub.basis))

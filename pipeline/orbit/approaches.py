@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
-from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
 TOLERANCE = 1e-4
@@ -42,6 +41,15 @@ class Approaches:
     offset: Float[Array, "k"]
     distance: Float[Array, "k"]
     bound: Float[Array, "k"]
+
+
+@lru_cache(maxsize=64)
+def pairs(n: int) -> tuple[Int[Array, "p"], Int[Array, "p"]]:
+    """First and second craft of every pair i < j, not to be written to."""
+    both = np.triu_indices(n, 1)
+    for one in both:
+        one.flags.writeable = False
+    return both
 
 
 def close_approaches(
@@ -77,7 +85,7 @@ def close_approaches(
     """
     dynamics, h = problem.dynamics, problem.time_step
     i, j, k = _candidates(states, controls, problem, within)
-    if moved is not None:
+    if moved is not None and not moved.all():
         kept = moved[i] | moved[j]
         i, j, k = i[kept], j[kept], k[kept]
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
@@ -91,7 +99,7 @@ def close_approaches(
     # The bracket is twice a part's remainder wide, and what branch and bound leaves.
     parts = max(1, int(np.ceil((remainder.max() / (tolerance / 4)) ** 0.25)))
     when, bound = branch_and_bound(
-        _exact_parts(start, push, dynamics, h, parts),
+        _exact_parts(start, push, problem, parts),
         np.repeat(remainder / parts**4, parts),
         parts,
         within,
@@ -125,7 +133,7 @@ def _candidates(
     radius = norm(end[..., :3] - start[..., :3]) / 2 + sag
     middle = (start[..., :3] + end[..., :3]) / 2
     if n <= FEW:
-        i, j = np.triu_indices(n, 1)
+        i, j = pairs(n)
         apart = norm(middle[i] - middle[j])
         k, pair = np.nonzero((apart <= radius[i] + radius[j] + within).T)
         return i[pair], j[pair], k
@@ -143,17 +151,16 @@ def _candidates(
 
 
 def _exact_parts(
-    start: Float[Array, "g 6"], push: Float[Array, "g 3"], dynamics: Dynamics, h: float, parts: int
+    start: Float[Array, "g 6"], push: Float[Array, "g 3"], problem: Problem, parts: int
 ) -> Float[Array, "_ 4 3"]:
     """Each interval cut into equal parts with exact states at their ends, as cubics."""
-    A, B = _steps(dynamics, h, parts)
+    A, B = _steps(problem, parts)
     states = np.einsum("qij,gj->gqi", A, start) + np.einsum("qij,gj->gqi", B, push)
-    return hermite_bezier(states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6), h / parts)
+    ends = states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6)
+    return hermite_bezier(*ends, problem.time_step / parts)
 
 
 @lru_cache(maxsize=64)
-def _steps(
-    dynamics: Dynamics, h: float, parts: int
-) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"]]:
+def _steps(problem: Problem, parts: int) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"]]:
     """How a state moves to the ends of the parts of an interval."""
-    return dynamics.step(h / parts * np.arange(parts + 1))
+    return problem.dynamics.step(problem.time_step / parts * np.arange(parts + 1))

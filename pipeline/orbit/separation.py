@@ -6,13 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import close_approaches
+from pipeline.orbit.approaches import close_approaches, pairs
 from pipeline.orbit.problem import Problem
-
-
-def pairs(n: int) -> tuple[Int[Array, "p"], Int[Array, "p"]]:
-    """First and second craft of every pair i < j."""
-    return np.triu_indices(n, 1)
 
 
 def node_distances(states: Float[Array, "*batch n T 6"]) -> Float[Array, "*batch p T"]:

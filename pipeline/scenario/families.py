@@ -15,10 +15,9 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import close_approaches
+from pipeline.orbit.approaches import close_approaches, pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.orbit.separation import pairs
 from pipeline.orbit.transfer import fly
 from pipeline.scenario.scenario import Scenario
 

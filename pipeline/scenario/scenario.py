@@ -7,9 +7,9 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.orbit.approaches import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch
-from pipeline.orbit.separation import pairs
 
 ENERGY_TOLERANCE = 1e-5
 """Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit."""

@@ -17,8 +17,8 @@ from pipeline.exhibits.style import (
     in_style,
 )
 from pipeline.experiments.examples.run import Example
+from pipeline.orbit.approaches import pairs
 from pipeline.orbit.rings import revolution
-from pipeline.orbit.separation import pairs
 
 COLUMNS = 3
 ORBIT_POINTS = 121
