@@ -35,10 +35,10 @@ from pipeline.arrays import Array
 from pipeline.expert import BEST, own_optima, solve
 from pipeline.expert.clusters import Cluster, cluster_labels
 from pipeline.expert.cuts import NO_CUTS, Cuts, conflicts, gaps, half_spaces_along
-from pipeline.expert.interior_point import LENGTH, controls_of, new_solver
-from pipeline.expert.own import control_unit, goal_miss
+from pipeline.expert.interior_point import controls_of, new_solver
+from pipeline.expert.own import control_units, goal_miss
 from pipeline.expert.scp import PENALTY
-from pipeline.expert.subproblem import Subproblem
+from pipeline.expert.subproblem import LENGTH, Subproblem
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Plan
@@ -124,7 +124,7 @@ class Tree:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.problem = scenario, scenario.problem
         self.miss = goal_miss(scenario.initial, scenario.goal, self.problem)
-        self.unit = control_unit(scenario.initial, scenario.goal, self.problem)
+        self.unit = float(control_units(self.miss, self.problem).max())
         self.programs = 0
 
     def bound(self, target: float, programs: int) -> float:
@@ -151,7 +151,7 @@ class Tree:
         if len(close) == 0:
             return []
         worst = int(distance.argmin())
-        gap = np.linalg.norm(gaps(node.cuts, states, controls, self.problem), axis=1)
+        gap = np.linalg.norm(gaps(node.cuts, states, controls), axis=1)
         if len(gap) and radius - gap.min() >= OLD_TIMES_FIRST * (radius - distance[worst]):
             k = int(gap.argmin())
             cuts, others = node.cuts, np.delete(node.corners, k, axis=0)

@@ -1,8 +1,17 @@
 """The expert: sequential convex programming (SCP) with half-space collision constraints."""
 
-from pipeline.expert.expert import solve
+from pipeline.expert.expert import solve, solve_many
 from pipeline.expert.own import own_optima
 from pipeline.expert.seeds import SEEDS
 from pipeline.expert.settings import BEST, EFFORTS, FIRST_SAFE, Settings
 
-__all__ = ["BEST", "EFFORTS", "FIRST_SAFE", "SEEDS", "Settings", "own_optima", "solve"]
+__all__ = [
+    "BEST",
+    "EFFORTS",
+    "FIRST_SAFE",
+    "SEEDS",
+    "Settings",
+    "own_optima",
+    "solve",
+    "solve_many",
+]

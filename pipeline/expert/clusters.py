@@ -24,3 +24,9 @@ def cluster_labels(n: int, first: Int[Array, "k"], second: Int[Array, "k"]) -> I
         if (joined == labels).all():
             return labels
         labels = joined
+
+
+def members(labels: Int[Array, "k"]) -> list[Int[Array, "_"]]:
+    """Where each label that occurs stands, by label, ascending."""
+    order = labels.argsort(kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.approaches import Swarms, close_approaches, side_by_side
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -53,6 +53,18 @@ _NO_INDEX = np.zeros(0, dtype=int)
 NO_CUTS = Cuts(_NO_INDEX, _NO_INDEX, _NO_INDEX, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
 
 
+def cuts_at(
+    first: Int[Array, "k"],
+    second: Int[Array, "k"],
+    interval: Int[Array, "k"],
+    offset: Float[Array, "k"],
+    problem: Problem,
+) -> Cuts:
+    """Cuts at times since the starts of their intervals, s."""
+    free, pushed = problem.dynamics.step(offset)
+    return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
+
+
 @dataclass(frozen=True, eq=False)
 class HalfSpaces:
     """Cuts with directions: row · (uᵢ - uⱼ) ≥ required is a separation along the normal.
@@ -74,6 +86,7 @@ def conflicts(
     moved: Bool[Array, "n"],
     *,
     at_nodes: bool,
+    swarms: Swarms | None = None,
 ) -> tuple[Cuts, Float[Array, "k"]]:
     """Where pairs with at least one moved craft come within a distance, and how close.
 
@@ -84,23 +97,20 @@ def conflicts(
         within: distance of interest, m.
         moved: craft whose pairs are looked at.
         at_nodes: look at the nodes only (the paper's criterion), not at all times.
+        swarms: which craft belong together; by default all of them.
 
     Returns:
         A cut at each closest approach, and a lower bound on the separation there, m.
     """
     if at_nodes:
-        i, j = pairs(len(states))
+        i, j = (swarms or side_by_side((len(states),))).pairs
         touched = moved[i] | moved[j]
         i, j = i[touched], j[touched]
         distance = np.linalg.norm(states[i, :-1, :3] - states[j, :-1, :3], axis=-1)
         row, node = np.nonzero(distance <= within)
-        free, pushed = problem.dynamics.step(np.zeros(len(row)))
-        return Cuts(i[row], j[row], node, free[:, :3], pushed[:, :3]), distance[row, node]
-    found = close_approaches(states, controls, problem, within, moved=moved)
-    if len(found.first) == 0:
-        return NO_CUTS, found.bound
-    free, pushed = problem.dynamics.step(found.offset)
-    return Cuts(found.first, found.second, found.interval, free[:, :3], pushed[:, :3]), found.bound
+        return cuts_at(i[row], j[row], node, np.zeros(len(row)), problem), distance[row, node]
+    found = close_approaches(states, controls, problem, within, swarms=swarms, moved=moved)
+    return cuts_at(found.first, found.second, found.interval, found.offset, problem), found.bound
 
 
 def gaps(

@@ -1,19 +1,21 @@
-"""The expert: a scenario, and perhaps a seed, in; a plan with its certificate out."""
+"""The expert: scenarios, and perhaps seeds, in; plans with their certificates out."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
 
-from jaxtyping import Float
+import numpy as np
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.expert.cuts import NO_CUTS
+from pipeline.expert.batch import Batch
 from pipeline.expert.own import OwnOptima, own_optima
 from pipeline.expert.scp import Found, Search
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.expert.starts import best_of_starts
 from pipeline.orbit.transfer import project_to_flyable
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, planned
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, planned_all
 from pipeline.scenario import Scenario
 
 
@@ -29,25 +31,48 @@ def solve(scenario: Scenario, seed: Seed | None = None, settings: Settings | Non
     Raises:
         InputError: for a seed of another shape or with values that are not finite.
     """
-    settings = settings or Settings()
+    return solve_many([scenario], None if seed is None else [seed], settings)[0]
+
+
+def solve_many(
+    scenarios: Sequence[Scenario],
+    seeds: Sequence[Float[Array, "_ T 6"] | None] | None = None,
+    settings: Settings | None = None,
+) -> list[Plan]:
+    """The expert's plans for scenarios of one problem, with what they share computed once.
+
+    Args:
+        scenarios: what swarms are to do; sizes may differ.
+        seeds: for each, as in ``solve``, or None.
+        settings: how to work.
+
+    Raises:
+        InputError: for a seed of another shape or with values that are not finite.
+    """
+    if not scenarios:
+        return []
+    settings, batch = settings or Settings(), Batch(scenarios)
     started = perf_counter()
-    seed_controls = None if seed is None else _seed_controls(scenario, seed)
-    own = own_optima(scenario.initial, scenario.goal, scenario.problem)
+    aims = None if seeds is None else [*map(_seed_controls, scenarios, seeds)]
+    own = own_optima(batch.initial, batch.goal, batch.problem)
     searched = perf_counter()
-    found = _search(scenario, own, seed_controls, settings)
+    found = _search(batch, own, aims, settings)
     done = perf_counter()
-    timing = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
-    plan = planned(
-        "expert",
-        scenario,
-        found.controls,
-        float(own.lower_bound.sum()),
-        at_nodes=settings.separation == "nodes",
-        convex_solves=found.convex_solves,
-        timing=timing,
-    )
-    if own.impossible.any():
-        k = int(own.impossible.argmax())
+    stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
+    timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
+    made = [
+        Made(one.controls, float(bound.sum()), one.convex_solves, timing)
+        for one, bound in zip(found, batch.split(own.lower_bound), strict=True)
+    ]
+    plans = planned_all("expert", scenarios, made, at_nodes=settings.separation == "nodes")
+    told = zip(plans, found, batch.split(own.impossible), strict=True)
+    return [_explained(plan, one, impossible) for plan, one, impossible in told]
+
+
+def _explained(plan: Plan, found: Found, impossible: Bool[Array, "n"]) -> Plan:
+    """The plan with its status and the reason, where it is none to fly."""
+    if impossible.any():
+        k = int(impossible.argmax())
         reason = f"craft {k} cannot reach its goal within max_acceleration, which is proven"
         return replace(plan, status=INFEASIBLE, message=reason)
     if plan.status != SOLVED:
@@ -57,20 +82,35 @@ def solve(scenario: Scenario, seed: Seed | None = None, settings: Settings | Non
     return plan
 
 
-def _seed_controls(scenario: Scenario, seed: Seed) -> Float[Array, "n intervals 3"]:
+def _seed_controls(scenario: Scenario, seed: Seed | None) -> Float[Array, "n intervals 3"] | None:
+    if seed is None:
+        return None
     states = checked_seed(scenario, seed)
     return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
 
 
 def _search(
-    scenario: Scenario,
+    batch: Batch,
     own: OwnOptima,
-    seed_controls: Float[Array, "n intervals 3"] | None,
+    seeds: Sequence[Float[Array, "_ intervals 3"] | None] | None,
     settings: Settings,
-) -> Found:
-    if not own.feasible.all():
-        k = int(own.feasible.argmin())
-        obstacle = f"the convex solver found no transfer of craft {k} on its own"
-        return Found(own.controls, 0, NO_CUTS, obstacle=obstacle)
-    best = Search(scenario, own, seed_controls, settings).run()
-    return best_of_starts(scenario, own, best, settings)
+) -> list[Found]:
+    """Search where every craft has a transfer of its own; the others are what they are."""
+    parts = zip(batch.split(own.controls), batch.split(own.feasible), strict=True)
+    found = [_alone(*part) for part in parts]
+    left = [k for k, one in enumerate(found) if not one.obstacle]
+    if left:
+        part, theirs = batch.part(left), own.of(np.isin(batch.swarms.label, left))
+        aims = None if seeds is None else [seeds[k] for k in left]
+        first = Search(part, theirs, settings, aims).run()
+        for k, one in zip(left, best_of_starts(part, theirs, first, settings), strict=True):
+            found[k] = one
+    return found
+
+
+def _alone(controls: Float[Array, "n intervals 3"], feasible: Bool[Array, "n"]) -> Found:
+    """The own optima of a scenario, and the craft that has none."""
+    if feasible.all():
+        return Found(controls)
+    k = int(feasible.argmin())
+    return Found(controls, obstacle=f"the convex solver found no transfer of craft {k} on its own")

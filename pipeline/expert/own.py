@@ -11,7 +11,6 @@ from pipeline.expert.interior_point import (
     OPTIMAL,
     controls_of,
     new_solver,
-    right_hand_side,
 )
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.least_fuel import least_fuel
@@ -47,18 +46,29 @@ class OwnOptima:
     impossible: Bool[Array, "n"]
     basis: Int[Array, "n 6"] | None = None
 
+    def of(self, craft: Bool[Array, "n"]) -> "OwnOptima":
+        """Those of some craft."""
+        basis = None if self.basis is None else self.basis[craft]
+        return OwnOptima(
+            self.controls[craft],
+            self.lower_bound[craft],
+            self.feasible[craft],
+            self.impossible[craft],
+            basis,
+        )
+
 
 def goal_miss(
     initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
 ) -> Float[Array, "n 6"]:
     """Change of final state that the controls of each craft must bring about."""
-    return goal - initial @ transfer_maps(problem).drift[-1].T
+    return goal - np.matvec(transfer_maps(problem).drift[-1], initial)
 
 
-def control_unit(miss: Float[Array, "n 6"], problem: Problem) -> float:
-    """Size of a typical control, m/s²: of the transfers, or to move by the collision radius."""
+def control_units(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
+    """Size of a typical control, m/s²: of each transfer, or to move by the collision radius."""
     evasive = problem.collision_radius / problem.duration**2
-    return max(float(np.abs(miss @ transfer_maps(problem).to_goal.T).max()), evasive)
+    return np.maximum(np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1), evasive)
 
 
 def control_limit(problem: Problem) -> float:
@@ -108,24 +118,17 @@ def _programs(miss: Float[Array, "n 6"], problem: Problem) -> Iterator[_Program]
     missᵀy - limit · Σ max(|reachᵀy| - 1, 0) is a lower bound, and so is missᵀy where y is
     shrunk until |reachᵀy| ≤ 1 (linear programming duality).
     """
-    if len(miss) == 0:
-        return
-    reach = transfer_maps(problem).reach[-1]
-    unit = control_unit(miss, problem)
-    one = _single(reach, miss[:1], control_limit(problem), unit)
-    solver, b = new_solver(one, tolerance=BOUND_TOLERANCE), right_hand_side(one)
-    scale = one.goal_scale
-    for wanted in miss:
-        b[:6] = wanted * scale
-        solver.update(b=b)
-        found = solver.solve()
-        multipliers = -np.asarray(found.z)[:6] * scale * one.unit
+    reach, limit = transfer_maps(problem).reach[-1], problem.max_acceleration
+    for wanted, unit in zip(miss, control_units(miss, problem).tolist(), strict=True):
+        one = _single(reach, wanted[None], control_limit(problem), unit)
+        # A new solver each time: one that has solved before rounds otherwise.
+        found = new_solver(one, tolerance=BOUND_TOLERANCE).solve()
+        y = -np.asarray(found.z)[:6] * one.goal_scale * unit
         if str(found.status) in OPTIMAL:
             controls = controls_of(np.asarray(found.x), one).reshape(-1, 3)
-            yield _Program(controls, _proven(multipliers, wanted, reach, problem.max_acceleration))
+            yield _Program(controls, _proven(y, wanted, reach, limit))
         else:
-            refuted = _refutes(multipliers, wanted, reach, problem.max_acceleration)
-            yield _Program(None, impossible=refuted)
+            yield _Program(None, impossible=_refutes(y, wanted, reach, limit))
 
 
 def _single(

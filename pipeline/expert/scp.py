@@ -11,25 +11,28 @@ half-space cuts aimed from a trajectory. The iteration cannot cycle:
   One that costs as much all the same, by the margin or by rounding, ends its cluster's search.
 
 A cluster whose program the solver fails at keeps what it has; the others go on. The search ends
-with the cheapest iterate that it has seen safe as a whole.
+with the cheapest iterate of each scenario that it has seen safe as a whole. Scenarios are searched
+side by side: what is done for all craft at once is done for all scenarios at once.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert import interior_point, simplex
-from pipeline.expert.clusters import Cluster, cluster_labels
-from pipeline.expert.cuts import Cuts, HalfSpaces, conflicts, gaps, half_spaces
-from pipeline.expert.own import OwnOptima, control_limit, control_unit, goal_miss
+from pipeline.expert.batch import Batch
+from pipeline.expert.clusters import Cluster, cluster_labels, members
+from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, conflicts, gaps, half_spaces
+from pipeline.expert.own import OwnOptima, control_limit
 from pipeline.expert.settings import Settings
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import gap_of
-from pipeline.scenario import Scenario
 
 LOOK_AHEAD = 0.5
 """Pairs that pass within this of the collision radius are cut before they violate it, m."""
@@ -49,19 +52,19 @@ PENALTY = 1e3
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What the search ended with.
+    """What the search of a scenario ended with.
 
     Attributes:
         controls: (n, T-1, 3), m/s².
         convex_solves: rounds of programs, the clusters of a round counted as one.
-        cuts: all cuts that were made.
+        joined: pairs of craft that cuts were made for, (k, 2).
         settled: whether the controls were seen to be safe as a whole.
         obstacle: what stood in the way of a safe plan, or nothing.
     """
 
     controls: Float[Array, "n intervals 3"]
-    convex_solves: int
-    cuts: Cuts
+    convex_solves: int = 0
+    joined: Int[Array, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
     settled: bool = False
     obstacle: str = ""
 
@@ -76,76 +79,106 @@ class Search:
 
     def __init__(
         self,
-        scenario: Scenario,
+        batch: Batch,
         own: OwnOptima,
-        seed: Float[Array, "n intervals 3"] | None,
         settings: Settings,
+        seeds: Sequence[Float[Array, "_ intervals 3"] | None] | None = None,
         start: int = 0,
     ) -> None:
-        self.scenario, self.own, self.settings = scenario, own, settings
-        self.problem, self.radius = scenario.problem, scenario.problem.collision_radius
-        self.miss = goal_miss(scenario.initial, scenario.goal, self.problem)
-        self.unit = control_unit(self.miss, self.problem)
-        everyone = np.ones(scenario.n, dtype=bool)
+        self.batch, self.own, self.settings = batch, own, settings
+        self.problem, self.radius = batch.problem, batch.problem.collision_radius
+        self.swarm, count = batch.swarms.label, len(batch.scenarios)
+        everyone = np.ones(len(self.swarm), dtype=bool)
         self.accepted, self.active, self.failed = ~everyone, ~everyone, ~everyone
-        self.failure = ""
-        self.cheapest: tuple[float, Float[Array, "n intervals 3"]] | None = None
-        self.worst: tuple[float, int, int] = (0.0, 0, 0)
+        self.failure: dict[int, str] = {}
+        self.worst: dict[int, tuple[float, int, int]] = {}
+        self.rounds = np.zeros(count, dtype=int)
+        self.cheapest = np.full(count, np.inf)
         self.controls, self.states = self._flown(own.controls)
+        self.best = self.controls.copy()
         within = self.radius + PROVABLE
         cuts, _ = self._conflicts(self.states, self.controls, within, everyone)
         self.aim_controls, self.aim_states = self.controls.copy(), self.states.copy()
-        if seed is not None and len(cuts):
-            self.aim_controls, self.aim_states = self._flown(seed)
-            near, _ = self._conflicts(
-                self.aim_states, self.aim_controls, self.radius + SEED_LOOK, everyone
-            )
-            cuts += near
+        in_conflict = np.isin(np.arange(count), self.swarm[cuts.first])
+        if seeds is not None:
+            cuts += self._seeded(seeds, in_conflict)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
         self.shift: Float[Array, "k 3"] | float = 0.0
         if start:  # other sides to pass on, above all where craft would meet head on
-            rng = np.random.default_rng(start)
-            self.shift = rng.normal(scale=self.radius * SHIFT, size=(len(cuts), 3))
+            self.shift = np.zeros((len(cuts), 3))
+            for one in members(self.swarm[cuts.first]):
+                rng = np.random.default_rng(start)
+                self.shift[one] = rng.normal(scale=self.radius * SHIFT, size=(len(one), 3))
+        self._remember(~in_conflict)
 
-    def run(self) -> Found:
+    def _seeded(
+        self,
+        seeds: Sequence[Float[Array, "_ intervals 3"] | None],
+        in_conflict: Bool[Array, "swarms"],
+    ) -> Cuts:
+        """Aim scenarios in conflict from their seeds, and cut what comes close there."""
+        chosen = {k: seed for k, seed in enumerate(seeds) if seed is not None and in_conflict[k]}
+        if not chosen:
+            return NO_CUTS
+        given = np.isin(self.swarm, list(chosen))
+        flown = self._flown(np.concatenate(list(chosen.values())), given)
+        self.aim_controls[given], self.aim_states[given] = flown
+        near, _ = self._conflicts(
+            self.aim_states, self.aim_controls, self.radius + SEED_LOOK, given
+        )
+        return near
+
+    def run(self) -> list[Found]:
         """Solve and judge until every cluster is done."""
-        rounds = 0
-        self._remember(safe=len(self.cuts) == 0)
-        while self.active.any() and rounds < self.settings.max_rounds:
-            rounds += 1
+        for _ in range(self.settings.max_rounds):
+            if not self.active.any():
+                break
+            self.rounds[np.unique(self.swarm[self.active])] += 1
             clusters = self._solve(self._clusters(self.active))
             if clusters:
                 self._judge(clusters)
-        if self.cheapest is not None:
-            return Found(self.cheapest[1], rounds, self.cuts, settled=True)
+        settled = np.isfinite(self.cheapest)
         kept = self.accepted & (self.active | self.failed)
         self.controls[kept] = self.aim_controls[kept]
-        return Found(self.controls, rounds, self.cuts, obstacle=self._obstacle(kept))
+        controls = np.where(settled[self.swarm, None, None], self.best, self.controls)
+        joined, starts = np.array([self.cuts.first, self.cuts.second]).T, self.batch.swarms.starts
+        found = []
+        for k, part in enumerate(self.batch.split(controls)):
+            theirs = joined[self.swarm[self.cuts.first] == k] - starts[k]
+            obstacle = "" if settled[k] else self._obstacle(k, kept)
+            found.append(Found(part, int(self.rounds[k]), theirs, bool(settled[k]), obstacle))
+        return found
 
-    def _remember(self, *, safe: bool) -> None:
-        """Keep the newest iterate where it is safe as a whole and cheaper than any before."""
-        fuel = float(np.abs(self.controls).sum())
-        if safe and (self.cheapest is None or fuel < self.cheapest[0]):
-            self.cheapest = (fuel, self.controls.copy())
+    def _remember(self, safe: Bool[Array, "swarms"]) -> None:
+        """Keep the newest iterates that are safe as a whole and cheaper than any before."""
+        fuel = np.add.reduceat(np.abs(self.controls).sum(axis=(1, 2)), self.batch.swarms.starts)
+        better = safe & (fuel < self.cheapest)
+        self.cheapest[better] = fuel[better]
+        self.best[better[self.swarm]] = self.controls[better[self.swarm]]
 
-    def _obstacle(self, kept: Bool[Array, "n"]) -> str:
+    def _obstacle(self, swarm: int, kept: Bool[Array, "n"]) -> str:
         """What the solver failed at, or the pair that no program could hold apart."""
-        if self.failure:
-            return self.failure
-        slack, i, j = self.worst
-        if not (self.active & ~kept).any() or slack < SLACK_TOLERANCE:
+        if swarm in self.failure:
+            return self.failure[swarm]
+        slack, i, j = self.worst.get(swarm, (0.0, 0, 0))
+        left = self.active & ~kept & (self.swarm == swarm)
+        if not left.any() or slack < SLACK_TOLERANCE:
             return ""
+        start = int(self.batch.swarms.starts[swarm])
         return (
-            f"the last program could not keep craft {i} and {j} {self.radius:g} m apart, "
-            f"{slack:.3g} m are missing"
+            f"the last program could not keep craft {i - start} and {j - start} {self.radius:g} m "
+            f"apart, {slack:.3g} m are missing"
         )
 
     def _flown(
-        self, controls: Float[Array, "n intervals 3"]
+        self,
+        controls: Float[Array, "n intervals 3"],
+        craft: Cluster | Bool[Array, "_"] | slice = slice(None),
     ) -> tuple[Float[Array, "n intervals 3"], Float[Array, "n T 6"]]:
-        exact = meet_goal(self.scenario.initial, controls, self.scenario.goal, self.problem)
-        return exact, fly(self.scenario.initial, exact, self.problem)
+        initial, goal = self.batch.initial[craft], self.batch.goal[craft]
+        exact = meet_goal(initial, controls, goal, self.problem)
+        return exact, fly(initial, exact, self.problem)
 
     def _conflicts(
         self,
@@ -154,22 +187,30 @@ class Search:
         within: float,
         moved: Bool[Array, "n"],
     ) -> tuple[Cuts, Float[Array, "k"]]:
-        at_nodes = self.settings.separation == "nodes"
-        return conflicts(states, controls, self.problem, within, moved, at_nodes=at_nodes)
+        at_nodes, swarms = self.settings.separation == "nodes", self.batch.swarms
+        return conflicts(
+            states, controls, self.problem, within, moved, at_nodes=at_nodes, swarms=swarms
+        )
 
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
-        self.labels = cluster_labels(self.scenario.n, cuts.first, cuts.second)
+        self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
+        self.cuts_of = {
+            int(self.labels[cuts.first[one[0]]]): one for one in members(self.labels[cuts.first])
+        }
 
     def _clusters(self, touched: Bool[Array, "n"]) -> list[Cluster]:
         """The clusters that some craft are in."""
-        return [np.flatnonzero(self.labels == label) for label in np.unique(self.labels[touched])]
+        there = np.zeros(len(self.labels), dtype=bool)
+        there[self.labels[touched]] = True
+        craft = np.flatnonzero(there[self.labels])
+        return [craft[one] for one in members(self.labels[craft])]
 
     def _distances(
         self, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
     ) -> Float[Array, "k"]:
         """Separation of each cut's pair in a trajectory, m."""
-        return np.linalg.norm(gaps(self.cuts, states, controls), axis=1)
+        return norm(gaps(self.cuts, states, controls))
 
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
         """Solve each cluster's program, with every cut aimed from the same trajectory.
@@ -178,7 +219,7 @@ class Search:
             The clusters that moved. Where the solver fails, or where a safe iterate is known and
             the program's is no cheaper, the cluster is done and goes back to what it has.
         """
-        self.worst = (0.0, 0, 0)
+        self.worst = {}
         aimed = half_spaces(
             self.cuts,
             self.aim_states,
@@ -190,7 +231,7 @@ class Search:
         self.shift = 0.0  # for the first program alone
         self.price = np.zeros(len(self.cuts))
         for craft in clusters:
-            own_cuts = np.flatnonzero(self.labels[self.cuts.first] == craft[0])
+            own_cuts = self.cuts_of[int(craft[0])]
             try:
                 best = self._solve_cluster(craft, own_cuts, aimed)
             except UnsolvableError as error:
@@ -198,16 +239,22 @@ class Search:
                 continue
             self.controls[craft] = best.controls.reshape(len(craft), -1, 3)
             self.price[own_cuts] = best.price
-            k = int(best.slack.argmax())
-            pair = self.cuts.first[own_cuts[k]], self.cuts.second[own_cuts[k]]
-            self.worst = max(self.worst, (float(best.slack[k]), int(pair[0]), int(pair[1])))
+            self._note_slack(own_cuts, best.slack)
         for craft in clusters:
             if self.accepted[craft].all() and self._fuel(self.controls, craft) >= self._fuel(
                 self.aim_controls, craft
             ):
                 self._go_back(craft)
-        self.controls, self.states = self._flown(self.controls)
+        moved = np.concatenate(clusters)
+        self.controls[moved], self.states[moved] = self._flown(self.controls[moved], moved)
         return [craft for craft in clusters if not self.failed[craft].any()]
+
+    def _note_slack(self, cuts: Cluster, slack: Float[Array, "k"]) -> None:
+        """Remember the pair of a scenario that a round's programs leave closest."""
+        k = int(slack.argmax())
+        i, j = int(self.cuts.first[cuts[k]]), int(self.cuts.second[cuts[k]])
+        swarm = int(self.swarm[i])
+        self.worst[swarm] = max(self.worst.get(swarm, (0.0, 0, 0)), (float(slack[k]), i, j))
 
     def _fuel(self, controls: Float[Array, "n intervals 3"], craft: Cluster) -> float:
         return float(np.abs(controls[craft]).sum())
@@ -219,7 +266,7 @@ class Search:
 
     def _fail(self, craft: Cluster, why: str) -> None:
         """Leave a cluster as it is, or was when it was safe."""
-        self.failure = why
+        self.failure[int(self.swarm[craft[0]])] = why
         if self.accepted[craft].all():
             self._go_back(craft)
         else:
@@ -228,14 +275,14 @@ class Search:
     def _solve_cluster(self, craft: Cluster, cuts: Cluster, aimed: HalfSpaces) -> Optimum:
         sub = Subproblem(
             reach=transfer_maps(self.problem).reach[-1],
-            miss=self.miss[craft],
+            miss=self.batch.miss[craft],
             first=np.searchsorted(craft, self.cuts.first[cuts]),
             second=np.searchsorted(craft, self.cuts.second[cuts]),
             row=aimed.row[cuts],
             required=aimed.required[cuts],
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
-            unit=self.unit,
+            unit=float(self.batch.unit[self.swarm[craft[0]]]),
             basis=None if self.own.basis is None else self.own.basis[craft],
         )
         if self.settings.solver == "simplex":
@@ -248,19 +295,22 @@ class Search:
 
     def _judge(self, clusters: list[Cluster]) -> None:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""
-        moved = np.zeros(self.scenario.n, dtype=bool)
+        moved = np.zeros(len(self.swarm), dtype=bool)
         moved[np.concatenate(clusters)] = True
         found, bound = self._conflicts(self.states, self.controls, self.radius + LOOK_AHEAD, moved)
         broken = bound <= self.radius + PROVABLE  # so that the certificate proves the rest safe
-        unsafe = np.zeros(self.scenario.n, dtype=bool)
+        unsafe = np.zeros(len(self.swarm), dtype=bool)
         unsafe[found.first[broken]] = unsafe[found.second[broken]] = True
         promised = self._promised_gains()
         for craft in clusters:
             if self.active[craft].any() and not unsafe[craft].any():
                 self._accept(craft, float(promised[craft[0]]))
-        self._remember(safe=not (broken.any() or self.failed.any()))
+        safe = np.ones(len(self.rounds), dtype=bool)
+        safe[self.swarm[unsafe | self.failed]] = False
+        self._remember(safe)
         if broken.any():
-            self._set_cuts(self.cuts + found.where(self.active[found.first] | broken))
+            again = np.isin(self.swarm[found.first], self.swarm[found.first[broken]])
+            self._set_cuts(self.cuts + found.where(again & (self.active[found.first] | broken)))
             self._choose_aim(unsafe)
 
     def _promised_gains(self) -> Float[Array, "n"]:
@@ -271,7 +321,7 @@ class Search:
         """
         surplus = self._distances(self.states, self.controls) - (self.radius + self.settings.margin)
         worth = self.price * np.maximum(surplus, 0.0)
-        return np.bincount(self.labels[self.cuts.first], worth, self.scenario.n)
+        return np.bincount(self.labels[self.cuts.first], worth, len(self.swarm))
 
     def _accept(self, craft: Cluster, promised: float) -> None:
         """Aim from a safe iterate from now on; done where that promises no more."""

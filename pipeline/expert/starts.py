@@ -1,9 +1,11 @@
 """Several starts: passing on other sides, and the best of each cluster put together."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import cluster_labels
 from pipeline.expert.cuts import conflicts
 from pipeline.expert.own import OwnOptima
@@ -15,20 +17,29 @@ from pipeline.plan import gap_of
 from pipeline.scenario import Scenario
 
 
-def best_of_starts(scenario: Scenario, own: OwnOptima, first: Found, settings: Settings) -> Found:
-    """What a first search found, bettered by ``settings.starts`` - 1 further ones.
+def best_of_starts(
+    batch: Batch, own: OwnOptima, first: Sequence[Found], settings: Settings
+) -> list[Found]:
+    """What first searches found, bettered by ``settings.starts`` - 1 further ones.
 
-    The sides on which craft pass each other decide which local optimum the search ends in. Each
+    The sides on which craft pass each other decide which local optimum a search ends in. Each
     further start draws them anew, the same way every time.
     """
-    best = first
-    bound = float(own.lower_bound.sum())
+    best, bounds = list(first), [float(part.sum()) for part in batch.split(own.lower_bound)]
     for start in range(1, settings.starts):
-        if gap_of(float(np.abs(best.controls).sum()), bound) <= settings.gap_tolerance:
+        left = [
+            k
+            for k, (found, bound) in enumerate(zip(best, bounds, strict=True))
+            if gap_of(float(np.abs(found.controls).sum()), bound) > settings.gap_tolerance
+        ]
+        if not left:
             break
-        other = Search(scenario, own, None, settings, start).run()
-        solves = best.convex_solves + other.convex_solves
-        best = replace(_better(scenario, best, other, settings), convex_solves=solves)
+        theirs = own.of(np.isin(batch.swarms.label, left))
+        others = Search(batch.part(left), theirs, settings, None, start).run()
+        for k, other in zip(left, others, strict=True):
+            solves = best[k].convex_solves + other.convex_solves
+            better = _better(batch.scenarios[k], best[k], other, settings)
+            best[k] = replace(better, convex_solves=solves)
     return best
 
 
@@ -36,8 +47,8 @@ def _better(scenario: Scenario, best: Found, other: Found, settings: Settings) -
     """The cheaper of both in every cluster, where that is safe; else the cheaper of both."""
     if not (best.settled and other.settled):
         return best if best.settled else other
-    both = best.cuts + other.cuts
-    labels = cluster_labels(scenario.n, both.first, both.second)
+    both = np.concatenate([best.joined, other.joined])
+    labels = cluster_labels(scenario.n, *both.T)
     saved = np.abs(best.controls).sum(axis=(1, 2)) - np.abs(other.controls).sum(axis=(1, 2))
     cheaper = (np.bincount(labels, saved, scenario.n) > 0)[labels]
     controls = np.where(cheaper[:, None, None], other.controls, best.controls)
@@ -47,5 +58,5 @@ def _better(scenario: Scenario, best: Found, other: Found, settings: Settings) -
     everyone = np.ones(scenario.n, dtype=bool)
     found, _ = conflicts(states, controls, scenario.problem, radius, everyone, at_nodes=at_nodes)
     if len(found) == 0:
-        return replace(best, controls=controls, cuts=both)
+        return replace(best, controls=controls, joined=both)
     return other if saved.sum() > 0 else best

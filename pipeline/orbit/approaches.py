@@ -1,7 +1,7 @@
 """Closest approaches of the craft of a swarm, soundly: nothing is sampled."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -43,21 +43,56 @@ class Approaches:
     bound: Float[Array, "k"]
 
 
+@dataclass(frozen=True)
+class Swarms:
+    """Swarms side by side in one array of craft, each of which knows its own craft alone.
+
+    Attributes:
+        sizes: craft of each swarm.
+    """
+
+    sizes: tuple[int, ...]
+
+    @cached_property
+    def label(self) -> Int[Array, "n"]:
+        """The swarm of each craft."""
+        return np.repeat(np.arange(len(self.sizes)), self.sizes)
+
+    @cached_property
+    def starts(self) -> Int[Array, "swarms"]:
+        """The first craft of each swarm."""
+        return np.cumsum((0, *self.sizes[:-1]))
+
+    @cached_property
+    def pairs(self) -> tuple[Int[Array, "p"], Int[Array, "p"]]:
+        """First and second craft of every pair i < j of a swarm."""
+        first, second = zip(*(pairs(n) for n in self.sizes), strict=True)
+        shift = np.repeat(self.starts, [len(one) for one in first])
+        return np.concatenate(first) + shift, np.concatenate(second) + shift
+
+
 @lru_cache(maxsize=64)
 def pairs(n: int) -> tuple[Int[Array, "p"], Int[Array, "p"]]:
-    """First and second craft of every pair i < j, not to be written to."""
+    """First and second craft of every pair i < j of n craft, not to be written to."""
     both = np.triu_indices(n, 1)
     for one in both:
         one.flags.writeable = False
     return both
 
 
+@lru_cache(maxsize=64)
+def side_by_side(sizes: tuple[int, ...]) -> Swarms:
+    """Swarms of some sizes, whose pairs are found once."""
+    return Swarms(sizes)
+
+
 def close_approaches(
     states: Float[Array, "n T 6"],
     controls: Float[Array, "n intervals 3"],
     problem: Problem,
-    within: float,
+    within: float | Float[Array, "swarms"],
     *,
+    swarms: Swarms | None = None,
     moved: Bool[Array, "n"] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Approaches:
@@ -75,7 +110,8 @@ def close_approaches(
         states: node states, m and m/s.
         controls: constant over each interval, m/s².
         problem: dynamics and time step.
-        within: distance of interest, m.
+        within: distance of interest, m, of all swarms or of each.
+        swarms: which craft belong together; by default all of them.
         moved: leave out pairs of which neither is marked here.
         tolerance: width of the bracket [bound, distance], m.
 
@@ -83,34 +119,24 @@ def close_approaches(
         An entry for each pair and interval whose lower bound is at most ``within``, by interval,
         first and second craft.
     """
-    dynamics, h = problem.dynamics, problem.time_step
-    i, j, k = _candidates(states, controls, problem, within)
-    if moved is not None and not moved.all():
-        kept = moved[i] | moved[j]
-        i, j, k = i[kept], j[kept], k[kept]
+    swarms = swarms or side_by_side((len(states),))
+    reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
+    i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
-    push = controls[i, k] - controls[j, k]
+    push, reach = controls[i, k] - controls[j, k], reach[i]
+    dynamics, h = problem.dynamics, problem.time_step
     remainder = h**4 / 384 * dynamics.most_fourth_derivative(start, push)
-    near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= within)
+    near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= reach)
     if len(near) == 0:
         none, empty = np.zeros(0, dtype=int), np.zeros(0)
         return Approaches(none, none, none, empty, empty, empty)
-    start, push, remainder = start[near], push[near], remainder[near]
-    # The bracket is twice a part's remainder wide, and what branch and bound leaves.
-    parts = max(1, int(np.ceil((remainder.max() / (tolerance / 4)) ** 0.25)))
-    when, bound = branch_and_bound(
-        _exact_parts(start, push, problem, parts),
-        np.repeat(remainder / parts**4, parts),
-        parts,
-        within,
-        tolerance / 2,
-    )
-    keep = bound <= within
+    start, push, remainder, reach = start[near], push[near], remainder[near], reach[near]
+    when, bound = _closest_in_interval(start, push, problem, remainder, reach, tolerance)
+    keep = bound <= reach
     near, offset, bound = near[keep], when[keep] * h, bound[keep]
     A, B = dynamics.step(offset)
-    relative = np.einsum("kij,kj->ki", A[:, :3], start[keep])
-    relative += np.einsum("kij,kj->ki", B[:, :3], push[keep])
-    distance = np.maximum(np.linalg.norm(relative, axis=1), bound)
+    relative = np.matvec(A[:, :3], start[keep]) + np.matvec(B[:, :3], push[keep])
+    distance = np.maximum(norm(relative), bound)
     return Approaches(i[near], j[near], k[near], offset, distance, bound)
 
 
@@ -118,49 +144,87 @@ def _candidates(
     states: Float[Array, "n T 6"],
     controls: Float[Array, "n intervals 3"],
     problem: Problem,
-    within: float,
+    reach: Float[Array, "n"],
+    swarms: Swarms,
+    moved: Bool[Array, "n"] | None,
 ) -> tuple[Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
     """First craft, second craft and interval of all pairs whose balls are within a distance.
 
-    Few craft are compared all with all. Of many, all intervals go into one tree: as many planes of
-    a fourth dimension, too far apart to meet.
+    Few craft are compared all with all. Of many, all swarms and intervals go into one tree: as
+    many planes of a fourth dimension, too far apart to meet.
     """
-    h = problem.time_step
-    n, intervals = controls.shape[:2]
-    start, end = states[:, :-1], states[:, 1:]
+    start, end, h = states[:, :-1], states[:, 1:], problem.time_step
     most = problem.dynamics.most_acceleration(start, controls, h)
     sag = most * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
     radius = norm(end[..., :3] - start[..., :3]) / 2 + sag
     middle = (start[..., :3] + end[..., :3]) / 2
-    if n <= FEW:
-        i, j = pairs(n)
+    if max(swarms.sizes) <= FEW:
+        i, j = swarms.pairs
+        if moved is not None and not moved.all():
+            kept = moved[i] | moved[j]
+            i, j = i[kept], j[kept]
         apart = norm(middle[i] - middle[j])
-        k, pair = np.nonzero((apart <= radius[i] + radius[j] + within).T)
+        k, pair = np.nonzero((apart <= radius[i] + radius[j] + reach[i, None]).T)
         return i[pair], j[pair], k
-    radius = radius.ravel()
-    reach = 2 * float(radius.max()) + within
-    plane = np.broadcast_to(2 * reach * np.arange(intervals)[:, None], (n, intervals, 1))
-    middle = np.concatenate([middle, plane], axis=-1).reshape(-1, 4)
-    pair = cKDTree(middle).query_pairs(reach, output_type="ndarray")
-    one, other = pair[:, 0], pair[:, 1]
-    apart = norm(middle[one] - middle[other])
-    one, other = pair[apart <= radius[one] + radius[other] + within].T
-    i, j, k = one // intervals, other // intervals, one % intervals
+    i, j, k = _by_tree(middle, radius, float(reach.max()), swarms)
+    kept = norm(middle[i, k] - middle[j, k]) <= radius[i, k] + radius[j, k] + reach[i]
+    if moved is not None:
+        kept &= moved[i] | moved[j]
+    i, j, k = i[kept], j[kept], k[kept]
     order = np.lexsort((j, i, k))
     return i[order], j[order], k[order]
 
 
-def _exact_parts(
-    start: Float[Array, "g 6"], push: Float[Array, "g 3"], problem: Problem, parts: int
-) -> Float[Array, "_ 4 3"]:
-    """Each interval cut into equal parts with exact states at their ends, as cubics."""
-    A, B = _steps(problem, parts)
-    states = np.einsum("qij,gj->gqi", A, start) + np.einsum("qij,gj->gqi", B, push)
-    ends = states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6)
-    return hermite_bezier(*ends, problem.time_step / parts)
+def _by_tree(
+    middle: Float[Array, "n intervals 3"],
+    radius: Float[Array, "n intervals"],
+    reach: float,
+    swarms: Swarms,
+) -> tuple[Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
+    """First craft, second craft and interval of pairs no further apart than any could be."""
+    intervals = radius.shape[1]
+    most = 2 * float(radius.max()) + reach
+    plane = 2 * most * (np.arange(intervals) + intervals * swarms.label[:, None])
+    points = np.concatenate([middle, plane[..., None]], axis=-1).reshape(-1, 4)
+    pair = cKDTree(points).query_pairs(most, output_type="ndarray")
+    one, other = pair[:, 0], pair[:, 1]
+    return one // intervals, other // intervals, one % intervals
+
+
+def _closest_in_interval(
+    start: Float[Array, "g 6"],
+    push: Float[Array, "g 3"],
+    problem: Problem,
+    remainder: Float[Array, "g"],
+    reach: Float[Array, "g"],
+    tolerance: float,
+) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
+    """When a pair is closest, as a share of the interval, and a bound on how close.
+
+    The interval is cut into equal parts with exact states at their ends, so many that the cubics
+    between them are near enough: the bracket is twice a part's remainder wide, and what branch
+    and bound leaves. Each pair has its own number, so that no other has a say in what is found.
+    """
+    parts = np.maximum(1, np.ceil((remainder / (tolerance / 4)) ** 0.25)).astype(int)
+    row = np.repeat(np.arange(len(parts)), parts)
+    part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
+    many = parts[row]
+    A, B, first = _steps(problem, int(many.max()))
+    begin, end = (
+        np.matvec(A[first[many] + at], start[row]) + np.matvec(B[first[many] + at], push[row])
+        for at in (part, part + 1)
+    )
+    curve = hermite_bezier(begin, end, problem.time_step / many)
+    stretch = part / many, 1.0 / many
+    return branch_and_bound(curve, remainder[row] / many**4, row, stretch, reach, tolerance / 2)
 
 
 @lru_cache(maxsize=64)
-def _steps(problem: Problem, parts: int) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"]]:
-    """How a state moves to the ends of the parts of an interval."""
-    return problem.dynamics.step(problem.time_step / parts * np.arange(parts + 1))
+def _steps(
+    problem: Problem, most: int
+) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"], Int[Array, "_"]]:
+    """How a state moves to the ends of parts, for each number of parts, and where those begin."""
+    share = np.concatenate([np.arange(parts + 1) / max(parts, 1) for parts in range(most + 1)])
+    A, B = problem.dynamics.step(problem.time_step * share)
+    first = np.cumsum(np.arange(most + 1))
+    return A, B, first

@@ -30,11 +30,12 @@ SQUARED = _bernstein_square()
 
 
 def hermite_bezier(
-    start: Float[Array, "s 6"], end: Float[Array, "s 6"], h: float
+    start: Float[Array, "s 6"], end: Float[Array, "s 6"], h: float | Float[Array, "s"]
 ) -> Float[Array, "s 4 3"]:
     """Bezier points of the cubic that has the positions and velocities of both ends."""
     p0, p3 = start[:, :3], end[:, :3]
-    return np.stack([p0, p0 + h / 3 * start[:, 3:], p3 - h / 3 * end[:, 3:], p3], axis=1)
+    third = np.asarray(h)[..., None] / 3
+    return np.stack([p0, p0 + third * start[:, 3:], p3 - third * end[:, 3:], p3], axis=1)
 
 
 def chord_distance(
@@ -93,19 +94,26 @@ def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
 def branch_and_bound(
     curve: Float[Array, "s 4 3"],
     remainder: Float[Array, "s"],
-    parts: int,
-    within: float,
+    group: Int[Array, "s"],
+    stretch: tuple[Float[Array, "s"], Float[Array, "s"]],
+    within: Float[Array, "g"],
     tolerance: float,
 ) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
-    """Where each group of ``parts`` consecutive cubics is closest, and a bound on how close.
+    """Where each group of cubics is closest, and a bound on how close.
 
     Cubics are split where they are closest: on either side |c|² then mostly grows, which its
     Bernstein coefficients prove at once.
+
+    Args:
+        curve: the cubics.
+        remainder: by how much what each stands for may be off.
+        group: what each is a stretch of.
+        stretch: where each begins, and how long it is.
+        within: distance of interest of each group.
+        tolerance: width of the bracket beside the remainders.
     """
-    group = np.repeat(np.arange(len(curve) // parts), parts)
-    left = np.tile(np.arange(parts) / parts, len(curve) // parts)
-    width = np.full(len(curve), 1.0 / parts)
-    best = np.full(group[-1] + 1, np.inf)
+    left, width = stretch
+    best = np.full(len(within), np.inf)
     when, bound = np.zeros_like(best), np.full_like(best, np.inf)
     for level in range(MAX_SPLITS):
         s, distance = _closest(curve)
@@ -116,7 +124,7 @@ def branch_and_bound(
         left = np.stack([left, left + width * at], axis=1).ravel()
         width = np.stack([width * at, width * (1 - at)], axis=1).ravel()
         lower = _hull_bound(curve) - remainder
-        done = (lower > within) | (lower >= best[group] - 2 * remainder - tolerance)
+        done = (lower > within[group]) | (lower >= best[group] - 2 * remainder - tolerance)
         if level == MAX_SPLITS - 1:
             done[:] = True
         np.minimum.at(bound, group[done], lower[done])
@@ -142,11 +150,11 @@ def _keep_least(
     when[group[order]] = time[order]
 
 
-def dot(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
     """Products of vectors."""
     return np.vecdot(a, b)
 
 
-def norm(a: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+def norm(a: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
     """Length of vectors."""
     return np.sqrt(dot(a, a))

@@ -29,12 +29,12 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
 NEGLIGIBLE = 1e-12
-"""Share of a component's largest reach under which an entry of R is none."""
+"""Share of the largest reach under which an entry of R is none, velocities times the duration."""
 
 FLAT = 1e10
 """Condition from which a facet's corners span no volume: others cover what it would."""
 
-ROUNDING = 1e-9
+ROUNDING = 1e-8
 """Share of the fuel by which a weight may be negative, or a primal exceed its dual."""
 
 
@@ -90,9 +90,9 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
     basis = np.zeros(miss.shape, dtype=int)
     for facets in table:
         part = miss[:, facets.component]
-        value = part @ facets.dual.T
+        value = np.matvec(facets.dual, part)
         chosen = value.argmax(axis=1)
-        weight = np.einsum("nij,nj->ni", facets.weights[chosen], part)
+        weight = np.matvec(facets.weights[chosen], part)
         for k in np.flatnonzero(weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)):
             chosen[k], weight[k] = _met(facets, part[k], value[k])
         craft = np.arange(len(miss))[:, None]
@@ -109,23 +109,27 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
 @lru_cache(maxsize=32)
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
     """The hulls of a problem, made once; None where some state is out of reach."""
-    reach = transfer_maps(problem).reach[-1]
-    size = np.abs(reach).max(axis=1, keepdims=True)
-    acts = np.abs(reach) > NEGLIGIBLE * size
+    scale = np.repeat([1.0, problem.duration], 3) / problem.duration**2
+    reach = transfer_maps(problem).reach[-1] * scale[:, None]  # all of order one
+    acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
     _, label = connected_components(csr_array(acts @ acts.T), directed=False)
+    parts = [np.flatnonzero(label == k) for k in np.unique(label)]
     try:
-        return tuple(_facets(reach, acts, np.flatnonzero(label == k)) for k in np.unique(label))
-    except QhullError:
+        return tuple(_facets(reach, acts, component, scale[component]) for component in parts)
+    except (QhullError, ValueError):  # flat, or nothing but a point
         return None
 
 
 def _facets(
-    reach: Float[Array, "6 m"], acts: Bool[Array, "6 m"], component: Int[Array, "d"]
+    reach: Float[Array, "6 m"],
+    acts: Bool[Array, "6 m"],
+    component: Int[Array, "d"],
+    scale: Float[Array, "d"],
 ) -> Facets:
+    """The hull of some components, from their scaled reach."""
     used = np.flatnonzero(acts[component].any(axis=0))
     columns = reach[np.ix_(component, used)]
-    scale = 1 / np.abs(columns).max(axis=1)  # Qhull wants coordinates of one size
-    points = np.concatenate([columns.T, -columns.T]) * scale
+    points = np.concatenate([columns.T, -columns.T])
     corner = ConvexHull(points).simplices
     corner = corner[np.linalg.cond(points[corner]) < FLAT]
     inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
@@ -141,6 +145,6 @@ def _met(
 ) -> tuple[int, Float[Array, "d"]]:
     """Where facets share a plane, the one that the ray meets: whose weights are not negative."""
     near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
-    weights = facets.weights[near] @ part
+    weights = np.matvec(facets.weights[near], part)
     k = int(weights.min(axis=1).argmax())
     return int(near[k]), weights[k]

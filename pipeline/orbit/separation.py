@@ -4,23 +4,41 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.approaches import FEW, Swarms, close_approaches, pairs, side_by_side
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 
 
 def node_distances(states: Float[Array, "*batch n T 6"]) -> Float[Array, "*batch p T"]:
     """Distance in m of every pair at every node."""
     i, j = pairs(states.shape[-3])
-    return np.linalg.norm(states[..., i, :, :3] - states[..., j, :, :3], axis=-1)
+    return norm(states[..., i, :, :3] - states[..., j, :, :3])
 
 
 def node_collisions(
     states: Float[Array, "*batch n T 6"], collision_radius: float
 ) -> Int[Array, "*batch"]:
     """f_col of Eq. 5: pairs and nodes with a distance of at most r_col."""
-    return np.asarray((node_distances(states) <= collision_radius).sum(axis=(-2, -1)))
+    if states.shape[-3] <= FEW:
+        return np.asarray((node_distances(states) <= collision_radius).sum(axis=(-2, -1)))
+    each = states.reshape(-1, *states.shape[-3:])
+    found = [len(_node_tree(one).query_pairs(collision_radius)) for one in each]
+    return np.array(found).reshape(states.shape[:-3])
+
+
+def swarm_node_collisions(
+    states: Float[Array, "n T 6"], collision_radius: float, swarms: Swarms
+) -> Int[Array, "swarms"]:
+    """f_col of each of several swarms."""
+    if max(swarms.sizes) > FEW:
+        parts = np.split(states, swarms.starts[1:])
+        return np.array([node_collisions(part, collision_radius) for part in parts])
+    i, j = swarms.pairs
+    close = norm(states[i, :, :3] - states[j, :, :3]) <= collision_radius
+    return np.bincount(swarms.label[i], close.sum(axis=1), len(swarms.sizes)).astype(int)
 
 
 @dataclass(frozen=True)
@@ -44,14 +62,60 @@ def least_separation(
     states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
 ) -> Separation:
     """The least distance of any pair at any time of a flown trajectory."""
-    if len(states) < 2:
-        return Separation(np.inf, np.inf, None, None)
-    at_nodes = float(node_distances(states).min())
-    found = close_approaches(states, controls, problem, within=at_nodes)
-    k = int(found.distance.argmin())
-    time = float(found.interval[k] * problem.time_step + found.offset[k])
-    pair = (int(found.first[k]), int(found.second[k]))
-    return Separation(float(found.distance[k]), float(found.bound.min()), pair, time)
+    return least_separations(states, controls, problem, side_by_side((len(states),)))[0]
+
+
+def least_separations(
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+    swarms: Swarms,
+) -> list[Separation]:
+    """The least distance of any pair of each swarm at any time."""
+    at_nodes = _least_at_nodes(states, swarms)
+    found = close_approaches(states, controls, problem, at_nodes, swarms=swarms)
+    times = found.interval * problem.time_step + found.offset
+    label, start = swarms.label[found.first], swarms.starts
+    bound = np.full(len(at_nodes), np.inf)
+    np.minimum.at(bound, label, found.bound)
+    order = np.lexsort((found.distance, label))
+    _, first = np.unique(label[order], return_index=True)
+    closest = dict(zip(label[order[first]].tolist(), order[first].tolist(), strict=True))
+    separations = []
+    for swarm, one in enumerate(bound.tolist()):
+        k = closest.get(swarm)
+        if k is None:
+            separations.append(Separation(np.inf, np.inf, None, None))
+            continue
+        pair = int(found.first[k] - start[swarm]), int(found.second[k] - start[swarm])
+        separations.append(Separation(float(found.distance[k]), one, pair, float(times[k])))
+    return separations
+
+
+def _least_at_nodes(states: Float[Array, "n T 6"], swarms: Swarms) -> Float[Array, "swarms"]:
+    """Distance of the closest pair of each swarm at any node, m; infinite without a pair."""
+    if max(swarms.sizes) > FEW:
+        parts = np.split(states, swarms.starts[1:])
+        return np.array([_nearest_at_nodes(part) for part in parts])
+    least = np.full(len(swarms.sizes), np.inf)
+    i, j = swarms.pairs
+    distance = norm(states[i, :, :3] - states[j, :, :3]).min(axis=1)
+    np.minimum.at(least, swarms.label[i], distance)
+    return least
+
+
+def _nearest_at_nodes(states: Float[Array, "n T 6"]) -> float:
+    tree = _node_tree(states)
+    distance = np.asarray(tree.query(tree.data, k=2)[0])  # the nearest is the craft itself
+    return float(distance[:, 1].min()) if len(states) > 1 else np.inf
+
+
+def _node_tree(states: Float[Array, "n T 6"]) -> cKDTree:
+    """Positions at all nodes: as many planes of a fourth dimension, too far apart to meet."""
+    positions = states[..., :3]
+    size = 2 * float(np.ptp(positions, axis=(0, 1)).sum()) + 1.0
+    plane = np.broadcast_to(size * np.arange(states.shape[1])[:, None], (*states.shape[:2], 1))
+    return cKDTree(np.concatenate([positions, plane], axis=-1).reshape(-1, 4))
 
 
 def pair_conflicts(

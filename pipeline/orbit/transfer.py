@@ -59,11 +59,11 @@ def fly(
     problem: Problem,
 ) -> Float[Array, "*batch T 6"]:
     """Node states (m, m/s) from initial states and controls (m/s²), by Eq. 2."""
-    maps = transfer_maps(problem)
-    flat = controls.reshape(*controls.shape[:-2], 3 * problem.intervals)
-    return np.einsum("tij,...j->...ti", maps.drift, initial) + np.einsum(
-        "tim,...m->...ti", maps.reach, flat
-    )
+    maps, m = transfer_maps(problem), 3 * problem.intervals
+    # Row by row, since what a matrix product rounds depends on how many rows there are.
+    free = np.matvec(maps.drift.reshape(-1, 6), initial)
+    pushed = np.matvec(maps.reach.reshape(-1, m), controls.reshape(*controls.shape[:-2], m))
+    return (free + pushed).reshape(*initial.shape[:-1], problem.nodes, 6)
 
 
 def dynamics_defect(
@@ -84,8 +84,9 @@ def meet_goal(
 ) -> Float[Array, "*batch intervals 3"]:
     """The controls plus the least-energy correction after which the goal is met exactly."""
     maps = transfer_maps(problem)
-    miss = goal - fly(initial, controls, problem)[..., -1, :]
-    return controls + (miss @ maps.to_goal.T).reshape(controls.shape)
+    flat = controls.reshape(*controls.shape[:-2], 3 * problem.intervals)
+    miss = goal - np.matvec(maps.drift[-1], initial) - np.matvec(maps.reach[-1], flat)
+    return controls + np.matvec(maps.to_goal, miss).reshape(controls.shape)
 
 
 def minimum_energy(

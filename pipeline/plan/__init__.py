@@ -2,7 +2,7 @@
 
 from pipeline.plan.certificate import Certificate, certify, gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
-from pipeline.plan.planned import is_safe, planned
+from pipeline.plan.planned import Made, is_safe, planned, planned_all
 
 __all__ = [
     "INFEASIBLE",
@@ -10,9 +10,11 @@ __all__ = [
     "UNSAFE",
     "UNSOLVED",
     "Certificate",
+    "Made",
     "Plan",
     "certify",
     "gap_of",
     "is_safe",
     "planned",
+    "planned_all",
 ]

@@ -1,13 +1,14 @@
 """The certificate of a plan: its cost, how far from optimal it can be, and how safe it is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.fuel import fuel
-from pipeline.orbit.separation import least_separation, node_collisions
+from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.separation import least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.scenario import Scenario
 
@@ -49,31 +50,44 @@ class Certificate:
 
 
 def certify(
-    scenario: Scenario,
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    fuel_lower_bound: float,
-) -> Certificate:
-    """The certificate of node states (m, m/s) and controls (m/s²) for a scenario."""
-    problem = scenario.problem
-    used = float(fuel(controls))
-    closest = least_separation(states, controls, problem)
-    alone = closest.pair is None
-    miss = np.abs(states[:, -1] - scenario.goal)
-    return Certificate(
-        fuel=used,
-        delta_v=used * problem.time_step,
-        fuel_lower_bound=fuel_lower_bound,
-        optimality_gap=gap_of(used, fuel_lower_bound),
-        node_collisions=int(node_collisions(states, problem.collision_radius)),
-        min_separation=None if alone else closest.distance,
-        min_separation_pair=closest.pair,
-        min_separation_time=closest.time,
-        min_separation_bound=None if alone else closest.bound,
-        goal_error=float(miss[:, :3].max()),
-        goal_velocity_error=float(miss[:, 3:].max()),
-        dynamics_error=float(np.abs(dynamics_defect(states, controls, problem)[..., :3]).max()),
-    )
+    scenarios: Sequence[Scenario],
+    states: Float[Array, "N T 6"],
+    controls: Float[Array, "N intervals 3"],
+    fuel_lower_bounds: Sequence[float],
+) -> list[Certificate]:
+    """The certificates of node states (m, m/s) and controls (m/s²), craft after craft.
+
+    Args:
+        scenarios: of one problem.
+        states: of all their craft.
+        controls: of all their craft.
+        fuel_lower_bounds: of each scenario, m/s².
+    """
+    problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
+    used = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), swarms.starts)
+    closest = least_separations(states, controls, problem, swarms)
+    miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
+    misses = np.maximum.reduceat(miss, swarms.starts)
+    defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
+    defects = np.maximum.reduceat(defect, swarms.starts)
+    collisions = swarm_node_collisions(states, problem.collision_radius, swarms)
+    return [
+        Certificate(
+            fuel=float(used[k]),
+            delta_v=float(used[k]) * problem.time_step,
+            fuel_lower_bound=bound,
+            optimality_gap=gap_of(float(used[k]), bound),
+            node_collisions=int(collisions[k]),
+            min_separation=None if apart.pair is None else apart.distance,
+            min_separation_pair=apart.pair,
+            min_separation_time=apart.time,
+            min_separation_bound=None if apart.pair is None else apart.bound,
+            goal_error=float(misses[k, :3].max()),
+            goal_velocity_error=float(misses[k, 3:].max()),
+            dynamics_error=float(defects[k]),
+        )
+        for k, (bound, apart) in enumerate(zip(fuel_lower_bounds, closest, strict=True))
+    ]
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float) -> float:

@@ -1,6 +1,7 @@
 """From controls to a plan: flown, certified and judged, whichever planner they come from."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
@@ -23,6 +24,65 @@ VELOCITY_TOLERANCE = 1e-9
 """Largest miss of a velocity that counts as rounding, m/s."""
 
 
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What a planner made of a scenario, before it is flown and judged.
+
+    Attributes:
+        controls: m/s².
+        fuel_lower_bound: sum of the own optima, m/s².
+        convex_solves: joint convex programs that it took.
+        timing: seconds by stage.
+    """
+
+    controls: Float[Array, "n intervals 3"]
+    fuel_lower_bound: float
+    convex_solves: int = 0
+    timing: Mapping[str, float] = field(default_factory=dict)
+
+
+def planned_all(
+    planner: str, scenarios: Sequence[Scenario], made: Sequence[Made], *, at_nodes: bool = False
+) -> list[Plan]:
+    """The plans of scenarios of one problem; what a certificate proves decides a plan's status.
+
+    Args:
+        planner: name of the planner.
+        scenarios: what was asked.
+        made: what the planner made of each.
+        at_nodes: ask for separation at the nodes only, the paper's criterion.
+    """
+    if not scenarios:
+        return []
+    started = perf_counter()
+    problem = scenarios[0].problem
+    controls = np.concatenate([one.controls for one in made])
+    states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
+    bounds = [one.fuel_lower_bound for one in made]
+    certificates = certify(scenarios, states, controls, bounds)
+    each = (perf_counter() - started) / len(scenarios)
+    flown = np.split(states, np.cumsum([s.n for s in scenarios])[:-1])
+    plans = []
+    for one, theirs, certificate in zip(made, flown, certificates, strict=True):
+        missed = _missed(certificate)
+        fault = _fault(one.controls, certificate, problem, at_nodes=at_nodes)
+        status = UNSOLVED if missed else UNSAFE if fault else SOLVED
+        timing = {**one.timing, "certificate": each}
+        plans.append(
+            Plan(
+                planner,
+                status,
+                theirs,
+                one.controls,
+                certificate,
+                one.convex_solves,
+                timing,
+                missed or fault,
+            )
+        )
+    return plans
+
+
 def planned(
     planner: str,
     scenario: Scenario,
@@ -33,26 +93,9 @@ def planned(
     convex_solves: int = 0,
     timing: Mapping[str, float] | None = None,
 ) -> Plan:
-    """The plan of some controls; what its certificate proves decides its status.
-
-    Args:
-        planner: name of the planner.
-        scenario: what was asked.
-        controls: m/s².
-        fuel_lower_bound: sum of the own optima, m/s².
-        at_nodes: ask for separation at the nodes only, the paper's criterion.
-        convex_solves: joint convex programs that it took.
-        timing: seconds by stage, to which that of the certificate is added.
-    """
-    started = perf_counter()
-    states = fly(scenario.initial, controls, scenario.problem)
-    certificate = certify(scenario, states, controls, fuel_lower_bound)
-    fault = _fault(controls, certificate, scenario.problem, at_nodes=at_nodes)
-    stages = {**(timing or {}), "certificate": perf_counter() - started}
-    missed = _missed(certificate)
-    status = UNSOLVED if missed else UNSAFE if fault else SOLVED
-    message = missed or fault
-    return Plan(planner, status, states, controls, certificate, convex_solves, stages, message)
+    """The plan of one scenario, as in ``planned_all``."""
+    made = Made(controls, fuel_lower_bound, convex_solves, timing or {})
+    return planned_all(planner, [scenario], [made], at_nodes=at_nodes)[0]
 
 
 def is_safe(certificate: Certificate, problem: Problem, *, at_nodes: bool = False) -> bool:

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from pipeline.expert import Settings, solve
+from pipeline.expert import Settings, solve_many
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 
 
 @dataclass(frozen=True)
 class Expert:
-    """Sequential convex programming on each scenario.
+    """Sequential convex programming on all scenarios at once.
 
     Attributes:
         settings: how to work.
@@ -22,4 +22,5 @@ class Expert:
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
-        return [replace(solve(s, settings=self.settings), planner=self.name) for s in scenarios]
+        plans = solve_many(scenarios, settings=self.settings)
+        return [replace(plan, planner=self.name) for plan in plans]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from pipeline.expert import Settings, solve
+from pipeline.expert import Settings, solve_many
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
@@ -33,12 +33,10 @@ class Seeded:
         on their own optima: then the seed was not looked at.
         """
         seeds = self.planner.plan(scenarios)
-        return [
-            self._finished(scenario, seed) for scenario, seed in zip(scenarios, seeds, strict=True)
-        ]
+        plans = solve_many(scenarios, [seed.states for seed in seeds], self.settings)
+        return [self._both(*pair) for pair in zip(seeds, plans, strict=True)]
 
-    def _finished(self, scenario: Scenario, seed: Plan) -> Plan:
-        plan = solve(scenario, seed.states, self.settings)
+    def _both(self, seed: Plan, plan: Plan) -> Plan:
         stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
         total = seed.timing["plan"] + plan.timing["plan"]
         who = self.name if plan.convex_solves else plan.planner

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Settings, interior_point, solve
+from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Settings, simplex, solve, solve_many
 from pipeline.expert.own import goal_miss
 from pipeline.expert.scp import Search
+from pipeline.expert.seeds import line_seed
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
@@ -62,13 +63,14 @@ def test_at_nodes_only_plans_are_apart_at_the_nodes_and_closer_between():
     assert any(closest_on_a_grid(plan, PROBLEM) < PROBLEM.collision_radius for plan in plans)
 
 
-def test_both_formulations_lead_to_the_same_plan():
+def test_all_solvers_lead_to_the_same_plan():
     for index in range(3):
         scenario = draw("rings", 0, 8, index, PROBLEM)
-        fast, readable = (
-            solve(scenario, settings=Settings(solver=s)) for s in ("clarabel", "cvxpy")
+        plans = (
+            solve(scenario, settings=Settings(solver=s)) for s in ("simplex", "clarabel", "cvxpy")
         )
-        assert fast.certificate.fuel == pytest.approx(readable.certificate.fuel, rel=1e-5)
+        fuel = [plan.certificate.fuel for plan in plans]
+        assert max(fuel) == pytest.approx(min(fuel), rel=1e-5)
 
 
 def test_a_single_craft_flies_its_own_optimum():
@@ -171,7 +173,7 @@ def test_craft_that_no_program_keeps_apart_are_unsolved_and_named():
 
 def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch):
     """On their own optima craft 0 and 9 come too close, and so do 6 and 8."""
-    scenario, real = draw("rings", 0, 10, 28, PROBLEM), interior_point.solve
+    scenario, real = draw("rings", 0, 10, 28, PROBLEM), simplex.solve
     first = goal_miss(scenario.initial, scenario.goal, PROBLEM)[0]
 
     def fails_at_the_first(sub):
@@ -180,7 +182,7 @@ def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch
         return real(sub)
 
     assert solve(scenario).status == SOLVED
-    monkeypatch.setattr(interior_point, "solve", fails_at_the_first)
+    monkeypatch.setattr(simplex, "solve", fails_at_the_first)
     plan = solve(scenario)
     assert plan.status == UNSOLVED
     assert "the convex solver stopped with NumericalError" in plan.message
@@ -241,3 +243,32 @@ def test_more_starts_never_cost_fuel_and_sometimes_save_it():
         saved.append(1 - often.certificate.fuel / once.certificate.fuel)
     assert min(saved) >= -1e-6
     assert max(saved) > 1e-4
+
+
+def test_a_plan_is_the_same_to_the_bit_alone_and_among_others():
+    """Whatever their sizes; with seeds, too, and where a search goes on from other starts."""
+    scenarios = [draw("rings", 5, n, index, PROBLEM) for n in (1, 6, 20) for index in range(4)]
+    seeds = [line_seed(s) if k % 3 else None for k, s in enumerate(scenarios)]
+    for settings in (Settings(), FIRST_SAFE, Settings(separation="nodes"), BEST):
+        many = solve_many(scenarios, seeds, settings)
+        for scenario, seed, plan in zip(scenarios, seeds, many, strict=True):
+            alone = solve(scenario, seed, settings)
+            assert np.array_equal(plan.controls, alone.controls)
+            assert np.array_equal(plan.states, alone.states)
+            assert plan.certificate == alone.certificate
+            assert plan.convex_solves == alone.convex_solves
+
+
+def test_a_scenario_that_cannot_be_does_not_spoil_the_others():
+    problem = Problem(max_acceleration=7e-4)
+    scenarios = [draw("rings", 0, 4, index, problem) for index in range(8)]
+    plans = solve_many(scenarios)
+    assert {plan.status for plan in plans} == {SOLVED, INFEASIBLE}
+    for scenario, plan in zip(scenarios, plans, strict=True):
+        alone = solve(scenario)
+        assert (plan.status, plan.message) == (alone.status, alone.message)
+        assert np.array_equal(plan.controls, alone.controls)
+
+
+def test_no_scenarios_have_no_plans():
+    assert solve_many([]) == []
