@@ -18,7 +18,7 @@ SAMPLED_BY: DecidedBy = ("orbit", "scenario"), ("numpy", "scipy", "pyarrow")
 def solved_by(settings: Settings) -> DecidedBy:
     """Code of ours and packages that the bytes of plans depend on."""
     readable = ("cvxpy",) if settings.solver == "cvxpy" else ()
-    packages = ("numpy", "scipy", "pyarrow", "clarabel", *readable)
+    packages = ("numpy", "scipy", "pyarrow", "clarabel", "highspy", *readable)
     return ("orbit", "scenario", "plan", "expert"), packages
 
 

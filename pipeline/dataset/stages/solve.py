@@ -1,5 +1,6 @@
 """Stage two: the expert's plans for all scenarios of a dataset, shard by shard."""
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 
@@ -21,9 +22,8 @@ from pipeline.dataset.storage.schema import (
 )
 from pipeline.dataset.storage.shards import decode, encode
 from pipeline.errors import InputError
-from pipeline.expert import Settings
-from pipeline.expert import solve as solve_scenario
-from pipeline.plan import SOLVED, UNSOLVED
+from pipeline.expert import Settings, solve_many
+from pipeline.plan import SOLVED, UNSOLVED, Plan
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario import Scenario
@@ -114,7 +114,7 @@ def _solved(shard: Shard, content: bytes) -> Solved:
     settings = Settings(**shard.about.solve)
     check_worker(shard.about.made_with.solve, solved_by(settings))
     table = decode(content)
-    outcomes = [_outcome(scenario, settings) for scenario in scenarios_of(table)]
+    outcomes = _outcomes(scenarios_of(table), settings)
     return Solved(
         encode(solved_table(table, outcomes, shard.metadata(shard.solved))),
         encode(timing_table(table, outcomes)),
@@ -122,16 +122,21 @@ def _solved(shard: Shard, content: bytes) -> Solved:
     )
 
 
-def _outcome(scenario: Scenario, settings: Settings) -> Outcome:
-    """What the expert makes of a scenario.
+def _outcomes(scenarios: Sequence[Scenario], settings: Settings) -> list[Outcome]:
+    """What the expert makes of scenarios.
 
     Where arithmetic fails, as it may on any scenario, that costs one row. Any other error is one
     of ours, which every row might have, and ends the run.
     """
     try:
-        plan = solve_scenario(scenario, settings=settings)
+        return [_outcome(plan) for plan in solve_many(scenarios, settings=settings)]
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        return Outcome(UNSOLVED, message=f"the expert failed: {error!r}")
+        if len(scenarios) == 1:
+            return [Outcome(UNSOLVED, message=f"the expert failed: {error!r}")]
+        return [outcome for one in scenarios for outcome in _outcomes([one], settings)]
+
+
+def _outcome(plan: Plan) -> Outcome:
     if plan.status == SOLVED and not np.isfinite(plan.states).all():
         return Outcome(UNSOLVED, message="the plan has states that are not finite numbers")
     return Outcome(plan.status, plan.message, plan)

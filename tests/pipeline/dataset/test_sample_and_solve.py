@@ -22,7 +22,7 @@ from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.dataset.storage.samples import Sample
 from pipeline.dataset.storage.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.errors import InputError, ProlearnError
-from pipeline.expert import Settings
+from pipeline.expert import Settings, solve_many
 from pipeline.expert import solve as solve_scenario
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
@@ -174,17 +174,17 @@ def test_every_scenario_has_a_row_and_failures_reach_no_training(tmp_path):
 def breaking(error):
     """The expert, but for the second scenario."""
 
-    def breaks_down(scenario, settings):
-        if scenario.name.endswith("1"):
+    def breaks_down(scenarios, settings):
+        if any(scenario.name.endswith("1") for scenario in scenarios):
             raise error
-        return solve_scenario(scenario, settings=settings)
+        return solve_many(scenarios, settings=settings)
 
     return breaks_down
 
 
 def test_arithmetic_that_breaks_down_costs_one_row_and_says_why(tmp_path, monkeypatch):
     error = np.linalg.LinAlgError("singular matrix")
-    monkeypatch.setattr(stage, "solve_scenario", breaking(error))
+    monkeypatch.setattr(stage, "solve_many", breaking(error))
     sample(tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
     solve(tmp_path, Settings(), workers=ONE)
     assert solved_rows(tmp_path, 2)["status"].to_pylist() == ["solved", "unsolved", "solved"]
@@ -194,7 +194,7 @@ def test_arithmetic_that_breaks_down_costs_one_row_and_says_why(tmp_path, monkey
 
 @pytest.mark.parametrize("kind", [AttributeError, ValueError, TypeError, RuntimeError])
 def test_a_programming_error_ends_the_run_and_gives_no_row(tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(stage, "solve_scenario", breaking(kind("a slip of the pen")))
+    monkeypatch.setattr(stage, "solve_many", breaking(kind("a slip of the pen")))
     sample(tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
     done = CliRunner().invoke(app, ["solve", str(tmp_path), "--jobs", "1"])
     assert done.exit_code == 1
