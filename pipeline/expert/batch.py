@@ -54,6 +54,12 @@ class Batch:
         """Size of a typical control of each scenario, m/s²."""
         return np.maximum.reduceat(control_units(self.miss, self.problem), self.swarms.starts)
 
+    @cached_property
+    def craft(self) -> list[slice]:
+        """Where the craft of each scenario are."""
+        starts = self.swarms.starts.tolist()
+        return [slice(*both) for both in zip(starts, [*starts[1:], None], strict=True)]
+
     def part(self, which: Sequence[int]) -> "Batch":
         """Some of the scenarios."""
         return Batch([self.scenarios[k] for k in which])

@@ -61,8 +61,8 @@ def solve_many(
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
     made = [
-        Made(one.controls, float(bound.sum()), one.convex_solves, timing)
-        for one, bound in zip(found, batch.split(own.lower_bound), strict=True)
+        Made(one.controls, *own.bound(craft), one.convex_solves, timing)
+        for one, craft in zip(found, batch.craft, strict=True)
     ]
     plans = planned_all("expert", scenarios, made, at_nodes=settings.separation == "nodes")
     told = zip(plans, found, batch.split(own.impossible), strict=True)

@@ -23,6 +23,10 @@ BOUND_TOLERANCE = 1e-8
 FARKAS_MARGIN = 1e-6
 """Relative margin by which a proof of impossibility must hold, beyond rounding."""
 
+TABLE = "a dual vertex of each craft's own linear program, by table"
+PROGRAM = "multipliers of each craft's own linear program"
+"""How a lower bound is proven."""
+
 LIMIT_SHARE = 1 - 1e-7
 """Share of the thrust limit that the programs use, so that rounding stays within it."""
 
@@ -37,6 +41,7 @@ class OwnOptima:
         feasible: whether an optimum was found, (n,).
         impossible: whether it is proven that the craft cannot make the transfer within the
             thrust limit, (n,); what is neither the solver failed at.
+        tabled: whether the bound is a vertex's of the table, (n,), or a program's.
         basis: basic variables without a thrust limit, as in ``Subproblem``, where they are known.
     """
 
@@ -44,6 +49,7 @@ class OwnOptima:
     lower_bound: Float[Array, "n"]
     feasible: Bool[Array, "n"]
     impossible: Bool[Array, "n"]
+    tabled: Bool[Array, "n"]
     basis: Int[Array, "n 6"] | None = None
 
     def of(self, craft: Bool[Array, "n"]) -> "OwnOptima":
@@ -54,8 +60,14 @@ class OwnOptima:
             self.lower_bound[craft],
             self.feasible[craft],
             self.impossible[craft],
+            self.tabled[craft],
             basis,
         )
+
+    def bound(self, craft: slice) -> tuple[float, str]:
+        """What some craft need at least in all, m/s², and how that is proven."""
+        proof = TABLE if self.tabled[craft].all() else PROGRAM
+        return float(self.lower_bound[craft].sum()), proof
 
 
 def goal_miss(
@@ -92,6 +104,7 @@ def own_optima(
         within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
         feasible = found.exact & within
         controls[feasible], bound[:] = found.controls[feasible], found.bound
+    tabled = feasible.copy()
     for k, one in zip(np.flatnonzero(~feasible), _programs(miss[~feasible], problem), strict=True):
         feasible[k], impossible[k] = one.controls is not None, one.impossible
         bound[k] = max(bound[k], one.bound)
@@ -99,7 +112,7 @@ def own_optima(
             controls[k] = one.controls
     exact = meet_goal(initial, controls, goal, problem)
     basis = None if found is None else found.basis
-    return OwnOptima(exact, bound, feasible, impossible, basis)
+    return OwnOptima(exact, bound, feasible, impossible, tabled, basis)
 
 
 @dataclass(frozen=True, eq=False)

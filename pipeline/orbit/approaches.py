@@ -18,8 +18,8 @@ PROVABLE = 1.01 * TOLERANCE
 """What a bound must exceed a distance by, m, so that any later bracket's bound exceeds it too:
 the width of a bracket, and rounding."""
 
-FEW = 50
-"""Craft up to which comparing all with all takes less time than a tree."""
+FEW, MOST_PAIRS = 128, 300_000
+"""Craft of a swarm, and pairs in all, up to which comparing all with all takes less than a tree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,11 @@ class Swarms:
     def starts(self) -> Int[Array, "swarms"]:
         """The first craft of each swarm."""
         return np.cumsum((0, *self.sizes[:-1]))
+
+    @property
+    def few(self) -> bool:
+        """Whether all pairs can be looked at."""
+        return max(self.sizes) <= FEW and sum(n * n for n in self.sizes) <= 2 * MOST_PAIRS
 
     @cached_property
     def pairs(self) -> tuple[Int[Array, "p"], Int[Array, "p"]]:
@@ -158,7 +163,7 @@ def _candidates(
     sag = most * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
     radius = norm(end[..., :3] - start[..., :3]) / 2 + sag
     middle = (start[..., :3] + end[..., :3]) / 2
-    if max(swarms.sizes) <= FEW:
+    if swarms.few:
         i, j = swarms.pairs
         if moved is not None and not moved.all():
             kept = moved[i] | moved[j]

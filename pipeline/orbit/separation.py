@@ -33,7 +33,7 @@ def swarm_node_collisions(
     states: Float[Array, "n T 6"], collision_radius: float, swarms: Swarms
 ) -> Int[Array, "swarms"]:
     """f_col of each of several swarms."""
-    if max(swarms.sizes) > FEW:
+    if not swarms.few:
         parts = np.split(states, swarms.starts[1:])
         return np.array([node_collisions(part, collision_radius) for part in parts])
     i, j = swarms.pairs
@@ -73,7 +73,8 @@ def least_separations(
 ) -> list[Separation]:
     """The least distance of any pair of each swarm at any time."""
     at_nodes = _least_at_nodes(states, swarms)
-    found = close_approaches(states, controls, problem, at_nodes, swarms=swarms)
+    within = np.where(np.isfinite(at_nodes), at_nodes, 0.0)  # where there is no pair, none is found
+    found = close_approaches(states, controls, problem, within, swarms=swarms)
     times = found.interval * problem.time_step + found.offset
     label, start = swarms.label[found.first], swarms.starts
     bound = np.full(len(at_nodes), np.inf)
@@ -94,7 +95,7 @@ def least_separations(
 
 def _least_at_nodes(states: Float[Array, "n T 6"], swarms: Swarms) -> Float[Array, "swarms"]:
     """Distance of the closest pair of each swarm at any node, m; infinite without a pair."""
-    if max(swarms.sizes) > FEW:
+    if not swarms.few:
         parts = np.split(states, swarms.starts[1:])
         return np.array([_nearest_at_nodes(part) for part in parts])
     least = np.full(len(swarms.sizes), np.inf)

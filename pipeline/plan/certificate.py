@@ -33,6 +33,7 @@ class Certificate:
         goal_error: largest miss of any component of a goal position, m.
         goal_velocity_error: largest miss of any component of a goal velocity, m/s.
         dynamics_error: largest violation of Eq. 2 in position between two nodes, m.
+        fuel_lower_bound_proof: how the bound is proven, in words.
     """
 
     fuel: float
@@ -47,13 +48,14 @@ class Certificate:
     goal_error: float
     goal_velocity_error: float
     dynamics_error: float
+    fuel_lower_bound_proof: str = ""
 
 
 def certify(
     scenarios: Sequence[Scenario],
     states: Float[Array, "N T 6"],
     controls: Float[Array, "N intervals 3"],
-    fuel_lower_bounds: Sequence[float],
+    bounds: Sequence[tuple[float, str]],
 ) -> list[Certificate]:
     """The certificates of node states (m, m/s) and controls (m/s²), craft after craft.
 
@@ -61,7 +63,7 @@ def certify(
         scenarios: of one problem.
         states: of all their craft.
         controls: of all their craft.
-        fuel_lower_bounds: of each scenario, m/s².
+        bounds: lower bound on the fuel of each scenario, m/s², and how it is proven.
     """
     problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
     used = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), swarms.starts)
@@ -85,8 +87,9 @@ def certify(
             goal_error=float(misses[k, :3].max()),
             goal_velocity_error=float(misses[k, 3:].max()),
             dynamics_error=float(defects[k]),
+            fuel_lower_bound_proof=proof,
         )
-        for k, (bound, apart) in enumerate(zip(fuel_lower_bounds, closest, strict=True))
+        for k, ((bound, proof), apart) in enumerate(zip(bounds, closest, strict=True))
     ]
 
 

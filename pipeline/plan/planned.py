@@ -31,12 +31,14 @@ class Made:
     Attributes:
         controls: m/s².
         fuel_lower_bound: sum of the own optima, m/s².
+        proof: of that bound, in words.
         convex_solves: joint convex programs that it took.
         timing: seconds by stage.
     """
 
     controls: Float[Array, "n intervals 3"]
     fuel_lower_bound: float
+    proof: str = ""
     convex_solves: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)
 
@@ -58,7 +60,7 @@ def planned_all(
     problem = scenarios[0].problem
     controls = np.concatenate([one.controls for one in made])
     states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
-    bounds = [one.fuel_lower_bound for one in made]
+    bounds = [(one.fuel_lower_bound, one.proof) for one in made]
     certificates = certify(scenarios, states, controls, bounds)
     each = (perf_counter() - started) / len(scenarios)
     flown = np.split(states, np.cumsum([s.n for s in scenarios])[:-1])
@@ -94,7 +96,7 @@ def planned(
     timing: Mapping[str, float] | None = None,
 ) -> Plan:
     """The plan of one scenario, as in ``planned_all``."""
-    made = Made(controls, fuel_lower_bound, convex_solves, timing or {})
+    made = Made(controls, fuel_lower_bound, "", convex_solves, timing or {})
     return planned_all(planner, [scenario], [made], at_nodes=at_nodes)[0]
 
 

@@ -8,11 +8,13 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.expert import own_optima
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
-from pipeline.plan import Plan, planned
-from pipeline.planners.bound import fuel_lower_bound
+from pipeline.plan import Plan
+from pipeline.planners.certified import certified, ends
 from pipeline.scenario import Scenario
 
+States = Float[Array, "n 6"]
 Controls = Float[Array, "n intervals 3"]
 
 
@@ -22,49 +24,36 @@ class Baseline:
 
     Attributes:
         name: what tables call it.
-        controls: from a scenario to controls in m/s² that meet the goal.
+        controls: from initial and goal states to controls in m/s² that meet the goal.
         at_nodes: judge plans by separation at the nodes only, the paper's criterion.
     """
 
     name: str
-    controls: Callable[[Scenario], Controls]
+    controls: Callable[[States, States, Problem], Controls]
     at_nodes: bool = False
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
-        return [self._plan(scenario) for scenario in scenarios]
-
-    def _plan(self, scenario: Scenario) -> Plan:
+        if not scenarios:
+            return []
         started = perf_counter()
-        controls = self.controls(scenario)
-        timing = {"plan": perf_counter() - started}
-        return planned(
-            self.name,
-            scenario,
-            controls,
-            fuel_lower_bound(scenario),
-            at_nodes=self.at_nodes,
-            timing=timing,
-        )
+        controls = self.controls(*ends(scenarios), scenarios[0].problem)
+        seconds = perf_counter() - started
+        return certified(self.name, scenarios, controls, seconds, at_nodes=self.at_nodes)
 
 
-def _line(scenario: Scenario) -> Controls:
-    ends = scenario.initial, scenario.goal
-    states = straight_line(*ends, scenario.problem.nodes)
-    return project_to_flyable(states, *ends, scenario.problem)
+def _line(initial: States, goal: States, problem: Problem) -> Controls:
+    states = straight_line(initial, goal, problem.nodes)
+    return project_to_flyable(states, initial, goal, problem)
 
 
-def _energy(scenario: Scenario) -> Controls:
-    return minimum_energy(scenario.initial, scenario.goal, scenario.problem)
-
-
-def _own(scenario: Scenario) -> Controls:
-    return own_optima(scenario.initial, scenario.goal, scenario.problem).controls
+def _own(initial: States, goal: States, problem: Problem) -> Controls:
+    return own_optima(initial, goal, problem).controls
 
 
 BASELINES = (
     Baseline("straight line", _line),
-    Baseline("minimum energy", _energy),
+    Baseline("minimum energy", minimum_energy),
     Baseline("own LP", _own),
 )
 """The straight line made flyable, the closed-form minimum-energy transfer, the own optima."""

@@ -11,8 +11,8 @@ from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
-from pipeline.plan import Plan, planned
-from pipeline.planners.bound import fuel_lower_bound
+from pipeline.plan import Plan
+from pipeline.planners.certified import certified
 from pipeline.scenario import Scenario
 
 SAME = 1e-6
@@ -57,18 +57,9 @@ class Flown:
             controls = project_to_flyable(answer, initial, goal, problem)
         else:
             controls = meet_goal(initial, answer, goal, problem)
-        timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
-        return [
-            planned(
-                self.name,
-                scenario,
-                controls[k],
-                fuel_lower_bound(scenario),
-                at_nodes=self.at_nodes,
-                timing=timing,
-            )
-            for k, scenario in enumerate(scenarios)
-        ]
+        seconds = time.perf_counter() - started
+        flat = controls.reshape(-1, *controls.shape[2:])
+        return certified(self.name, scenarios, flat, seconds, at_nodes=self.at_nodes)
 
 
 def check_problem(model: Model, problem: Problem, where: str) -> None:

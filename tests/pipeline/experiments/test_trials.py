@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from judge import Case, least_fuel
 from judged import check_rows, document, judged
+from pipeline.planners.bound import fuel_lower_bound
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from pipeline.experiments.experiment3.run import run_warmstarts
@@ -14,7 +15,6 @@ from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 from pipeline.planners.baselines import BASELINES
-from pipeline.planners.bound import fuel_lower_bound
 from pipeline.planners.expert import Expert
 from pipeline.scenario import draw
 

@@ -247,7 +247,10 @@ def test_more_starts_never_cost_fuel_and_sometimes_save_it():
 
 def test_a_plan_is_the_same_to_the_bit_alone_and_among_others():
     """Whatever their sizes; with seeds, too, and where a search goes on from other starts."""
-    scenarios = [draw("rings", 5, n, index, PROBLEM) for n in (1, 6, 20) for index in range(4)]
+    sizes = [(1, 2), (6, 4), (20, 4), (130, 1)]  # more craft than are compared all with all
+    scenarios = [
+        draw("rings", 5, n, index, PROBLEM) for n, count in sizes for index in range(count)
+    ]
     seeds = [line_seed(s) if k % 3 else None for k, s in enumerate(scenarios)]
     for settings in (Settings(), FIRST_SAFE, Settings(separation="nodes"), BEST):
         many = solve_many(scenarios, seeds, settings)

@@ -6,13 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from pipeline.orbit.approaches import TOLERANCE, close_approaches
+from pipeline.orbit.approaches import TOLERANCE, close_approaches, side_by_side
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import (
     least_separation,
+    least_separations,
     node_collisions,
     pair_conflicts,
+    swarm_node_collisions,
 )
 from pipeline.orbit.transfer import fly
 
@@ -150,3 +152,33 @@ def test_no_bracket_is_wider_than_its_tolerance():
     states = fly(start, controls, problem)
     found = close_approaches(states[:, :2], controls[:, :1], problem, within=1e3)
     assert (found.distance - found.bound <= TOLERANCE).all()
+
+
+@pytest.mark.parametrize("sizes", [(3, 1, 5), (2, 140, 4)])
+def test_swarms_side_by_side_are_as_each_alone(sizes):
+    """They fly through the same space and know nothing of each other."""
+    problem, rng = Problem(nodes=5), np.random.default_rng(7)
+    parts = []
+    for n in sizes:
+        start = rng.normal(scale=[25, 25, 25, 0.05, 0.05, 0.05], size=(n, 6))
+        controls = rng.normal(scale=2e-4, size=(n, 4, 3))
+        parts.append((fly(start, controls, problem), controls))
+    states, controls = (np.concatenate(both) for both in zip(*parts, strict=True))
+    swarms = side_by_side(sizes)
+    together = least_separations(states, controls, problem, swarms)
+    assert together == [least_separation(*part, problem) for part in parts]
+    assert list(swarm_node_collisions(states, 15.0, swarms)) == [
+        node_collisions(part, 15.0) for part, _ in parts
+    ]
+    found = close_approaches(states, controls, problem, 25.0, swarms=swarms)
+    alone = [close_approaches(*part, problem, 25.0) for part in parts]
+    assert len(found.first) == sum(len(one.first) for one in alone) > 0
+    assert (swarms.label[found.first] == swarms.label[found.second]).all()
+
+
+def test_collisions_of_a_large_swarm_are_counted_pair_by_pair():
+    rng = np.random.default_rng(3)
+    states = rng.normal(scale=80.0, size=(140, 4, 6))
+    gap = np.linalg.norm(states[:, None, :, :3] - states[None, :, :, :3], axis=-1)
+    i, j = np.triu_indices(140, 1)
+    assert node_collisions(states, 15.0) == (gap[i, j] <= 15.0).sum() > 0

@@ -34,7 +34,7 @@ def passing(miss):
 
 def test_a_pass_between_nodes_is_certified_with_its_pair_time_and_distance():
     scenario, states, controls = passing(miss=3.0)
-    certificate = certify([scenario], states, controls, [0.0])[0]
+    certificate = certify([scenario], states, controls, [(0.0, "")])[0]
     assert certificate.node_collisions == 0
     assert certificate.min_separation == pytest.approx(3.0, abs=1e-3)
     assert certificate.min_separation_bound <= 3.0
@@ -46,7 +46,7 @@ def test_fuel_delta_v_and_gap_are_those_of_the_controls():
     controls = np.zeros((1, 3, 3))
     controls[0, 0, 0], controls[0, 2, 1] = 1e-3, -2e-3
     scenario, states = scenario_of([0] * 6, controls=controls)
-    certificate = certify([scenario], states, controls, [2e-3])[0]
+    certificate = certify([scenario], states, controls, [(2e-3, "")])[0]
     assert certificate.fuel == pytest.approx(3e-3)
     assert certificate.delta_v == pytest.approx(3e-2)
     assert certificate.optimality_gap == pytest.approx(0.5)
@@ -56,7 +56,7 @@ def test_fuel_delta_v_and_gap_are_those_of_the_controls():
 def test_states_that_miss_the_goal_or_break_the_dynamics_are_told_by_how_much():
     scenario, states, controls = passing(miss=100.0)
     states[1, -1, 0] += 2.0
-    certificate = certify([scenario], states, controls, [0.0])[0]
+    certificate = certify([scenario], states, controls, [(0.0, "")])[0]
     assert certificate.goal_error == pytest.approx(2.0)
     assert certificate.dynamics_error == pytest.approx(2.0)
 
