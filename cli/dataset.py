@@ -42,7 +42,7 @@ def sample(
     family: Annotated[
         str,
         typer.Option(
-            help="rings, coplanar-split, tilt-split, independent or rotation.",
+            help="rings, dense, coplanar-split, tilt-split, independent or rotation.",
         ),
     ] = "rings",
     shares: Annotated[
@@ -89,9 +89,12 @@ def solve(
     scheduler: Scheduler = None,
     separation: Separation = "continuous",
     solver: Annotated[
-        Literal["clarabel", "cvxpy"],
-        typer.Option(help="Clarabel directly, or the readable form in cvxpy."),
-    ] = "clarabel",
+        Literal["simplex", "clarabel", "cvxpy"],
+        typer.Option(
+            help="Of the convex programs: the simplex method of HiGHS, Clarabel's interior points, "
+            "or the readable form in cvxpy."
+        ),
+    ] = "simplex",
 ) -> None:
     """Solve the scenarios of a folder with the expert.
 

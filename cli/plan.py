@@ -1,6 +1,8 @@
 """The command that plans a scenario of one's own."""
 
+from collections.abc import Iterator
 from enum import StrEnum
+from itertools import groupby, islice
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,10 +12,14 @@ import typer
 if TYPE_CHECKING:
     from pipeline.plan import Plan
     from pipeline.planners.planner import Planner
+    from pipeline.scenario import Scenario
 
 from cli.dataset import Separation
-from cli.progress import each
+from cli.progress import progress
 from pipeline.errors import InputError
+
+TOGETHER = 50
+"""Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
 
 
 class Effort(StrEnum):
@@ -74,13 +80,24 @@ def plan(
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     chosen = _planner(planner, separation, effort, raw=raw)
-    failed = False
-    for scenario, target in each("planning", list(zip(asked, targets, strict=True))):
-        made = chosen.plan([scenario])[0]
-        write_plan(target, made, scenario)
-        failed |= made.status != SOLVED
-        typer.echo(_summary(target, made))
+    failed, left = False, iter(targets)
+    with progress("planning") as shown:
+        shown.expect(len(asked) if len(asked) > 1 else 0)
+        for group in _alike(asked):
+            for scenario, made in zip(group, chosen.plan(group), strict=True):
+                target = next(left)
+                write_plan(target, made, scenario)
+                failed |= made.status != SOLVED
+                typer.echo(_summary(target, made))
+                shown.done()
     raise typer.Exit(int(failed))
+
+
+def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
+    """Neighbours of one problem and size, which are planned together."""
+    for _, run in groupby(scenarios, key=lambda scenario: (scenario.problem, scenario.n)):
+        while group := list(islice(run, TOGETHER)):
+            yield group
 
 
 def _targets(scenarios: list[Path], out: Path) -> list[Path]:
