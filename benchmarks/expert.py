@@ -1,4 +1,4 @@
-"""How fast the expert is: ratios to its peers, growth with n, other grids and durations.
+"""How fast the expert is: beside its peers, with n, on other grids, in dense swarms, in batches.
 
     python -m benchmarks.expert --out reports/bench
 
@@ -6,10 +6,14 @@ Planners take turns on each instance, so that the machine's noise falls on all a
 CPU times of one core. Prints tables, and writes expert.json and growth.svg.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from tempfile import TemporaryDirectory
 from time import process_time
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -18,17 +22,31 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.peers import solve_dccp
 from benchmarks.tables import Row, quartiles, show, write_json
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve as solve_dataset
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.samples import Sample
 from pipeline.exhibits.style import PAGE_WIDTH, save
-from pipeline.expert import Settings, own_optima, solve
+from pipeline.expert import BEST, FIRST_SAFE, Settings, simplex, solve, solve_many
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import own_seed
+from pipeline.expert.subproblem import Optimum, Subproblem
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.scenario import Scenario, draw
 
 SEED = 2022
-GROWTH = {2: 60, 5: 60, 10: 60, 20: 40, 30: 40, 60: 20, 100: 12, 200: 6, 300: 6}
+GROWTH = {2: 60, 5: 60, 10: 60, 20: 40, 30: 40, 60: 20, 100: 12, 200: 6, 300: 6, 1000: 1}
 """Instances by swarm size; above 30 craft the rings grow, so that the density stays."""
+
+BATCHES = {10: 250, 30: 40, 100: 8}
+"""Instances by swarm size that are planned together."""
+
+CROWDS = {10: 40, 20: 20, 30: 20, 80: 4}
+"""Instances of the family ``dense`` by swarm size."""
+
+STORED = 1000
+"""Instances of n = 10 that are solved into Parquet."""
 
 FITTED_FROM = 30
 NODES = (6, 11, 21, 41, 61)
@@ -52,7 +70,14 @@ def main(
         show(f"Growth with n: time ~ n^{exponent:.2f} from n = {FITTED_FROM}", growth)
         grids = _grids()
         show("n = 10 on other grids and durations", grids)
+        batches = [_batch(n, count) for n, count in BATCHES.items()]
+        show("Alone and in a batch, and how much of that the convex programs take", batches)
+        stored = [_stored(STORED)]
+        show("Into Parquet, by one process", stored)
+        crowds = [row for n, count in CROWDS.items() for row in _crowd(n, count)]
+        show("Dense swarms", crowds)
     result = {"ratios": ratios, "growth": growth, "exponent": exponent, "grids": grids}
+    result |= {"batches": batches, "stored": stored, "crowds": crowds}
     write_json(out / "expert.json", result)
     save(_figure(growth, exponent), out / "growth")
 
@@ -69,17 +94,12 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
         return plain.solve(scenario, own_seed(scenario))
 
     peers: list[tuple[str, str, int, Work]] = [
-        ("own LP of each craft", "continuous", instances, _own),
         ("the same SCP in cvxpy", "continuous", instances, by_plain),
         ("the same SCP in cvxpy", "nodes", instances, by_plain),
     ]
     if dccp:
         peers.append(("DCCP", "continuous", dccp, solve_dccp))
     return [_ratio(n, *peer) for peer in peers]
-
-
-def _own(scenario: Scenario) -> object:
-    return own_optima(scenario.initial, scenario.goal, scenario.problem)
 
 
 def _ratio(
@@ -125,12 +145,73 @@ def _grids() -> list[Row]:
     return rows
 
 
+def _batch(n: int, count: int) -> Row:
+    """Time an instance, with its certificate, and the share of it inside the solver."""
+    scenarios = [draw("rings", SEED, n, index, Problem()) for index in range(count)]
+    first_safe: Work = lambda s: solve(s, settings=FIRST_SAFE)  # noqa: E731
+    solve_many(scenarios)
+    row: Row = {"n": n, "instances": count}
+    for name, work in (("alone", solve), ("first_safe", first_safe)):
+        row[f"{name}_ms"] = 1e3 * float(np.mean([_time(work, s) for s in scenarios]))
+    with _inside_solver() as inside:
+        alone = sum(_time(solve, s) for s in scenarios)
+        row["alone_in_solver"] = f"{inside[0] / alone:.0%}"
+    with _inside_solver() as inside:
+        together = _time(solve_many, scenarios)
+        row["batch_ms"] = 1e3 * together / count
+        row["batch_in_solver"] = f"{inside[0] / together:.0%}"
+    return row
+
+
+@contextmanager
+def _inside_solver() -> Iterator[list[float]]:
+    """CPU time of the convex programs that are solved in the block, s."""
+    spent, real = [0.0], simplex.solve
+
+    def timed(sub: Subproblem) -> Optimum:
+        started = process_time()
+        found = real(sub)
+        spent[0] += process_time() - started
+        return found
+
+    simplex.solve = timed
+    try:
+        yield spent
+    finally:
+        simplex.solve = real
+
+
+def _stored(count: int) -> Row:
+    """CPU time of a dataset, from scenarios to Parquet."""
+    with TemporaryDirectory() as folder:
+        sample(folder, {10: Sample(seed=SEED, count=count)}, Problem(), jobs=1)
+        settings, workers = Settings(), Workers(jobs=1)
+        seconds = _time(lambda where: solve_dataset(where, settings, workers=workers), folder)
+    return {"n": 10, "instances": count, "s": seconds, "s_for_10000": seconds * 10_000 / count}
+
+
+def _crowd(n: int, count: int) -> list[Row]:
+    scenarios = [draw("dense", SEED, n, index, Problem()) for index in range(count)]
+    size = np.mean([np.abs(s.initial[:, :3]).max() for s in scenarios])
+    head: Row = {"n": n, "half_extent_m": float(size)}
+    return [
+        _measured(scenarios, {**head, "effort": name}, settings)
+        for name, settings in (("default", Settings()), ("best", BEST))
+    ]
+
+
 def _sample(n: int, count: int, problem: Problem, head: Row) -> Row:
     """Time and quality of the expert on some instances."""
     scenarios = [draw("rings", SEED, n, index, problem) for index in range(count)]
     solve(scenarios[0])
-    times = np.array([_time(solve, s) for s in scenarios]) * 1e3
-    plans = [solve(s) for s in scenarios]
+    return _measured(scenarios, head, Settings())
+
+
+def _measured(scenarios: Sequence[Scenario], head: Row, settings: Settings) -> Row:
+    """Time and quality of the expert on some instances, and the most memory so far."""
+    count, work = len(scenarios), partial(solve, settings=settings)
+    times = np.array([_time(work, s) for s in scenarios]) * 1e3
+    plans = solve_many(scenarios, settings=settings)
     return {
         **head,
         "instances": count,
@@ -140,12 +221,13 @@ def _sample(n: int, count: int, problem: Problem, head: Row) -> Row:
         "gap_percent": 100 * float(np.mean([p.certificate.optimality_gap for p in plans])),
         "convex_solves": float(np.mean([p.convex_solves for p in plans])),
         "safe": f"{sum(p.status == SOLVED for p in plans)}/{count}",
+        "peak_mib": getrusage(RUSAGE_SELF).ru_maxrss / 1024,
     }
 
 
-def _time(work: Work, scenario: Scenario) -> float:
+def _time(work: Callable[[Any], object], what: Any) -> float:
     started = process_time()
-    work(scenario)
+    work(what)
     return process_time() - started
 
 

@@ -63,18 +63,20 @@ def main(
     instances: Annotated[int, typer.Option(help="Instances 0, 1, ... of the draw.")] = 100,
     n: Annotated[int, typer.Option(help="Swarm size.")] = 10,
     seed: Annotated[int, typer.Option(help="Root seed of the draw.")] = 0,
+    family: Annotated[str, typer.Option(help="Family of scenarios.")] = "rings",
     programs: Annotated[int, typer.Option(help="Programs that a cluster may take.")] = 300,
 ) -> None:
     """Compare the gap of the expert's best plans with the floor under any safe plan's."""
     started = process_time()
     with threadpool_limits(1):
         rows = [
-            floor_and_gap(draw("rings", seed, n, index, Problem()), programs)
+            floor_and_gap(draw(family, seed, n, index, Problem()), programs)
             for index in range(instances)
         ]
     floor, gap = 100 * np.array(rows).T
     write = Console().print
-    write(f"rings, seed {seed}, n = {n}, {instances} instances, {process_time() - started:.0f} s")
+    took = process_time() - started
+    write(f"{family}, seed {seed}, n = {n}, {instances} instances, {took:.0f} s")
     write(f"gap of the expert's best plans    {_mean(gap)} %")
     write(f"proven floor of any safe plan's   {_mean(floor)} %")
     write(f"difference: can be gained at most {_mean(gap - floor)} %")

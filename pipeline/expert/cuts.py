@@ -110,7 +110,8 @@ def conflicts(
         row, node = np.nonzero(distance <= within)
         return cuts_at(i[row], j[row], node, np.zeros(len(row)), problem), distance[row, node]
     found = close_approaches(states, controls, problem, within, swarms=swarms, moved=moved)
-    return cuts_at(found.first, found.second, found.interval, found.offset, problem), found.bound
+    cuts = Cuts(found.first, found.second, found.interval, found.free, found.pushed)
+    return cuts, found.bound
 
 
 def gaps(

@@ -33,6 +33,8 @@ class Approaches:
         offset: time since the interval's start, s.
         distance: separation at that time, m.
         bound: no separation of the two in the interval is below this, m.
+        free: from a state at the interval's start to the position then, (k, 3, 6).
+        pushed: the same of the control in the interval, (k, 3, 3).
     """
 
     first: Int[Array, "k"]
@@ -41,6 +43,8 @@ class Approaches:
     offset: Float[Array, "k"]
     distance: Float[Array, "k"]
     bound: Float[Array, "k"]
+    free: Float[Array, "k 3 6"]
+    pushed: Float[Array, "k 3 3"]
 
 
 @dataclass(frozen=True)
@@ -134,15 +138,17 @@ def close_approaches(
     near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= reach)
     if len(near) == 0:
         none, empty = np.zeros(0, dtype=int), np.zeros(0)
-        return Approaches(none, none, none, empty, empty, empty)
+        maps = np.zeros((0, 3, 6)), np.zeros((0, 3, 3))
+        return Approaches(none, none, none, empty, empty, empty, *maps)
     start, push, remainder, reach = start[near], push[near], remainder[near], reach[near]
     when, bound = _closest_in_interval(start, push, problem, remainder, reach, tolerance)
     keep = bound <= reach
     near, offset, bound = near[keep], when[keep] * h, bound[keep]
     A, B = dynamics.step(offset)
-    relative = np.matvec(A[:, :3], start[keep]) + np.matvec(B[:, :3], push[keep])
+    free, pushed = A[:, :3], B[:, :3]
+    relative = np.matvec(free, start[keep]) + np.matvec(pushed, push[keep])
     distance = np.maximum(norm(relative), bound)
-    return Approaches(i[near], j[near], k[near], offset, distance, bound)
+    return Approaches(i[near], j[near], k[near], offset, distance, bound, free, pushed)
 
 
 def _candidates(

@@ -72,7 +72,8 @@ def dynamics_defect(
     problem: Problem,
 ) -> Float[Array, "*batch intervals 6"]:
     """s[t+1] - A s[t] - B u[t] in m and m/s, which Eq. 2 wants to be 0."""
-    A, B = problem.dynamics.step(problem.time_step)
+    maps = transfer_maps(problem)
+    A, B = maps.drift[1], maps.reach[1, :, :3]
     return states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
 
 

@@ -18,6 +18,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
+from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
 from pipeline.scenario.scenario import Scenario
 
@@ -38,6 +39,12 @@ SPLITS = ("train", "valid", "test")
 
 SEEDS = 2**32
 """Root seeds, sizes and indices are below this: each is one word of the generator's entropy."""
+
+DENSE = 1.02
+"""Least separation of a dense formation in free drift, in collision radii."""
+
+CROWDED = 1.75
+"""Largest half extent of a dense formation, in collision radii times the square root of n."""
 
 ORBIT_INTERVALS = 16
 """Intervals into which the free drift of an orbit is cut to check it; any number is sound."""
@@ -93,15 +100,20 @@ def passively_safe(
     i, j = pairs(len(states))
     if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= problem.collision_radius).any():
         return False  # most unsafe draws are, from the start; the rest takes longer to see
+    drift = _drift(states, problem)
+    found = close_approaches(*drift, within=problem.collision_radius, moved=added)
+    return len(found.first) == 0
+
+
+def _drift(states: Formation, problem: Problem) -> tuple[Array, Array, Problem]:
+    """An orbit of free drift: node states, controls and the problem that they are of."""
     orbit = Problem(
         mean_motion=problem.mean_motion,
         time_step=2 * np.pi / problem.mean_motion / ORBIT_INTERVALS,
         nodes=ORBIT_INTERVALS + 1,
     )
     idle = np.zeros((len(states), ORBIT_INTERVALS, 3))
-    drift = fly(states, idle, orbit)
-    found = close_approaches(drift, idle, orbit, problem.collision_radius, moved=added)
-    return len(found.first) == 0
+    return fly(states, idle, orbit), idle, orbit
 
 
 def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) -> Formation:
@@ -150,6 +162,25 @@ def rings(rng: Rng, n: int, problem: Problem) -> Ends:
     initial = _redraw(lambda: _rings_formation(rng, n, problem), safe)
     goal = _redraw(lambda: _rings_formation(rng, n, problem), safe)
     return initial, rng.permutation(goal)
+
+
+def dense(rng: Rng, n: int, problem: Problem) -> Ends:
+    """Rings as small as passive safety lets them be, goal slots in random order."""
+
+    def formation() -> Formation:
+        states = _rings_formation(rng, n, problem)
+        if n == 1:  # as small as any two would have to be
+            return states * problem.collision_radius / np.abs(states[:, :3]).max()
+        # Free drift is linear, so separation grows and shrinks with the formation.
+        apart = least_separation(*_drift(states, problem)).bound
+        return states * DENSE * problem.collision_radius / max(apart, 1e-9)
+
+    def safe(states: Formation) -> bool:
+        most = CROWDED * problem.collision_radius * np.sqrt(n)
+        return bool(np.abs(states[:, :3]).max() <= most) and passively_safe(states, problem)
+
+    initial = _redraw(formation, safe)
+    return initial, rng.permutation(_redraw(formation, safe))
 
 
 def _split(
@@ -230,6 +261,7 @@ FAMILIES: dict[str, Callable[[Rng, int, Problem], Ends]] = {
     "rings": rings,
     "coplanar-split": coplanar_split,
     "tilt-split": tilt_split,
+    "dense": dense,
     "independent": independent,
     "rotation": rotation,
 }

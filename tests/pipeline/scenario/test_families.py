@@ -114,3 +114,13 @@ def test_what_cannot_be_drawn_is_refused_in_a_sentence(change, words):
 def test_craft_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="smaller collision_radius"):
         draw("rings", 0, 30, 0, Problem(collision_radius=300.0))
+
+
+@pytest.mark.parametrize("n", [2, 10, 30])
+def test_dense_rings_are_as_small_as_passive_safety_lets_them_be(n):
+    for index in range(3):
+        scenario = draw("dense", 0, n, index, PROBLEM)
+        for end in (scenario.initial, scenario.goal):
+            least = least_distance_over_an_orbit(end)
+            assert least == pytest.approx(1.02 * PROBLEM.collision_radius, rel=1e-4)
+            assert np.abs(end[:, :3]).max() <= 1.75 * PROBLEM.collision_radius * np.sqrt(n)
