@@ -127,16 +127,13 @@ def _planner(name: str, separation: Separation, effort: Effort | None, *, raw: b
 
 def _summary(target: Path, plan: "Plan") -> str:
     """Who made the plan, what it costs, how far from optimal it can be, who comes closest when."""
+    from pipeline.plan import INFEASIBLE
+
     certificate = plan.certificate
-    parts = [
-        f"{plan.status} by {plan.planner}",
-        f"delta-v {certificate.delta_v:.3f} m/s",
-        *(
-            [f"gap {certificate.optimality_gap:.2%}"]
-            if isfinite(certificate.optimality_gap)
-            else []
-        ),
-    ]
+    parts = [f"{plan.status} by {plan.planner}", f"delta-v {certificate.delta_v:.3f} m/s"]
+    # Where no plan keeps to the thrust limit, no optimum is there to be far from.
+    if plan.status != INFEASIBLE and isfinite(certificate.optimality_gap):
+        parts.append(f"gap {certificate.optimality_gap:.2%}")
     if certificate.min_separation_pair is not None:
         i, j = certificate.min_separation_pair
         parts.append(

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.own import OwnOptima, own_optima
-from pipeline.expert.scp import Found, Search
+from pipeline.expert.scp import Search
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.settings import Settings
+from pipeline.expert.standing import Found
 from pipeline.expert.starts import best_of_starts
 from pipeline.orbit.transfer import project_to_flyable
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, planned_all

@@ -16,10 +16,9 @@ side by side: what is done for all craft at once is done for all scenarios at on
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.expert import interior_point, simplex
@@ -28,6 +27,7 @@ from pipeline.expert.clusters import Cluster, cluster_labels, members
 from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, conflicts, gaps, half_spaces
 from pipeline.expert.own import OwnOptima, control_limit
 from pipeline.expert.settings import Settings
+from pipeline.expert.standing import Found, Standing
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.bezier import norm
@@ -43,30 +43,8 @@ SEED_LOOK = 15.0
 SHIFT = 1.5
 """By how much further starts move the first gaps at random, in collision radii."""
 
-SLACK_TOLERANCE = 1e-5
-"""Slack in m under which a half-space counts as met."""
-
 PENALTY = 1e3
 """Cost of a metre of slack in units of Δt⁻²: above the multiplier of any cut that can be met."""
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What the search of a scenario ended with.
-
-    Attributes:
-        controls: (n, T-1, 3), m/s².
-        convex_solves: rounds of programs, the clusters of a round counted as one.
-        joined: pairs of craft that cuts were made for, (k, 2).
-        settled: whether the controls were seen to be safe as a whole.
-        obstacle: what stood in the way of a safe plan, or nothing.
-    """
-
-    controls: Float[Array, "n intervals 3"]
-    convex_solves: int = 0
-    joined: Int[Array, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
-    settled: bool = False
-    obstacle: str = ""
 
 
 class Search:
@@ -90,12 +68,8 @@ class Search:
         self.swarm, count = batch.swarms.label, len(batch.scenarios)
         everyone = np.ones(len(self.swarm), dtype=bool)
         self.accepted, self.active, self.failed = ~everyone, ~everyone, ~everyone
-        self.failure: dict[int, str] = {}
-        self.worst: dict[int, tuple[float, int, int]] = {}
-        self.rounds = np.zeros(count, dtype=int)
-        self.cheapest = np.full(count, np.inf)
         self.controls, self.states = self._flown(own.controls)
-        self.best = self.controls.copy()
+        self.standing = Standing(batch, self.controls)
         within = self.radius + PROVABLE
         cuts, _ = self._conflicts(self.states, self.controls, within, everyone)
         self.aim_controls, self.aim_states = self.controls.copy(), self.states.copy()
@@ -110,7 +84,7 @@ class Search:
             for one in members(self.swarm[cuts.first]):
                 rng = np.random.default_rng(start)
                 self.shift[one] = rng.normal(scale=self.radius * SHIFT, size=(len(one), 3))
-        self._remember(~in_conflict)
+        self.standing.remember(self.controls, ~in_conflict)
 
     def _seeded(
         self,
@@ -134,42 +108,13 @@ class Search:
         for _ in range(self.settings.max_rounds):
             if not self.active.any():
                 break
-            self.rounds[np.unique(self.swarm[self.active])] += 1
+            self.standing.begin_round(self.active)
             clusters = self._solve(self._clusters(self.active))
             if clusters:
                 self._judge(clusters)
-        settled = np.isfinite(self.cheapest)
         kept = self.accepted & (self.active | self.failed)
         self.controls[kept] = self.aim_controls[kept]
-        controls = np.where(settled[self.swarm, None, None], self.best, self.controls)
-        joined, starts = np.array([self.cuts.first, self.cuts.second]).T, self.batch.swarms.starts
-        found = []
-        for k, part in enumerate(self.batch.split(controls)):
-            theirs = joined[self.swarm[self.cuts.first] == k] - starts[k]
-            obstacle = "" if settled[k] else self._obstacle(k, kept)
-            found.append(Found(part, int(self.rounds[k]), theirs, bool(settled[k]), obstacle))
-        return found
-
-    def _remember(self, safe: Bool[Array, "swarms"]) -> None:
-        """Keep the newest iterates that are safe as a whole and cheaper than any before."""
-        fuel = np.add.reduceat(np.abs(self.controls).sum(axis=(1, 2)), self.batch.swarms.starts)
-        better = safe & (fuel < self.cheapest)
-        self.cheapest[better] = fuel[better]
-        self.best[better[self.swarm]] = self.controls[better[self.swarm]]
-
-    def _obstacle(self, swarm: int, kept: Bool[Array, "n"]) -> str:
-        """What the solver failed at, or the pair that no program could hold apart."""
-        if swarm in self.failure:
-            return self.failure[swarm]
-        slack, i, j = self.worst.get(swarm, (0.0, 0, 0))
-        left = self.active & ~kept & (self.swarm == swarm)
-        if not left.any() or slack < SLACK_TOLERANCE:
-            return ""
-        start = int(self.batch.swarms.starts[swarm])
-        return (
-            f"the last program could not keep craft {i - start} and {j - start} {self.radius:g} m "
-            f"apart, {slack:.3g} m are missing"
-        )
+        return self.standing.found(self.controls, self.cuts, self.active & ~kept)
 
     def _flown(
         self,
@@ -219,7 +164,6 @@ class Search:
             The clusters that moved. Where the solver fails, or where a safe iterate is known and
             the program's is no cheaper, the cluster is done and goes back to what it has.
         """
-        self.worst = {}
         aimed = half_spaces(
             self.cuts,
             self.aim_states,
@@ -239,7 +183,9 @@ class Search:
                 continue
             self.controls[craft] = best.controls.reshape(len(craft), -1, 3)
             self.price[own_cuts] = best.price
-            self._note_slack(own_cuts, best.slack)
+            k = int(best.slack.argmax())
+            i, j = self.cuts.first[own_cuts[k]], self.cuts.second[own_cuts[k]]
+            self.standing.note_slack(int(i), int(j), float(best.slack[k]))
         for craft in clusters:
             if self.accepted[craft].all() and self._fuel(self.controls, craft) >= self._fuel(
                 self.aim_controls, craft
@@ -248,13 +194,6 @@ class Search:
         moved = np.concatenate(clusters)
         self.controls[moved], self.states[moved] = self._flown(self.controls[moved], moved)
         return [craft for craft in clusters if not self.failed[craft].any()]
-
-    def _note_slack(self, cuts: Cluster, slack: Float[Array, "k"]) -> None:
-        """Remember the pair of a scenario that a round's programs leave closest."""
-        k = int(slack.argmax())
-        i, j = int(self.cuts.first[cuts[k]]), int(self.cuts.second[cuts[k]])
-        swarm = int(self.swarm[i])
-        self.worst[swarm] = max(self.worst.get(swarm, (0.0, 0, 0)), (float(slack[k]), i, j))
 
     def _fuel(self, controls: Float[Array, "n intervals 3"], craft: Cluster) -> float:
         return float(np.abs(controls[craft]).sum())
@@ -266,7 +205,7 @@ class Search:
 
     def _fail(self, craft: Cluster, why: str) -> None:
         """Leave a cluster as it is, or was when it was safe."""
-        self.failure[int(self.swarm[craft[0]])] = why
+        self.standing.fail(int(craft[0]), why)
         if self.accepted[craft].all():
             self._go_back(craft)
         else:
@@ -305,9 +244,9 @@ class Search:
         for craft in clusters:
             if self.active[craft].any() and not unsafe[craft].any():
                 self._accept(craft, float(promised[craft[0]]))
-        safe = np.ones(len(self.rounds), dtype=bool)
+        safe = np.ones(len(self.batch.scenarios), dtype=bool)
         safe[self.swarm[unsafe | self.failed]] = False
-        self._remember(safe)
+        self.standing.remember(self.controls, safe)
         if broken.any():
             again = np.isin(self.swarm[found.first], self.swarm[found.first[broken]])
             self._set_cuts(self.cuts + found.where(again & (self.active[found.first] | broken)))

@@ -9,8 +9,9 @@ from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import cluster_labels
 from pipeline.expert.cuts import conflicts
 from pipeline.expert.own import OwnOptima
-from pipeline.expert.scp import Found, Search
+from pipeline.expert.scp import Search
 from pipeline.expert.settings import Settings
+from pipeline.expert.standing import Found
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.transfer import fly
 from pipeline.plan import gap_of
