@@ -151,6 +151,8 @@ def _batch(n: int, count: int) -> Row:
     first_safe: Work = lambda s: solve(s, settings=FIRST_SAFE)  # noqa: E731
     solve_many(scenarios)
     row: Row = {"n": n, "instances": count}
+    at_once = partial(solve_many, settings=FIRST_SAFE)
+    row["first_safe_batch_ms"] = 1e3 * _time(at_once, scenarios) / count
     for name, work in (("alone", solve), ("first_safe", first_safe)):
         row[f"{name}_ms"] = 1e3 * float(np.mean([_time(work, s) for s in scenarios]))
     with _inside_solver() as inside:

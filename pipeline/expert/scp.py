@@ -34,9 +34,6 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import gap_of
 
-LOOK_AHEAD = 0.5
-"""Pairs that pass within this of the collision radius are cut before they violate it, m."""
-
 SEED_LOOK = 15.0
 """Pairs that pass within this of the collision radius in a seed are cut from the start, m."""
 
@@ -236,7 +233,8 @@ class Search:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""
         moved = np.zeros(len(self.swarm), dtype=bool)
         moved[np.concatenate(clusters)] = True
-        found, bound = self._conflicts(self.states, self.controls, self.radius + LOOK_AHEAD, moved)
+        within = self.radius + self.settings.look_ahead
+        found, bound = self._conflicts(self.states, self.controls, within, moved)
         broken = bound <= self.radius + PROVABLE  # so that the certificate proves the rest safe
         unsafe = np.zeros(len(self.swarm), dtype=bool)
         unsafe[found.first[broken]] = unsafe[found.second[broken]] = True

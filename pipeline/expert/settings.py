@@ -16,6 +16,8 @@ class Settings:
         starts: searches, each begun by passing on other sides, of which the best is kept.
         margin: separation asked for beyond the collision radius, m, so that small shifts stay
             safe; the smaller, the less fuel and the more rounds.
+        look_ahead: pairs that pass within this of the collision radius are cut before they
+            violate it, m; the larger, the fewer rounds of larger programs.
         max_rounds: rounds of programs that a search may take.
         solver: the subproblem by the simplex method of HiGHS, by the interior points of Clarabel,
             or by its readable form in cvxpy.
@@ -27,6 +29,7 @@ class Settings:
     improvement: float = 1e-3
     starts: int = 1
     margin: float = 0.05
+    look_ahead: float = 0.5
     max_rounds: int = 60
     solver: Literal["simplex", "clarabel", "cvxpy"] = "simplex"
 
@@ -34,8 +37,8 @@ class Settings:
 BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8, margin=0.005)
 """For the least fuel, at some twenty times the time."""
 
-FIRST_SAFE = Settings(stop="first-safe")
-"""For the least time."""
+FIRST_SAFE = Settings(stop="first-safe", margin=0.2, look_ahead=4.0)
+"""For the least time, at slightly more fuel."""
 
 EFFORTS = {"first": FIRST_SAFE, "default": Settings(), "best": BEST}
 """By name: the first safe plan, one that no longer improves, the best of several searches."""

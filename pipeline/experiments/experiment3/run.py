@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor
-from pipeline.expert import SEEDS, Settings, solve
+from pipeline.expert import EFFORTS, SEEDS, solve
 from pipeline.expert.seeds import Seed, own_seed
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.progress import SILENT, Progress
@@ -21,8 +21,8 @@ Source = tuple[str, int]
 """Where a seed comes from: a name, and the training seed where it is a network's."""
 
 RULES = {
-    CONVERGED: Settings(stop="converged"),
-    FIRST_SAFE: Settings(stop="first-safe"),
+    CONVERGED: EFFORTS["default"],
+    FIRST_SAFE: EFFORTS["first"],
 }
 """The stopping rules that seeds are compared under; the plain SCP knows "converged" alone."""
 
