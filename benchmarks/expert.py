@@ -8,6 +8,7 @@ CPU times of one core. Prints tables, and writes expert.json and growth.svg.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
@@ -42,8 +43,13 @@ GROWTH = {2: 60, 5: 60, 10: 60, 20: 40, 30: 40, 60: 20, 100: 12, 200: 6, 300: 6,
 BATCHES = {10: 250, 30: 40, 100: 8}
 """Instances by swarm size that are planned together."""
 
-CROWDS = {10: 40, 20: 20, 30: 20, 80: 4}
+CROWDS = {10: 40, 20: 10, 30: 10, 80: 4}
 """Instances of the family ``dense`` by swarm size."""
+
+MANY_STARTS = 32
+"""Searches that show what further ones could still win, for swarms of at most ``SEARCHED``."""
+
+SEARCHED = 30
 
 STORED = 1000
 """Instances of n = 10 that are solved into Parquet."""
@@ -196,9 +202,12 @@ def _crowd(n: int, count: int) -> list[Row]:
     scenarios = [draw("dense", SEED, n, index, Problem()) for index in range(count)]
     size = np.mean([np.abs(s.initial[:, :3]).max() for s in scenarios])
     head: Row = {"n": n, "half_extent_m": float(size)}
+    efforts = {"default": Settings(), "best": BEST}
+    if n <= SEARCHED:
+        efforts[f"{MANY_STARTS} starts"] = replace(BEST, starts=MANY_STARTS)
     return [
         _measured(scenarios, {**head, "effort": name}, settings)
-        for name, settings in (("default", Settings()), ("best", BEST))
+        for name, settings in efforts.items()
     ]
 
 

@@ -73,10 +73,11 @@ def test_bound_is_the_optimum_of_highs_and_holds_for_any_multipliers():
 
 def test_floor_is_above_the_own_optima_and_below_the_best_plan():
     rows = np.array(
-        [floor.floor_and_gap(draw("rings", 0, 10, k, Problem()), 300) for k in range(8)]
+        [floor.floor_and_gaps(draw("rings", 0, 10, k, Problem()), 300) for k in range(8)]
     )
     assert (rows[:, 0] >= -1e-12).all()
     assert (rows[:, 0] <= rows[:, 1] + 1e-9).all()
+    assert rows[:, 1].sum() < rows[:, 2].sum()
     assert rows[:, 0].sum() > 0.9 * rows[:, 1].sum() > 0
 
 
