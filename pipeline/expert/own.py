@@ -104,9 +104,10 @@ def own_optima(
         within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
         feasible = found.exact & within
         controls[feasible], bound[:] = found.controls[feasible], found.bound
-    tabled = feasible.copy()
+    tabled = np.full(len(miss), found is not None)
     for k, one in zip(np.flatnonzero(~feasible), _programs(miss[~feasible], problem), strict=True):
         feasible[k], impossible[k] = one.controls is not None, one.impossible
+        tabled[k] &= one.bound <= bound[k]
         bound[k] = max(bound[k], one.bound)
         if one.controls is not None:
             controls[k] = one.controls

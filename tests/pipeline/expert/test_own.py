@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
-from pipeline.expert import own_optima
+from pipeline.expert import own_optima, solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
@@ -74,3 +74,20 @@ def test_a_craft_that_has_only_to_drift_needs_no_fuel():
     own = own_optima(start, goal, problem)
     assert np.abs(own.controls).sum() < 1e-9
     assert own.lower_bound == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("limit", "proof"),
+    [(None, "by table"), (1.0, "by table"), (7e-4, "multipliers"), (1e-6, "by table")],
+)
+def test_a_plan_says_how_its_bound_is_proven(limit, proof):
+    """Where a limit binds a program proves more than the table; where none can fly it cannot."""
+    scenario = draw("rings", 0, 10, 0, Problem(max_acceleration=limit))
+    free = draw("rings", 0, 10, 0, Problem())
+    certificate = solve(scenario).certificate
+    assert proof in certificate.fuel_lower_bound_proof
+    least = by_highs(free.initial, free.goal, free.problem).sum()
+    if proof == "by table":
+        assert certificate.fuel_lower_bound == pytest.approx(least, rel=1e-6)
+    else:
+        assert certificate.fuel_lower_bound > least * (1 + 1e-4)
