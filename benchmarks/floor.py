@@ -35,9 +35,10 @@ from pipeline.arrays import Array
 from pipeline.expert import BEST, own_optima, solve
 from pipeline.expert.clusters import Cluster, cluster_labels
 from pipeline.expert.cuts import NO_CUTS, Cuts, conflicts, gaps, half_spaces_along
-from pipeline.expert.interior_point import controls_of, new_solver
+from pipeline.expert.interior_point import new_solver
 from pipeline.expert.own import control_units, goal_miss
 from pipeline.expert.scp import PENALTY
+from pipeline.expert.split import controls_of
 from pipeline.expert.subproblem import LENGTH, Subproblem
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps

@@ -7,11 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.expert.interior_point import (
-    OPTIMAL,
-    controls_of,
-    new_solver,
-)
+from pipeline.expert.interior_point import OPTIMAL, new_solver
+from pipeline.expert.split import controls_of
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.least_fuel import least_fuel
 from pipeline.orbit.problem import Problem
