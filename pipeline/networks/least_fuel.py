@@ -30,7 +30,7 @@ class Hull:
 
 
 @dataclass(frozen=True, eq=False)
-class OwnOptima:
+class LeastFuel:
     """Optima without a thrust limit, each craft on its own.
 
     Attributes:
@@ -47,7 +47,7 @@ class OwnOptima:
     basis: Int[Tensor, "*batch 6"]
 
 
-def least_fuel(miss: Float[Tensor, "*batch 6"], problem: Problem) -> OwnOptima:
+def least_fuel(miss: Float[Tensor, "*batch 6"], problem: Problem) -> LeastFuel:
     """Least-fuel controls for changes of the final state, m and m/s.
 
     Raises:
@@ -65,7 +65,7 @@ def least_fuel(miss: Float[Tensor, "*batch 6"], problem: Problem) -> OwnOptima:
         bound = bound + (part * hull.dual[facet]).sum(dim=1)
         basis[:, hull.component] = column + m * (sign < 0)
     batch = miss.shape[:-1]
-    return OwnOptima(
+    return LeastFuel(
         flat.reshape(*batch, -1, 3),
         bound.clamp(min=0).reshape(batch),
         dual.reshape(miss.shape),
