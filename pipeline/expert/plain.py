@@ -23,7 +23,7 @@ from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import SOLVED, UNSOLVED, Plan, planned
+from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, planned
 from pipeline.scenario import Scenario
 
 NAME = "plain SCP"
@@ -144,17 +144,12 @@ class PlainScp:
         blank = np.zeros((self.n, self.problem.nodes, 6))
         aim = blank if seed is None else checked_seed(scenario, seed)
         own = own_optima(scenario.initial, scenario.goal, self.problem)
-        bound = float(own.lower_bound.sum())
+        bound, proof = own.bound(slice(None))
         found = self._search(scenario, aim, bound)
-        plan = planned(
-            NAME,
-            scenario,
-            own.controls if found.controls is None else found.controls,
-            bound,
-            at_nodes=True,
-            convex_solves=found.convex_solves,
-            timing={"plan": perf_counter() - started},
-        )
+        controls = own.controls if found.controls is None else found.controls
+        timing = {"plan": perf_counter() - started}
+        made = Made(controls, bound, proof, found.convex_solves, timing)
+        plan = planned(NAME, scenario, made, at_nodes=True)
         if found.clear and plan.status == SOLVED:
             return plan
         given_up = f"no plan clear at the nodes after {found.convex_solves} convex solves"

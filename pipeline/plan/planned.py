@@ -85,18 +85,8 @@ def planned_all(
     return plans
 
 
-def planned(
-    planner: str,
-    scenario: Scenario,
-    controls: Float[Array, "n intervals 3"],
-    fuel_lower_bound: float,
-    *,
-    at_nodes: bool = False,
-    convex_solves: int = 0,
-    timing: Mapping[str, float] | None = None,
-) -> Plan:
+def planned(planner: str, scenario: Scenario, made: Made, *, at_nodes: bool = False) -> Plan:
     """The plan of one scenario, as in ``planned_all``."""
-    made = Made(controls, fuel_lower_bound, "", convex_solves, timing or {})
     return planned_all(planner, [scenario], [made], at_nodes=at_nodes)[0]
 
 

@@ -8,10 +8,11 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.expert import own_optima
+from pipeline.expert.batch import Batch
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
 from pipeline.plan import Plan
-from pipeline.planners.certified import certified, ends
+from pipeline.planners.certified import certified
 from pipeline.scenario import Scenario
 
 States = Float[Array, "n 6"]
@@ -37,7 +38,8 @@ class Baseline:
         if not scenarios:
             return []
         started = perf_counter()
-        controls = self.controls(*ends(scenarios), scenarios[0].problem)
+        batch = Batch(scenarios)
+        controls = self.controls(batch.initial, batch.goal, batch.problem)
         seconds = perf_counter() - started
         return certified(self.name, scenarios, controls, seconds, at_nodes=self.at_nodes)
 

@@ -1,13 +1,12 @@
 """Controls of any planner made plans: flown and certified, with the bound that no plan beats."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 
-import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.expert import own_optima
+from pipeline.expert.batch import Batch
 from pipeline.plan import Made, Plan, planned_all
 from pipeline.scenario import Scenario
 
@@ -31,18 +30,7 @@ def certified(
     """
     if not scenarios:
         return []
-    own = own_optima(*ends(scenarios), scenarios[0].problem)
-    starts = np.cumsum([0, *(scenario.n for scenario in scenarios)])
-    made = []
-    for first, end in pairwise(starts.tolist()):
-        bound = own.bound(slice(first, end))
-        made.append(Made(controls[first:end], *bound, timing={"plan": seconds / len(scenarios)}))
+    batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
+    own = own_optima(batch.initial, batch.goal, batch.problem)
+    made = [Made(controls[craft], *own.bound(craft), timing=timing) for craft in batch.craft]
     return planned_all(planner, scenarios, made, at_nodes=at_nodes)
-
-
-def ends(scenarios: Sequence[Scenario]) -> tuple[Float[Array, "n 6"], Float[Array, "n 6"]]:
-    """Initial and goal states of the craft of all scenarios, one after the other."""
-    return (
-        np.concatenate([scenario.initial for scenario in scenarios]),
-        np.concatenate([scenario.goal for scenario in scenarios]),
-    )

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, certify, gap_of, planned
+from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, Made, certify, gap_of, planned
 from pipeline.plan.document import plan_document
 from pipeline.scenario import Scenario
 
@@ -66,7 +66,7 @@ def test_a_plan_that_misses_any_component_of_its_goal_is_not_solved(component, m
     scenario, _, controls = passing(miss=100.0)
     goal = scenario.goal.copy()
     goal[1, component] += 1e-5
-    plan = planned("one", replace(scenario, goal=goal), controls, 0.0)
+    plan = planned("one", replace(scenario, goal=goal), Made(controls, 0.0))
     assert plan.status == UNSOLVED
     assert "misses its goal by " in plan.message
     assert missed in plan.message
@@ -83,17 +83,17 @@ def test_a_gap_without_fuel_is_none_and_with_fuel_from_nothing_is_infinite():
 
 def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
     scenario, _, controls = passing(miss=3.0)
-    plan = planned("one", scenario, controls, 0.0)
+    plan = planned("one", scenario, Made(controls, 0.0))
     assert plan.status == UNSAFE
     assert "craft 0 and 1 come within 3" in plan.message
-    assert planned("one", scenario, controls, 0.0, at_nodes=True).status == SOLVED
+    assert planned("one", scenario, Made(controls, 0.0), at_nodes=True).status == SOLVED
 
 
 def test_a_plan_beyond_the_thrust_limit_is_not_solved():
     limited = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1e-3)
     controls = np.full((1, 3, 3), 1.1e-3)
     scenario, _ = scenario_of([0] * 6, controls=controls, problem=limited)
-    plan = planned("one", scenario, controls, 0.0)
+    plan = planned("one", scenario, Made(controls, 0.0))
     assert plan.status == UNSAFE
     assert "max_acceleration" in plan.message
 
@@ -101,7 +101,7 @@ def test_a_plan_beyond_the_thrust_limit_is_not_solved():
 def test_the_document_of_a_plan_is_plain_json_with_null_for_what_is_not_there():
     controls = np.full((1, 3, 3), 1e-3)
     scenario, _ = scenario_of([0] * 6, controls=controls)
-    plan = planned("one", scenario, controls, 0.0)
+    plan = planned("one", scenario, Made(controls, 0.0))
     document = json.loads(json.dumps(plan_document(plan, scenario), allow_nan=False))
     assert document["schema"] == "prolearn.plan/2"
     assert document["times"] == [0, 10, 20, 30]

@@ -9,7 +9,7 @@ from judge import judge_plan
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
-from pipeline.plan import planned
+from pipeline.plan import Made, planned
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.scenario import draw
 
@@ -53,7 +53,7 @@ def test_each_node_has_a_line(written):
 
 def test_an_infinite_gap_comes_back_as_such(tmp_path):
     idle = np.zeros((SCENARIO.n, SCENARIO.problem.intervals, 3)) + 1e-3
-    plan = planned("one", SCENARIO, idle, 0.0)
+    plan = planned("one", SCENARIO, Made(idle, 0.0))
     write_plan(tmp_path / "plan.json", plan, SCENARIO)
     assert json.loads((tmp_path / "plan.json").read_text())["certificate"]["optimality_gap"] is None
     assert read_plan(tmp_path / "plan.json")[0].certificate == plan.certificate
