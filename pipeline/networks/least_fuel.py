@@ -99,6 +99,7 @@ def _weights(
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(mode=False)  # what is kept must serve training too
 def _hulls(problem: Problem, dtype: torch.dtype, device: torch.device) -> tuple[Hull, ...]:
     table = facets_of(problem)
     if table is None:

@@ -16,10 +16,9 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.drift import drift_separations, free_drift
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.orbit.separation import least_separation
-from pipeline.orbit.transfer import fly
 from pipeline.scenario.scenario import Scenario
 
 SEMI_MAJOR_AXIS = (100.0, 300.0)
@@ -45,9 +44,6 @@ DENSE = 1.02
 
 CROWDED = 1.75
 """Largest half extent of a dense formation, in collision radii times the square root of n."""
-
-ORBIT_INTERVALS = 16
-"""Intervals into which the free drift of an orbit is cut to check it; any number is sound."""
 
 Rng = np.random.Generator
 Formation = Float[Array, "n 6"]
@@ -100,20 +96,9 @@ def passively_safe(
     i, j = pairs(len(states))
     if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= problem.collision_radius).any():
         return False  # most unsafe draws are, from the start; the rest takes longer to see
-    drift = _drift(states, problem)
+    drift = free_drift(states, problem)
     found = close_approaches(*drift, within=problem.collision_radius, moved=added)
     return len(found.first) == 0
-
-
-def _drift(states: Formation, problem: Problem) -> tuple[Array, Array, Problem]:
-    """An orbit of free drift: node states, controls and the problem that they are of."""
-    orbit = Problem(
-        mean_motion=problem.mean_motion,
-        time_step=2 * np.pi / problem.mean_motion / ORBIT_INTERVALS,
-        nodes=ORBIT_INTERVALS + 1,
-    )
-    idle = np.zeros((len(states), ORBIT_INTERVALS, 3))
-    return fly(states, idle, orbit), idle, orbit
 
 
 def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) -> Formation:
@@ -172,7 +157,7 @@ def dense(rng: Rng, n: int, problem: Problem) -> Ends:
         if n == 1:  # as small as any two would have to be
             return states * problem.collision_radius / np.abs(states[:, :3]).max()
         # Free drift is linear, so separation grows and shrinks with the formation.
-        apart = least_separation(*_drift(states, problem)).bound
+        apart = float(drift_separations(states[None], problem)[0])
         return states * DENSE * problem.collision_radius / max(apart, 1e-9)
 
     def safe(states: Formation) -> bool:

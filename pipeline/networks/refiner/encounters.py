@@ -1,0 +1,171 @@
+"""Where craft meet: pairs and intervals, and how close they come there.
+
+Within an interval the relative position is, to some tenths of a millimetre, the cubic that has
+the positions and velocities of both ends. So everything about an encounter, the plane that keeps
+the pair apart included, is linear in the states of the interval's two nodes.
+"""
+
+from dataclasses import dataclass, fields
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+SAMPLES = 5
+"""Times of an interval at which the search for its closest approach looks first."""
+
+NEWTON_STEPS = 2
+"""Steps from the closest of them; a third moves what is found by less than a millimetre."""
+
+TOUCHING = 1e-4
+"""Distance in r_col under which two craft give no direction of their own."""
+
+STILL = 1e-9
+"""Relative speed in r_col/Δt under which two craft do not move past each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Encounters:
+    """Pairs of craft in intervals; all lengths here are in r_col, times in Δt.
+
+    Attributes:
+        first: first craft, (k,).
+        second: second craft, (k,).
+        interval: which interval, (k,).
+    """
+
+    first: Int[Tensor, "k"]
+    second: Int[Tensor, "k"]
+    interval: Int[Tensor, "k"]
+
+    def of(self, rows: Int[Tensor, "j"]) -> "Encounters":
+        """Some of them."""
+        return Encounters(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    @property
+    def craft(self) -> Int[Tensor, "k 2"]:
+        """Both craft."""
+        return torch.stack([self.first, self.second], dim=1)
+
+    def relative(self, states: Float[Tensor, "N T 6"]) -> Float[Tensor, "k 2 6"]:
+        """State of the first craft relative to the second at both ends of the interval."""
+        N, T, _ = states.shape
+        flat = states.reshape(N * T, 6)
+        node = self.interval[:, None] + torch.arange(2, device=states.device)
+        # Copies whole states, forth and back, where brackets would copy number by number.
+        one, other = (
+            flat.index_select(0, (craft[:, None] * T + node).reshape(-1))
+            for craft in (self.first, self.second)
+        )
+        return (one - other).reshape(-1, 2, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """The closest approach of each encounter.
+
+    Attributes:
+        share: when, as a share of the interval, (k,); gradients do not run through it.
+        gap: position of the first craft relative to the second, (k, 3).
+        speed: their relative velocity, (k, 3).
+        distance: (k,).
+    """
+
+    share: Float[Tensor, "k"]
+    gap: Float[Tensor, "k 3"]
+    speed: Float[Tensor, "k 3"]
+    distance: Float[Tensor, "k"]
+
+    def of(self, rows: Int[Tensor, "j"]) -> "Approach":
+        """Some of them."""
+        return Approach(*(getattr(self, one.name).index_select(0, rows) for one in fields(self)))
+
+
+def candidates(states: Float[Tensor, "N T 6"], n: int, within: float) -> Encounters:
+    """Pairs of the same swarm of n, and intervals in which they come within a distance."""
+    N, T, _ = states.shape
+    first, second = torch.triu_indices(n, n, 1, device=states.device)
+    position = states[..., :3].reshape(N // n, n, T, 3)
+    gap = position.index_select(1, first) - position.index_select(1, second)  # (b, p, T, 3)
+    distance = torch.linalg.vector_norm(gap, dim=-1)
+    chord = torch.linalg.vector_norm(gap[..., 1:, :] - gap[..., :-1, :], dim=-1)
+    least = (distance[..., 1:] + distance[..., :-1] - chord) / 2  # by the triangle inequality
+    swarm, pair, interval = (least <= within).nonzero(as_tuple=True)
+    met = Encounters(swarm * n + first[pair], swarm * n + second[pair], interval)
+    found = approach(met.relative(states))
+    return met.of((found.distance <= within).nonzero()[:, 0])
+
+
+def approach(ends: Float[Tensor, "k 2 6"]) -> Approach:
+    """The closest approach to 0 of relative motion between states at both ends of an interval."""
+    p0, v0, p1, v1 = ends.reshape(-1, 4, 3).unbind(dim=1)
+    a2 = 3 * (p1 - p0) - 2 * v0 - v1
+    a3 = 2 * (p0 - p1) + v0 + v1
+    share = _closest(p0.detach(), v0.detach(), a2.detach(), a3.detach())
+    s = share[:, None]
+    gap = p0 + s * (v0 + s * (a2 + s * a3))
+    speed = v0 + s * (2 * a2 + 3 * s * a3)
+    return Approach(share, gap, speed, torch.linalg.vector_norm(gap, dim=1))
+
+
+def _closest(
+    p0: Float[Tensor, "k 3"],
+    v0: Float[Tensor, "k 3"],
+    a2: Float[Tensor, "k 3"],
+    a3: Float[Tensor, "k 3"],
+) -> Float[Tensor, "k"]:
+    """When the cubic p0 + v0 s + a2 s² + a3 s³ is closest to 0, for s in [0, 1]."""
+    sample = torch.linspace(0, 1, SAMPLES, dtype=p0.dtype, device=p0.device)
+    at = [(p0 + s * (v0 + s * (a2 + s * a3))).square().sum(dim=1) for s in sample]
+    share = sample[torch.stack(at).argmin(dim=0)]
+    for _ in range(NEWTON_STEPS):
+        s = share[:, None]
+        p = p0 + s * (v0 + s * (a2 + s * a3))
+        v = v0 + s * (2 * a2 + 3 * s * a3)
+        slope = (p * v).sum(dim=1)
+        curvature = (v * v + p * (2 * a2 + 6 * s * a3)).sum(dim=1)
+        step = torch.where(curvature > 0, slope / curvature.clamp(min=STILL**2), 0.0)
+        share = (share - step).clamp(0, 1)
+    return share
+
+
+def directions(found: Approach) -> tuple[Float[Tensor, "k 3"], ...]:
+    """Unit vectors at each encounter: along the gap, along the motion past it, across both.
+
+    Where the two craft touch, the gap's is any across the motion.
+    """
+    speed = found.speed.detach()
+    touching = (found.distance.detach() < TOUCHING)[:, None]
+    along = unit(torch.where(touching, _across(speed), found.gap))
+    past = speed - (speed * along).sum(dim=1, keepdim=True) * along
+    still = torch.linalg.vector_norm(past, dim=1, keepdim=True) < STILL
+    motion = unit(torch.where(still, _across(along), past))
+    return along, motion, torch.linalg.cross(along, motion)
+
+
+def _across(vector: Float[Tensor, "k 3"]) -> Float[Tensor, "k 3"]:
+    """Some vector at right angles to each, also to none."""
+    axes = torch.eye(3, dtype=vector.dtype, device=vector.device)
+    axis = axes[vector.detach().abs().argmin(dim=1)]
+    across = torch.linalg.cross(vector, axis)
+    none = torch.linalg.vector_norm(across, dim=1, keepdim=True) < STILL
+    return torch.where(none, axis, across)
+
+
+def unit(vector: Float[Tensor, "k 3"]) -> Float[Tensor, "k 3"]:
+    """Vectors of length 1."""
+    return vector / torch.linalg.vector_norm(vector, dim=1, keepdim=True).clamp(min=1e-12)
+
+
+def plane_rows(
+    met: Encounters, share: Float[Tensor, "k"], normal: Float[Tensor, "k 3"], nodes: int
+) -> Float[Tensor, "k _"]:
+    """A plane's normal times the position there and then, as a row over the states of all nodes.
+
+    The weights are Hermite's cubics, by which positions follow from both ends.
+    """
+    s, r = share, 1 - share
+    weights = torch.stack([r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r], dim=1)
+    both = (weights[:, :, None] * normal[:, None, :]).reshape(-1, 12)
+    columns = 6 * met.interval[:, None] + torch.arange(12, device=normal.device)
+    return normal.new_zeros(len(normal), 6 * nodes).scatter(1, columns, both)

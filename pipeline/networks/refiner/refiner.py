@@ -1,0 +1,235 @@
+"""The refiner as an architecture: rounds of bargaining that end with the cheapest safe iterate.
+
+It learns from no plans. What it makes small is fuel over the lower bound, and what encounters
+lack of the collision radius, in the iterates of every round, the later the more. Swarms of ten
+craft become as crowded as larger ones by raising the collision radius as far as both formations
+allow: in units of r_col nothing else of a swarm matters.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+import torch
+from jaxtyping import Bool, Float
+from pydantic import BaseModel, ConfigDict, Field
+from torch import Tensor, nn
+
+from pipeline.networks.architecture import Answer
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.recipes import COSINE, Recipe
+from pipeline.networks.refiner.bargain import Bargain
+from pipeline.networks.refiner.rounds import Iterate, Task, begin, rounds
+from pipeline.networks.swarms import Batch, Swarms
+from pipeline.orbit.drift import drift_separations
+
+SAFE = 1 + 1e-4
+"""Distance in r_col from which an encounter is called safe; the cubics are off by less."""
+
+CROWDED = 1.02
+"""Separation in free drift that raised collision radii leave at least, in r_col."""
+
+UNSAFE = 0.1
+"""What an unsafe swarm counts as in the score, as fuel over the lower bound."""
+
+AT_ONCE = 500
+"""Formations whose free drift is looked at together."""
+
+
+class Sizes(BaseModel):
+    """Sizes of a refiner.
+
+    Attributes:
+        width: of hidden layers.
+        memory: numbers that a side remembers.
+        rounds: that an answer takes.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    width: int = Field(ge=1, le=4096, strict=True)
+    memory: int = Field(ge=1, le=4096, strict=True)
+    rounds: int = Field(ge=0, le=1000, strict=True)
+
+
+class Lesson(BaseModel):
+    """The options of a refiner's recipe.
+
+    Attributes:
+        rounds: in training.
+        violation: what a r_col that an encounter lacks counts as, as fuel over the lower bound.
+        clear: distance beyond r_col up to which an encounter lacks something, r_col.
+        earlier: what a round counts for the one after it.
+        raised: whether collision radii are raised.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rounds: int = Field(default=6, ge=1)
+    violation: float = 4.0
+    clear: float = 0.008
+    earlier: float = 0.5
+    raised: bool = True
+
+
+@dataclass(frozen=True)
+class Refiner:
+    """An ``Architecture`` that answers with controls.
+
+    Attributes:
+        width: of hidden layers.
+        memory: numbers that a side remembers.
+        rounds: that an answer takes.
+    """
+
+    width: int = 48
+    memory: int = 32
+    rounds: int = 8
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """Its sizes."""
+        return {"width": self.width, "memory": self.memory, "rounds": self.rounds}
+
+    @property
+    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
+        """One that learns from fuel and separation, without plans."""
+        return {
+            "tuned": {
+                "learning_rate": 2e-3,
+                "batch_size": 32,
+                "epochs": 35,
+                "patience": 35,
+                "schedule": COSINE,
+                "gradient_limit": 1.0,
+                "averaging": 0.998,
+                "options": Lesson().model_dump(),
+            }
+        }
+
+    @property
+    def answers(self) -> Answer:
+        """Controls, which meet the goal but for rounding."""
+        return "controls"
+
+    @property
+    def objective(self) -> str:
+        """The score."""
+        return "best_valid_loss"
+
+    def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
+        """The network that the sides of encounters share; it has no dropout."""
+        sizes = Sizes.model_validate(dict(config))
+        return Bargain(sizes.width, sizes.memory, sizes.rounds)
+
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
+        """Ends, collision radii, and the radii to which these may be raised, m and m/s."""
+        given = {"initial": swarms.initial, "goal": swarms.goal, "radius": swarms.collision_radius}
+        apart = torch.full_like(swarms.collision_radius, torch.inf)
+        for k in range(0, len(apart), AT_ONCE):
+            for ends in (swarms.initial, swarms.goal):
+                found = drift_separations(ends[k : k + AT_ONCE].numpy(), swarms.problem)
+                apart[k : k + AT_ONCE] = apart[k : k + AT_ONCE].minimum(torch.from_numpy(found))
+        most = torch.where(apart.isfinite(), apart / CROWDED, swarms.collision_radius)
+        return {**given, "most": most.maximum(swarms.collision_radius)}
+
+    def loss(
+        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+    ) -> Float[Tensor, ""]:
+        """Fuel over the lower bound and what encounters lack, over all rounds."""
+        lesson = Lesson.model_validate(dict(recipe.options))
+        task = begin(
+            _turned(_raised(batch, encoding) if lesson.raised else _as_given(batch, encoding))
+        )
+        bound = task.fuel(task.own.controls).clamp(min=1e-9)
+        terms = [
+            _excess(task, now, bound) + lesson.violation * _lack(task, now, 1 + lesson.clear)
+            for now in list(rounds(_bargain(network), task, lesson.rounds))[1:]
+        ]
+        weight = lesson.earlier ** torch.arange(len(terms) - 1, -1, -1, device=bound.device)
+        return (torch.stack(terms).mean(dim=1) * weight).sum() / weight.sum()
+
+    def score(
+        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+    ) -> Float[Tensor, ""]:
+        """Fuel over the lower bound, with a price on unsafe swarms, as they are and crowded."""
+        bargain, crowded = _bargain(network), {**batch, "radius": batch["most"]}
+        scores = []
+        for given in (batch, crowded):
+            task = begin(_as_given(given, encoding))
+            controls, safe = best_of(bargain, task, bargain.rounds)
+            gap = task.fuel(controls) / task.fuel(task.own.controls).clamp(min=1e-9) - 1
+            scores.append((gap + UNSAFE * ~safe).mean())
+        return torch.stack(scores).mean()
+
+    def answer(
+        self, network: nn.Module, swarms: Swarms, encoding: Encoding
+    ) -> Float[Tensor, "b n _ 3"]:
+        """The cheapest safe iterate of each swarm, or else the last, m/s²."""
+        bargain, device = _bargain(network), next(network.parameters()).device
+        there = Swarms(
+            swarms.problem,
+            swarms.initial.to(device),
+            swarms.goal.to(device),
+            swarms.collision_radius.to(device),
+        )
+        controls, _ = best_of(bargain, begin(there), bargain.rounds)
+        unit = there.collision_radius / swarms.problem.time_step**2
+        b, n, _ = swarms.initial.shape
+        return controls.reshape(b, n, -1, 3) * unit[:, None, None, None]
+
+
+def best_of(
+    network: Bargain | None, task: Task, count: int
+) -> tuple[Float[Tensor, "N m"], Bool[Tensor, "b"]]:
+    """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe."""
+    chosen = task.own.controls
+    least = torch.full_like(task.fuel(chosen), torch.inf)
+    for now in rounds(network, task, count):
+        lacking = task.total((now.found.distance < SAFE).to(least.dtype), task.met.first)
+        fuel = torch.where(lacking == 0, task.fuel(now.controls), torch.inf)
+        better = ((fuel < least) | least.isinf()).repeat_interleave(task.n)
+        chosen = torch.where(better[:, None], now.controls, chosen)
+        least = least.minimum(fuel)
+    return chosen, least.isfinite()
+
+
+def _bargain(network: nn.Module) -> Bargain:
+    """What ``Refiner.network`` made, which the protocol knows as any module."""
+    return cast("Bargain", network)
+
+
+def _excess(task: Task, now: Iterate, bound: Float[Tensor, "b"]) -> Float[Tensor, "b"]:
+    """Fuel over the lower bound."""
+    return task.fuel(now.controls) / bound - 1
+
+
+def _lack(task: Task, now: Iterate, distance: float) -> Float[Tensor, "b"]:
+    """What the encounters of each swarm lack of a distance, r_col."""
+    return task.total(torch.relu(distance - now.found.distance), task.met.first)
+
+
+def _as_given(batch: Batch, encoding: Encoding) -> Swarms:
+    return Swarms(encoding.problem, batch["initial"], batch["goal"], batch["radius"])
+
+
+def _raised(batch: Batch, encoding: Encoding) -> Swarms:
+    """Collision radii somewhere between what they are and the most that they may be."""
+    least, most = batch["radius"], batch["most"]
+    radius = least + (most - least) * torch.rand_like(least)
+    return Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
+
+
+def _turned(swarms: Swarms) -> Swarms:
+    """The same swarms seen in a mirror or from behind, which linear motion does not notice."""
+    half = swarms.collision_radius.new_full((2, len(swarms.initial)), 0.5)
+    behind, mirror = 1 - 2 * torch.bernoulli(half)
+    axes = torch.ones(len(behind), 1, 6, dtype=behind.dtype, device=behind.device)
+    axes[:, :, 2::3] = mirror[:, None, None]  # out of plane: z and its velocity
+    turn = axes * behind[:, None, None]
+    return Swarms(
+        swarms.problem, swarms.initial * turn, swarms.goal * turn, swarms.collision_radius
+    )
+
+
+REFINER = Refiner()

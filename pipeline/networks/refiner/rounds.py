@@ -1,0 +1,198 @@
+"""The rounds: see who meets, agree on planes, let each craft solve its program; again.
+
+A plane stands between the two craft of an encounter at its closest approach, and moves: where it
+must move by δ to keep them r_col apart, the first craft gives way by w δ and the second by the
+rest. Without learning, w follows the prices, so that the craft to which it is cheaper gives way,
+or gets back less. What is learned is a change of w, a trade, a margin and a tilt of the plane.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from pipeline.networks.least_fuel import least_fuel
+from pipeline.networks.refiner.bargain import MARGIN, Bargain
+from pipeline.networks.refiner.encounters import (
+    Approach,
+    Encounters,
+    approach,
+    candidates,
+    directions,
+    plane_rows,
+    unit,
+)
+from pipeline.networks.refiner.grid import Grid, grid_of, in_units
+from pipeline.networks.refiner.program import Own, optimum, own_tableau
+from pipeline.networks.refiner.seen import Meeting, likeness, seen
+from pipeline.networks.refiner.sides import sides_of
+from pipeline.networks.swarms import Swarms
+
+NEAR = 3.0
+"""Distance in r_col up to which own optima must come for a pair to be looked at at all."""
+
+WATCHED = 1.3
+"""Distance in r_col within which a pair gets a plane."""
+
+SHARPNESS = 4.0
+"""Power of the other's price by which a craft gives way."""
+
+LEAST_PRICE = 1e-4
+"""Price that stands for none, so that there is a ratio of prices."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What stays the same over the rounds, N craft of swarms of n, in units of r_col and Δt.
+
+    Attributes:
+        grid: the problem.
+        n: craft of each swarm.
+        initial: states, (N, 6).
+        own: own optima.
+        met: pairs and intervals that are looked at.
+    """
+
+    grid: Grid
+    n: int
+    initial: Float[Tensor, "N 6"]
+    own: Own
+    met: Encounters
+
+    def total(self, values: Float[Tensor, "k"], craft: Int[Tensor, "k"]) -> Float[Tensor, "b"]:
+        """Sums over each swarm of what belongs to craft."""
+        swarms = len(self.initial) // self.n
+        return values.new_zeros(swarms).index_add(0, craft // self.n, values)
+
+    def fuel(self, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
+        """Σ‖u‖₁ of each swarm."""
+        return controls.abs().sum(dim=1).reshape(-1, self.n).sum(dim=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of each encounter, E in all.
+
+    Attributes:
+        first_price: what the first unit costs either craft, (E, 2); 0 where it was not asked yet.
+        price: of the plane in the round before, (E, 2).
+        memory: of the network, (E, 2, H).
+    """
+
+    first_price: Float[Tensor, "E 2"]
+    price: Float[Tensor, "E 2"]
+    memory: Float[Tensor, "E 2 H"]
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """Controls of all craft, and how close encounters come under them.
+
+    Attributes:
+        controls: (N, m).
+        found: the closest approach of every encounter.
+    """
+
+    controls: Float[Tensor, "N m"]
+    found: Approach
+
+
+def begin(swarms: Swarms) -> Task:
+    """Own optima, and who may meet."""
+    problem, radius = swarms.problem, swarms.collision_radius
+    grid, n = grid_of(problem, radius.device), swarms.initial.shape[1]
+    initial, goal = (in_units(x, radius, problem) for x in (swarms.initial, swarms.goal))
+    miss = goal - initial @ grid.drift[-6:].T
+    found = least_fuel(torch.cat([miss[:, :3], miss[:, 3:] / problem.time_step], dim=1), problem)
+    m = grid.reach.shape[1]
+    controls = found.controls.reshape(-1, m) * problem.time_step**2
+    side = torch.where(found.basis < m, 1.0, -1.0).to(controls.dtype)
+    own = own_tableau(controls, found.basis % m, side, grid.to_goal)
+    return Task(grid, n, initial, own, candidates(grid.fly(initial, controls), n, NEAR))
+
+
+def rounds(network: Bargain | None, task: Task, count: int) -> Iterator[Iterate]:
+    """The own optima, and the iterate after each round; by the rule alone without a network."""
+    width = 0 if network is None else network.memory
+    memory = task.initial.new_zeros(len(task.met.first), 2, width, dtype=torch.float32)
+    nothing = task.initial.new_zeros(len(task.met.first), 2)
+    known, controls = Known(nothing, nothing, memory), task.own.controls
+    for number in range(count + 1):
+        states = task.grid.fly(task.initial, controls)
+        found = approach(task.met.relative(states))
+        yield Iterate(controls, found)
+        live = (found.distance < WATCHED) | (known.price.amax(dim=1) > 0)
+        which = live.nonzero()[:, 0]
+        if len(which) and number < count:
+            controls, known = _round(network, task, known, Iterate(controls, found), which, number)
+
+
+def _round(
+    network: Bargain | None,
+    task: Task,
+    known: Known,
+    now: Iterate,
+    which: Int[Tensor, "L"],
+    number: int,
+) -> tuple[Float[Tensor, "N m"], Known]:
+    """One round of the encounters that are live."""
+    grid, own, met, found = task.grid, task.own, task.met.of(which), now.found.of(which)
+    along, motion, across = directions(found)
+    row = plane_rows(met, found.share, along, grid.nodes)
+    known = _with_first_prices(task, known, which, row.detach())
+    price, first_price = known.price[which], known.first_price[which]
+    sides, logit, trade, margin, normal = sides_of(met.craft), 0.0, 0.0, MARGIN, along
+    if network is not None:
+        meeting = Meeting(met, found, along, motion, row, price, first_price, number)
+        terms = network(
+            seen(meeting, task.own, now.controls, grid),
+            known.memory.index_select(0, which),
+            sides,
+            likeness(row, sides, grid),
+        )
+        tilt = terms.tilt.to(along.dtype)
+        normal = unit(along + tilt[:, :1] * motion + tilt[:, 1:] * across)
+        row = plane_rows(met, found.share, normal, grid.nodes)
+        logit, trade, margin = (x.to(along.dtype) for x in (terms.share, terms.trade, terms.margin))
+        known = replace(known, memory=known.memory.index_copy(0, which, terms.memory))
+    needed = 1 + margin - (found.gap * normal).sum(dim=1)
+    first = torch.sigmoid(_usual_share(needed, price, first_price) + logit) * needed + trade
+    gain = row @ grid.reach
+    gain = torch.stack([gain, -gain], dim=1)  # (L, 2, m)
+    theirs = now.controls.index_select(0, met.craft.reshape(-1)).reshape(gain.shape)
+    held = (gain * theirs).sum(dim=2)
+    asked = held + torch.stack([first, needed - first], dim=1)
+    best, paid = optimum(own.of(sides.craft), sides.table(gain), sides.table(asked), sides.real)
+    controls = own.controls.index_copy(0, sides.craft, best)
+    paid = torch.zeros_like(known.price).index_copy(0, which, sides.back(paid))
+    return controls, replace(known, price=paid)
+
+
+def _usual_share(
+    needed: Float[Tensor, "L"], price: Float[Tensor, "L 2"], first_price: Float[Tensor, "L 2"]
+) -> Float[Tensor, "L"]:
+    """The logit of the first craft's share by the rule.
+
+    Of way to be given, the craft with the lower price gives more; of way to be got back, the one
+    with the higher price gets more.
+    """
+    most = torch.maximum(price, first_price).clamp(min=LEAST_PRICE).log()
+    now = (price + LEAST_PRICE**1.5).log()
+    give, get = SHARPNESS * (most[:, 1] - most[:, 0]), now[:, 0] - now[:, 1]
+    return torch.where(needed > 0, give, get)
+
+
+def _with_first_prices(
+    task: Task, known: Known, which: Int[Tensor, "L"], row: Float[Tensor, "L _"]
+) -> Known:
+    """First prices of encounters that are live for the first time."""
+    new = (known.first_price[which, 0] == 0).nonzero()[:, 0]
+    if len(new) == 0:
+        return known
+    gain = row[new] @ task.grid.reach
+    met = task.met.of(which[new])
+    prices = [task.own.of(met.first).price(gain), task.own.of(met.second).price(-gain)]
+    both = torch.stack(prices, dim=1).clamp(min=LEAST_PRICE)
+    return replace(known, first_price=known.first_price.index_copy(0, which[new], both))

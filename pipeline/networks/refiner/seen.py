@@ -1,0 +1,82 @@
+"""What the sides of an encounter see, and how alike the planes of a craft are."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pipeline.networks.refiner.encounters import Approach, Encounters
+from pipeline.networks.refiner.grid import Grid
+from pipeline.networks.refiner.program import Own
+from pipeline.networks.refiner.sides import Sides
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Some encounters as they are in a round.
+
+    Attributes:
+        met: pairs and intervals.
+        found: their closest approaches.
+        along: unit vector along the gap, (L, 3).
+        motion: unit vector along the motion past it, (L, 3).
+        row: plane along the gap, over the states of all nodes, (L, 6T).
+        price: what the plane cost either craft in the round before, (L, 2).
+        first_price: what the first unit costs either craft, (L, 2).
+        number: of the round.
+    """
+
+    met: Encounters
+    found: Approach
+    along: Float[Tensor, "L 3"]
+    motion: Float[Tensor, "L 3"]
+    row: Float[Tensor, "L _"]
+    price: Float[Tensor, "L 2"]
+    first_price: Float[Tensor, "L 2"]
+    number: int
+
+
+@torch.no_grad()
+def seen(
+    meeting: Meeting, own: Own, controls: Float[Tensor, "N m"], grid: Grid
+) -> Float[Tensor, "L 2 F"]:
+    """What each side sees: prices and fuel of its craft, the encounter, directions from there."""
+    met, found, price = meeting.met, meeting.found, meeting.price
+    craft, N = met.craft, len(controls)
+
+    def total(values: Float[Tensor, "L 2"]) -> Float[Tensor, "L 2"]:
+        """Sum over all sides of the same craft."""
+        return values.new_zeros(N).index_add(0, craft.reshape(-1), values.reshape(-1))[craft]
+
+    spent = (controls.abs() - own.controls.abs()).sum(dim=1)
+    gain = torch.linalg.vector_norm(meeting.row @ grid.reach, dim=1)
+    speed = torch.linalg.vector_norm(found.speed, dim=1)
+    shared = [
+        3 * (1 - found.distance).clamp(-2, 2),
+        (found.distance < 1).to(price.dtype),
+        (met.interval + found.share) / (grid.nodes - 1),
+        (speed + 0.1).log(),
+        (gain + 1e-3).log(),
+        torch.full_like(speed, meeting.number / 8),
+    ]
+    alone = [
+        meeting.first_price.log(),
+        price.clamp(max=5),
+        (price + 1e-3).log(),
+        total(torch.ones_like(price)) / 4,
+        total(price).clamp(max=10),
+        spent[craft].clamp(max=5),
+    ]
+    numbers = torch.stack([*(x[:, None].expand_as(price) for x in shared), *alone], dim=2)
+    around = torch.cat([meeting.along, meeting.motion], dim=1)
+    return torch.cat([numbers, torch.stack([around, -around], dim=1)], dim=2).float()
+
+
+@torch.no_grad()
+def likeness(row: Float[Tensor, "L _"], sides: Sides, grid: Grid) -> Float[Tensor, "C p p"]:
+    """Cosines between the planes of each craft, as far as controls that keep its goal move it."""
+    free = row @ grid.free_reach
+    free = (free / torch.linalg.vector_norm(free, dim=1, keepdim=True).clamp(min=1e-9)).float()
+    table = sides.table(torch.stack([free, -free], dim=1))
+    return table @ table.mT

@@ -1,0 +1,33 @@
+"""Free drift: how close craft of a formation come when nobody burns, over a whole orbit."""
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import least_separations
+from pipeline.orbit.transfer import fly
+
+ORBIT_INTERVALS = 16
+"""Intervals into which the free drift of an orbit is cut to check it; any number is sound."""
+
+
+def free_drift(
+    states: Float[Array, "n 6"], problem: Problem
+) -> tuple[Float[Array, "n T 6"], Float[Array, "n intervals 3"], Problem]:
+    """An orbit of free drift: node states, controls and the problem that they are of."""
+    orbit = Problem(
+        mean_motion=problem.mean_motion,
+        time_step=2 * np.pi / problem.mean_motion / ORBIT_INTERVALS,
+        nodes=ORBIT_INTERVALS + 1,
+    )
+    idle = np.zeros((len(states), ORBIT_INTERVALS, 3))
+    return fly(states, idle, orbit), idle, orbit
+
+
+def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[Array, "N"]:
+    """No two craft of each formation come closer than this in an orbit of free drift, m."""
+    N, n, _ = states.shape
+    drift = free_drift(states.reshape(N * n, 6), problem)
+    return np.array([apart.bound for apart in least_separations(*drift, side_by_side((n,) * N))])

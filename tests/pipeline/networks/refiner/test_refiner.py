@@ -1,0 +1,166 @@
+"""The refiner by what must hold of it whatever its weights are, and by what it learns."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.dataset.reading.examples import Examples
+from pipeline.networks.architecture import find, recipe_for
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.model import Model, load, save
+from pipeline.networks.refiner.refiner import best_of
+from pipeline.networks.refiner.rounds import begin, rounds
+from pipeline.networks.swarms import swarms
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import least_separation, pair_conflicts
+from pipeline.orbit.transfer import fly
+from pipeline.scenario import draw
+from pipeline.training.loop import train
+
+PROBLEM = Problem()
+REFINER = find("refiner")
+ENCODING = Encoding(PROBLEM, 10, "line", "offset", (1.0,) * 6, (1.0,) * 6)
+
+
+def ends(n, count, problem=PROBLEM, family="rings"):
+    drawn = [draw(family, 0, n, k, problem, "valid") for k in range(count)]
+    return np.stack([s.initial for s in drawn]), np.stack([s.goal for s in drawn])
+
+
+def network(seed=0):
+    """A network that has learned something at random, so that it bargains in earnest."""
+    torch.manual_seed(seed)
+    made = REFINER.network(REFINER.config, ENCODING, 0.0)
+    torch.nn.init.normal_(made.agree.weight, std=0.2)
+    return made
+
+
+def model(problem=PROBLEM, seed=0):
+    encoding = replace(ENCODING, problem=problem)
+    return Model("refiner", REFINER.config, "tuned", encoding, network(seed))
+
+
+def close(answer, wanted):
+    scale = np.abs(wanted).max()
+    return np.abs(answer - wanted).max() <= 1e-6 * scale
+
+
+@pytest.mark.parametrize("n", [1, 2, 10, 30])
+def test_its_controls_meet_the_goal_for_any_number_of_craft(n):
+    initial, goal = ends(n, 3)
+    controls = model().answer(initial, goal, 15.0)
+    assert controls.shape == (3, n, PROBLEM.intervals, 3)
+    reached = fly(initial, controls, PROBLEM)[..., -1, :]
+    assert np.abs(reached - goal)[..., :3].max() < 1e-6
+    assert np.abs(reached - goal)[..., 3:].max() < 1e-9
+
+
+def test_renumbered_craft_get_the_same_controls():
+    initial, goal = ends(12, 4)
+    order = np.random.default_rng(0).permutation(12)
+    answer = model().answer(initial, goal, 15.0)
+    other = model().answer(initial[:, order], goal[:, order], 15.0)
+    assert close(other, answer[:, order])
+
+
+def test_swarms_answered_together_are_answered_as_alone():
+    initial, goal = ends(10, 6)
+    together = model().answer(initial, goal, 15.0)
+    alone = [model().answer(initial[k : k + 1], goal[k : k + 1], 15.0)[0] for k in range(6)]
+    assert close(together, np.stack(alone))
+
+
+def test_a_larger_swarm_with_a_larger_radius_is_the_same_swarm():
+    initial, goal = ends(10, 4)
+    answer = model().answer(initial, goal, 15.0)
+    assert close(model().answer(3 * initial, 3 * goal, 45.0), 3 * answer)
+
+
+def test_swarms_seen_in_a_mirror_or_from_behind_are_as_hard():
+    """Only what is seen of directions may differ, so an untrained network, the rule, does not."""
+    initial, goal = ends(10, 4)
+    untrained = replace(model(), network=REFINER.network(REFINER.config, ENCODING, 0.0))
+    answer = untrained.answer(initial, goal, 15.0)
+    mirror = np.array([1.0, 1.0, -1.0, 1.0, 1.0, -1.0])
+    for turn in (mirror, -np.ones(6), -mirror):
+        turned = untrained.answer(turn * initial, turn * goal, 15.0)
+        assert close(turned, turn[:3] * answer)
+
+
+def test_without_rounds_every_craft_keeps_its_own_optimum():
+    initial, goal = ends(10, 4)
+    task = begin(swarms(PROBLEM, initial, goal))
+    controls, _ = best_of(None, task, 0)
+    assert torch.equal(controls, task.own.controls)
+
+
+def test_rounds_by_the_rule_alone_leave_few_swarms_unsafe():
+    initial, goal = ends(10, 40)
+    task = begin(swarms(PROBLEM, initial, goal))
+    controls, safe = best_of(None, task, 12)
+    flown = controls.reshape(40, 10, -1, 3).numpy() * 15.0 / PROBLEM.time_step**2
+    conflicts = [
+        pair_conflicts(fly(x, u, PROBLEM), u, PROBLEM) for x, u in zip(initial, flown, strict=True)
+    ]
+    assert [c == 0 for c in conflicts] == safe.tolist()
+    assert safe.sum() >= 39
+    fuel = task.fuel(controls) / task.fuel(task.own.controls)
+    assert 1 <= fuel.mean() < 1.02
+
+
+@torch.no_grad()
+def test_it_ends_with_the_cheapest_safe_iterate():
+    initial, goal = ends(10, 10, family="dense")
+    task, made = begin(swarms(PROBLEM, initial, goal)), network()
+    controls, safe = best_of(made, task, 8)
+    mine, cheapest = task.fuel(controls), torch.full((10,), torch.inf, dtype=torch.float64)
+    for now in rounds(made, task, 8):
+        flown = now.controls.reshape(10, 10, -1, 3).numpy() * 15.0 / PROBLEM.time_step**2
+        for k, (x, u) in enumerate(zip(initial, flown, strict=True)):
+            if least_separation(fly(x, u, PROBLEM), u, PROBLEM).bound > 15.0 + 2e-3:
+                cheapest[k] = min(cheapest[k], task.fuel(now.controls)[k])
+    assert torch.equal(safe, cheapest.isfinite())
+    assert torch.equal(mine[safe], cheapest[safe])
+    assert safe.sum() >= 5
+
+
+def test_it_answers_other_time_grids_with_the_same_weights():
+    for problem in (replace(PROBLEM, nodes=6, time_step=240.0), replace(PROBLEM, nodes=21)):
+        initial, goal = ends(10, 2, problem)
+        controls = model().on(problem).answer(initial, goal, 15.0)
+        reached = fly(initial, controls, problem)[..., -1, :]
+        assert np.abs(reached - goal)[..., :3].max() < 1e-6
+
+
+def test_what_is_saved_answers_the_same(tmp_path):
+    initial, goal = ends(10, 3)
+    made = model()
+    save(made, tmp_path)
+    again = load(tmp_path).answer(initial, goal, 15.0)
+    assert np.array_equal(again, made.answer(initial, goal, 15.0))
+
+
+def test_training_makes_crowded_swarms_cheaper():
+    initial, goal = ends(6, 64)
+    data = Examples(PROBLEM, initial[:48], goal[:48])
+    held = Examples(PROBLEM, initial[48:], goal[48:])
+    recipe = replace(recipe_for("refiner", "tuned"), batch_size=16)
+    found = train("refiner", recipe, data, held, device="cpu", epochs=6)
+    first, *_, last = (epoch.train_loss for epoch in found.history)
+    assert last < first
+    assert found.model.answers == "controls"
+
+
+def test_collision_radii_are_raised_as_far_as_free_drift_allows():
+    initial, goal = ends(8, 5)
+    batch = REFINER.prepare(swarms(PROBLEM, initial, goal), ENCODING)
+    for k, most in enumerate(batch["most"].tolist()):
+        orbit = Problem(time_step=2 * np.pi / PROBLEM.mean_motion / 40, nodes=41)
+        idle = np.zeros((8, 40, 3))
+        apart = [
+            least_separation(fly(x[k], idle, orbit), idle, orbit).distance for x in (initial, goal)
+        ]
+        assert most == pytest.approx(max(15.0, min(apart) / 1.02), abs=1e-3)
+    assert (batch["most"] > 30).any()
