@@ -35,6 +35,8 @@ class Recipe:
             this mean that is scored and kept. 0 for the weights themselves.
         draws: fresh scenarios an epoch, without plans, instead of the dataset's training split;
             0 for none.
+        crowded: scenarios of the family dense, without plans and drawn once, that are learned
+            from with the others; 0 for none.
         options: what only one architecture knows, by name.
     """
 
@@ -52,11 +54,13 @@ class Recipe:
     gradient_limit: float = 0.0
     averaging: float = 0.0
     draws: int = 0
+    crowded: int = 0
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be trained with."""
-        for name, least in (("batch_size", 1), ("epochs", 1), ("patience", 1), ("draws", 0)):
+        leasts = {"batch_size": 1, "epochs": 1, "patience": 1, "draws": 0, "crowded": 0}
+        for name, least in leasts.items():
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}; expected at least {least}.")
         for name in ("dropout", "averaging"):

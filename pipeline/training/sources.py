@@ -1,4 +1,4 @@
-"""What is learnt from: a dataset's training split, or fresh scenarios without end."""
+"""What is learnt from: a dataset's training split, or fresh scenarios; and crowded ones."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -68,6 +68,55 @@ def _drawn(source: FreshDraws, number: int) -> Examples:
     return Examples(source.problem, initial, goal)
 
 
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Scenarios with others after them, all without plans.
+
+    Attributes:
+        first: in memory or read part by part.
+        second: in memory.
+    """
+
+    first: ExampleSource
+    second: Examples
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that they share."""
+        return self.first.problem
+
+    @property
+    def n(self) -> int:
+        """Number of spacecraft in each instance."""
+        return self.first.n
+
+    @property
+    def buffer(self) -> int | None:
+        """As of the first."""
+        return self.first.buffer
+
+    @property
+    def part_count(self) -> int:
+        """One part more, or one where all of them are in memory."""
+        return 1 if self.buffer is None else self.first.part_count + 1
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
+        """The parts of the first, and the second as the last one."""
+        if self.buffer is None:
+            (first,) = self.first.parts()
+            pairs = [(first.initial, self.second.initial), (first.goal, self.second.goal)]
+            yield Examples(self.problem, *(np.concatenate(pair) for pair in pairs))
+            return
+        last = self.part_count - 1
+        for number in range(self.part_count) if order is None else order:
+            found = [self.second] if number == last else self.first.parts([number])
+            yield from (Examples(part.problem, part.initial, part.goal) for part in found)
+
+    def __len__(self) -> int:
+        """Number of instances."""
+        return len(self.first) + len(self.second)
+
+
 def sources(
     recipe: Recipe, data: Where, n: int, *, seed: int, memory: float = MEMORY
 ) -> tuple[ExampleSource, ExampleSource]:
@@ -75,7 +124,7 @@ def sources(
 
     Args:
         recipe: whose ``draws`` say whether it learns from fresh scenarios, drawn like the
-            dataset's, instead of the dataset's training split.
+            dataset's, instead of the dataset's training split; otherwise ``crowded`` adds some.
         data: a solved dataset; its test split stays untouched.
         n: swarm size.
         seed: of fresh scenarios.
@@ -85,9 +134,12 @@ def sources(
         InputError: where there is no dataset, the size is not in it, it is not solved, or no
             instance of a split that is needed is.
     """
-    if not recipe.draws:
-        learn = examples_within(data, n, "train", memory)
-        return learn, examples_within(data, n, "valid", memory)
     valid = examples_within(data, n, "valid", memory)
-    family = read_manifest(data).samples[n].family
-    return FreshDraws(family, seed, n, valid.problem, recipe.draws), valid
+    if recipe.draws:
+        family = read_manifest(data).samples[n].family
+        return FreshDraws(family, seed, n, valid.problem, recipe.draws), valid
+    learn = examples_within(data, n, "train", memory)
+    if not recipe.crowded:
+        return learn, valid
+    (crowded,) = FreshDraws("dense", seed, n, valid.problem, recipe.crowded).parts()
+    return Joined(learn, crowded), valid

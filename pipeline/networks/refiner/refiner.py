@@ -19,7 +19,7 @@ from pipeline.networks.architecture import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner.bargain import Bargain
-from pipeline.networks.refiner.rounds import Iterate, Task, begin, rounds
+from pipeline.networks.refiner.rounds import State, Task, begin, play, start
 from pipeline.networks.swarms import Batch, Swarms
 from pipeline.orbit.drift import drift_separations
 
@@ -29,8 +29,17 @@ SAFE = 1 + 1e-4
 CROWDED = 1.02
 """Separation in free drift that raised collision radii leave at least, in r_col."""
 
+RAISED = 2.5
+"""Most by which they are raised; what is more crowded is hardly to be planned by anybody."""
+
+STEADY = 1e-4
+"""Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""
+
 UNSAFE = 0.1
 """What an unsafe swarm counts as in the score, as fuel over the lower bound."""
+
+NO_FUEL = 1e-9
+"""Fuel in r_col/Δt² that counts as none."""
 
 AT_ONCE = 500
 """Formations whose free drift is looked at together."""
@@ -98,8 +107,9 @@ class Refiner:
             "tuned": {
                 "learning_rate": 2e-3,
                 "batch_size": 32,
-                "epochs": 35,
-                "patience": 35,
+                "epochs": 20,
+                "patience": 20,
+                "crowded": 8000,
                 "schedule": COSINE,
                 "gradient_limit": 1.0,
                 "averaging": 0.998,
@@ -130,36 +140,35 @@ class Refiner:
             for ends in (swarms.initial, swarms.goal):
                 found = drift_separations(ends[k : k + AT_ONCE].numpy(), swarms.problem)
                 apart[k : k + AT_ONCE] = apart[k : k + AT_ONCE].minimum(torch.from_numpy(found))
-        most = torch.where(apart.isfinite(), apart / CROWDED, swarms.collision_radius)
-        return {**given, "most": most.maximum(swarms.collision_radius)}
+        radius = swarms.collision_radius
+        return {**given, "most": (apart / CROWDED).clamp(min=radius, max=RAISED * radius)}
 
     def loss(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """Fuel over the lower bound and what encounters lack, over all rounds."""
+        """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
         lesson = Lesson.model_validate(dict(recipe.options))
-        task = begin(
-            _turned(_raised(batch, encoding) if lesson.raised else _as_given(batch, encoding))
-        )
-        bound = task.fuel(task.own.controls).clamp(min=1e-9)
-        terms = [
-            _excess(task, now, bound) + lesson.violation * _lack(task, now, 1 + lesson.clear)
-            for now in list(rounds(_bargain(network), task, lesson.rounds))[1:]
-        ]
-        weight = lesson.earlier ** torch.arange(len(terms) - 1, -1, -1, device=bound.device)
-        return (torch.stack(terms).mean(dim=1) * weight).sum() / weight.sum()
+        given = _raised(batch, encoding) if lesson.raised else _as_given(batch, encoding)
+        task, bargain, terms = begin(_turned(given)), _bargain(network), []
+        state = start(bargain, task)
+        for number in range(lesson.rounds):
+            state = play(bargain, task, state, number)
+            lack = lesson.violation * _lack(task, state, 1 + lesson.clear)
+            # By its logarithm, or the hardest swarms would be all that is learned from.
+            terms.append(torch.log(_ratio(task, state.controls) + lack).mean())
+        weight = torch.tensor([lesson.earlier**k for k in reversed(range(len(terms)))])
+        return (torch.stack(terms) * weight.to(lack)).sum() / weight.sum()
 
     def score(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """Fuel over the lower bound, with a price on unsafe swarms, as they are and crowded."""
+        """The same of answers, with a price on unsafe swarms, as they are and crowded."""
         bargain, crowded = _bargain(network), {**batch, "radius": batch["most"]}
         scores = []
         for given in (batch, crowded):
             task = begin(_as_given(given, encoding))
             controls, safe = best_of(bargain, task, bargain.rounds)
-            gap = task.fuel(controls) / task.fuel(task.own.controls).clamp(min=1e-9) - 1
-            scores.append((gap + UNSAFE * ~safe).mean())
+            scores.append((_ratio(task, controls).log() + UNSAFE * ~safe).mean())
         return torch.stack(scores).mean()
 
     def answer(
@@ -182,16 +191,29 @@ class Refiner:
 def best_of(
     network: Bargain | None, task: Task, count: int
 ) -> tuple[Float[Tensor, "N m"], Bool[Tensor, "b"]]:
-    """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe."""
-    chosen = task.own.controls
-    least = torch.full_like(task.fuel(chosen), torch.inf)
-    for now in rounds(network, task, count):
-        lacking = task.total((now.found.distance < SAFE).to(least.dtype), task.met.first)
-        fuel = torch.where(lacking == 0, task.fuel(now.controls), torch.inf)
-        better = ((fuel < least) | least.isinf()).repeat_interleave(task.n)
-        chosen = torch.where(better[:, None], now.controls, chosen)
+    """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
+
+    A swarm goes on until a round leaves it safe and its fuel next to unchanged.
+    """
+    state = start(network, task)
+    best, least = state.controls, _safe_fuel(task, state)
+    going = torch.ones_like(least, dtype=torch.bool)
+    for number in range(count):
+        before = task.fuel(state.controls)
+        state = play(network, task, state, number, going)
+        fuel = _safe_fuel(task, state)
+        better = (fuel < least) | least.isinf()
+        best = torch.where(better.repeat_interleave(task.n)[:, None], state.controls, best)
+        going = going & ~((fuel - before).abs() <= STEADY * before)
         least = least.minimum(fuel)
-    return chosen, least.isfinite()
+    return best, least.isfinite()
+
+
+def _safe_fuel(task: Task, state: State) -> Float[Tensor, "b"]:
+    """Fuel of each swarm, infinite where it is not safe."""
+    close = (state.found.distance < SAFE).to(state.controls.dtype)
+    safe = task.total(close, task.met.first) == 0
+    return torch.where(safe, task.fuel(state.controls), torch.inf)
 
 
 def _bargain(network: nn.Module) -> Bargain:
@@ -199,14 +221,15 @@ def _bargain(network: nn.Module) -> Bargain:
     return cast("Bargain", network)
 
 
-def _excess(task: Task, now: Iterate, bound: Float[Tensor, "b"]) -> Float[Tensor, "b"]:
-    """Fuel over the lower bound."""
-    return task.fuel(now.controls) / bound - 1
+def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
+    """Fuel over the lower bound of each swarm, 1 where none is needed."""
+    bound = task.fuel(task.own.controls)
+    return task.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
 
 
-def _lack(task: Task, now: Iterate, distance: float) -> Float[Tensor, "b"]:
+def _lack(task: Task, state: State, distance: float) -> Float[Tensor, "b"]:
     """What the encounters of each swarm lack of a distance, r_col."""
-    return task.total(torch.relu(distance - now.found.distance), task.met.first)
+    return task.total(torch.relu(distance - state.found.distance), task.met.first)
 
 
 def _as_given(batch: Batch, encoding: Encoding) -> Swarms:

@@ -6,15 +6,14 @@ rest. Without learning, w follows the prices, so that the craft to which it is c
 or gets back less. What is learned is a change of w, a trade, a margin and a tilt of the plane.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pipeline.networks.least_fuel import least_fuel
-from pipeline.networks.refiner.bargain import MARGIN, Bargain
+from pipeline.networks.refiner.bargain import MARGIN, Bargain, Terms
 from pipeline.networks.refiner.encounters import (
     Approach,
     Encounters,
@@ -87,16 +86,18 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class Iterate:
-    """Controls of all craft, and how close encounters come under them.
+class State:
+    """Where the rounds stand.
 
     Attributes:
-        controls: (N, m).
-        found: the closest approach of every encounter.
+        controls: of all craft, (N, m).
+        found: the closest approach of every encounter under them.
+        known: what is known of every encounter.
     """
 
     controls: Float[Tensor, "N m"]
     found: Approach
+    known: Known
 
 
 def begin(swarms: Swarms) -> Task:
@@ -113,61 +114,85 @@ def begin(swarms: Swarms) -> Task:
     return Task(grid, n, initial, own, candidates(grid.fly(initial, controls), n, NEAR))
 
 
-def rounds(network: Bargain | None, task: Task, count: int) -> Iterator[Iterate]:
-    """The own optima, and the iterate after each round; by the rule alone without a network."""
+def start(network: Bargain | None, task: Task) -> State:
+    """The own optima, before anybody has met."""
     width = 0 if network is None else network.memory
-    memory = task.initial.new_zeros(len(task.met.first), 2, width, dtype=torch.float32)
-    nothing = task.initial.new_zeros(len(task.met.first), 2)
-    known, controls = Known(nothing, nothing, memory), task.own.controls
-    for number in range(count + 1):
-        states = task.grid.fly(task.initial, controls)
-        found = approach(task.met.relative(states))
-        yield Iterate(controls, found)
-        live = (found.distance < WATCHED) | (known.price.amax(dim=1) > 0)
-        which = live.nonzero()[:, 0]
-        if len(which) and number < count:
-            controls, known = _round(network, task, known, Iterate(controls, found), which, number)
+    count, controls = len(task.met.first), task.own.controls
+    nothing = controls.new_zeros(count, 2)
+    memory = controls.new_zeros(count, 2, width, dtype=torch.float32)
+    return State(controls, _look(task, controls), Known(nothing, nothing, memory))
 
 
-def _round(
+def play(
     network: Bargain | None,
     task: Task,
-    known: Known,
-    now: Iterate,
-    which: Int[Tensor, "L"],
+    state: State,
     number: int,
-) -> tuple[Float[Tensor, "N m"], Known]:
-    """One round of the encounters that are live."""
-    grid, own, met, found = task.grid, task.own, task.met.of(which), now.found.of(which)
+    among: Bool[Tensor, "b"] | None = None,
+) -> State:
+    """One round; by the rule alone without a network.
+
+    Args:
+        network: what was learned.
+        task: what stays the same.
+        state: where the rounds stand.
+        number: of the round, from 0.
+        among: swarms that go on; the others keep their controls. All of them by default.
+    """
+    live = (state.found.distance < WATCHED) | (state.known.price.amax(dim=1) > 0)
+    if among is not None:
+        live &= among[task.met.first // task.n]
+    which = live.nonzero()[:, 0]
+    if len(which) == 0:
+        return state
+    met, found = task.met.of(which), state.found.of(which)
     along, motion, across = directions(found)
-    row = plane_rows(met, found.share, along, grid.nodes)
-    known = _with_first_prices(task, known, which, row.detach())
-    price, first_price = known.price[which], known.first_price[which]
-    sides, logit, trade, margin, normal = sides_of(met.craft), 0.0, 0.0, MARGIN, along
+    row = plane_rows(met, found.share, along, task.grid.nodes)
+    known = _with_first_prices(task, state.known, which, row.detach())
+    meeting = Meeting(
+        met, found, along, motion, row, known.price[which], known.first_price[which], number
+    )
+    sides, terms = sides_of(met.craft), None
     if network is not None:
-        meeting = Meeting(met, found, along, motion, row, price, first_price, number)
         terms = network(
-            seen(meeting, task.own, now.controls, grid),
+            seen(meeting, task.own, state.controls, task.grid),
             known.memory.index_select(0, which),
             sides,
-            likeness(row, sides, grid),
+            likeness(row, sides, task.grid),
         )
-        tilt = terms.tilt.to(along.dtype)
-        normal = unit(along + tilt[:, :1] * motion + tilt[:, 1:] * across)
-        row = plane_rows(met, found.share, normal, grid.nodes)
-        logit, trade, margin = (x.to(along.dtype) for x in (terms.share, terms.trade, terms.margin))
         known = replace(known, memory=known.memory.index_copy(0, which, terms.memory))
+    gain, give = _planes(task, meeting, across, terms)
+    theirs = state.controls.index_select(0, met.craft.reshape(-1)).reshape(gain.shape)
+    asked = (gain * theirs).sum(dim=2) + give
+    own = task.own.of(sides.craft)
+    best, paid = optimum(own, sides.table(gain), sides.table(asked), sides.real)
+    controls = state.controls.index_copy(0, sides.craft, best)
+    price = torch.zeros_like(known.price).index_copy(0, which, sides.back(paid))
+    return State(controls, _look(task, controls), replace(known, price=price))
+
+
+def _look(task: Task, controls: Float[Tensor, "N m"]) -> Approach:
+    """How close encounters come."""
+    return approach(task.met.relative(task.grid.fly(task.initial, controls)))
+
+
+def _planes(
+    task: Task, meeting: Meeting, across: Float[Tensor, "L 3"], terms: Terms | None
+) -> tuple[Float[Tensor, "L 2 m"], Float[Tensor, "L 2"]]:
+    """What each side's controls gain in separation, and by how much either craft is to give way."""
+    found, normal, row = meeting.found, meeting.along, meeting.row
+    logit = trade = torch.zeros_like(found.distance)
+    margin = torch.full_like(found.distance, MARGIN)
+    if terms is not None:
+        tilt = terms.tilt.to(row.dtype)
+        normal = unit(normal + tilt[:, :1] * meeting.motion + tilt[:, 1:] * across)
+        row = plane_rows(meeting.met, found.share, normal, task.grid.nodes)
+        logit, trade, margin = (x.to(row.dtype) for x in (terms.share, terms.trade, terms.margin))
     needed = 1 + margin - (found.gap * normal).sum(dim=1)
-    first = torch.sigmoid(_usual_share(needed, price, first_price) + logit) * needed + trade
-    gain = row @ grid.reach
-    gain = torch.stack([gain, -gain], dim=1)  # (L, 2, m)
-    theirs = now.controls.index_select(0, met.craft.reshape(-1)).reshape(gain.shape)
-    held = (gain * theirs).sum(dim=2)
-    asked = held + torch.stack([first, needed - first], dim=1)
-    best, paid = optimum(own.of(sides.craft), sides.table(gain), sides.table(asked), sides.real)
-    controls = own.controls.index_copy(0, sides.craft, best)
-    paid = torch.zeros_like(known.price).index_copy(0, which, sides.back(paid))
-    return controls, replace(known, price=paid)
+    usual = _usual_share(needed, meeting.price, meeting.first_price)
+    first = torch.sigmoid(usual + logit) * needed + trade
+    gain = row @ task.grid.reach
+    return torch.stack([gain, -gain], dim=1), torch.stack([first, needed - first], dim=1)
 
 
 def _usual_share(

@@ -7,7 +7,12 @@ import pytest
 import torch
 
 from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.stages.sample import sample
+from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.stages.workers import Workers
+from pipeline.dataset.storage.samples import Sample
 from pipeline.errors import InputError
+from pipeline.expert import Settings
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.networks.model import load, save
@@ -15,7 +20,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.training.data import Preparation, batches
 from pipeline.training.loop import train
-from pipeline.training.sources import FreshDraws
+from pipeline.training.sources import FreshDraws, sources
 
 PROBLEM = Problem(nodes=6)
 FRESH = FreshDraws("rings", 4, 3, PROBLEM, count=40)
@@ -96,3 +101,24 @@ def test_a_network_that_answers_with_controls_is_saved_and_loaded_like_any_other
 def test_a_network_that_learns_the_expert_s_plans_refuses_scenarios_without():
     with pytest.raises(InputError, match="no plans of the expert"):
         trained("ff1")
+
+
+@pytest.mark.parametrize("memory", [1e9, 1e4])
+def test_crowded_scenarios_are_learned_from_with_those_of_the_dataset(tmp_path, memory):
+    """Each of both once a pass, whether the dataset is in memory or streams."""
+    solved = tmp_path / "data"
+    sample(solved, {3: Sample(count=20, shares=(0.5, 0.5, 0.0), shard_rows=4)}, PROBLEM, jobs=1)
+    solve(solved, Settings(), workers=Workers(jobs=1))
+    recipe = replace(recipe_for("refiner", "tuned"), crowded=7, batch_size=4)
+    learn, held = sources(recipe, solved, 3, seed=5, memory=memory)
+    plain, _ = sources(replace(recipe, crowded=0), solved, 3, seed=5, memory=memory)
+    assert (learn.buffer is None) == (memory == 1e9)
+    wanted = [draw("dense", 5, 3, k, held.problem, "train") for k in range(7)]
+    known = {tuple(s.initial.ravel()) for s in wanted}
+    known |= {tuple(one.ravel()) for part in plain.parts() for one in part.initial}
+    assert len(known) == len(learn) == len(plain) + 7
+    preparation = Preparation(find("refiner"), fit(learn, "line", "offset"), torch.device("cpu"))
+    order = torch.Generator().manual_seed(0)
+    seen = [b.tensors["initial"] for b in batches(learn, preparation).shuffled(4, order)]
+    assert {tuple(one.numpy().ravel()) for batch in seen for one in batch} == known
+    assert sum(len(batch) for batch in seen) == len(known)

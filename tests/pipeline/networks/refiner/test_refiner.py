@@ -10,8 +10,9 @@ from pipeline.dataset.reading.examples import Examples
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
+from pipeline.networks.refiner import refiner
 from pipeline.networks.refiner.refiner import best_of
-from pipeline.networks.refiner.rounds import begin, rounds
+from pipeline.networks.refiner.rounds import begin, play, start
 from pipeline.networks.swarms import swarms
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, pair_conflicts
@@ -111,19 +112,35 @@ def test_rounds_by_the_rule_alone_leave_few_swarms_unsafe():
 
 
 @torch.no_grad()
-def test_it_ends_with_the_cheapest_safe_iterate():
+def test_it_ends_with_the_cheapest_safe_iterate(monkeypatch):
+    monkeypatch.setattr(refiner, "STEADY", -1.0)  # so that no swarm stops early
     initial, goal = ends(10, 10, family="dense")
     task, made = begin(swarms(PROBLEM, initial, goal)), network()
     controls, safe = best_of(made, task, 8)
     mine, cheapest = task.fuel(controls), torch.full((10,), torch.inf, dtype=torch.float64)
-    for now in rounds(made, task, 8):
-        flown = now.controls.reshape(10, 10, -1, 3).numpy() * 15.0 / PROBLEM.time_step**2
+    state = start(made, task)
+    for number in range(9):
+        flown = state.controls.reshape(10, 10, -1, 3).numpy() * 15.0 / PROBLEM.time_step**2
         for k, (x, u) in enumerate(zip(initial, flown, strict=True)):
             if least_separation(fly(x, u, PROBLEM), u, PROBLEM).bound > 15.0 + 2e-3:
-                cheapest[k] = min(cheapest[k], task.fuel(now.controls)[k])
+                cheapest[k] = min(cheapest[k], task.fuel(state.controls)[k])
+        state = play(made, task, state, number)
     assert torch.equal(safe, cheapest.isfinite())
     assert torch.equal(mine[safe], cheapest[safe])
     assert safe.sum() >= 5
+
+
+@torch.no_grad()
+def test_a_swarm_that_is_safe_and_steady_stops_without_losing_much_fuel(monkeypatch):
+    initial, goal = ends(10, 40)
+    task, made = begin(swarms(PROBLEM, initial, goal)), network()
+    stopped, _ = best_of(made, task, 30)
+    monkeypatch.setattr(refiner, "STEADY", -1.0)
+    played, safe = best_of(made, task, 30)
+    ratio = task.fuel(stopped) / task.fuel(played)
+    assert not torch.equal(stopped, played)
+    assert (ratio[safe] >= 1 - 1e-4).all()
+    assert ratio[safe].mean() < 1.002
 
 
 def test_it_answers_other_time_grids_with_the_same_weights():
@@ -154,13 +171,14 @@ def test_training_makes_crowded_swarms_cheaper():
 
 
 def test_collision_radii_are_raised_as_far_as_free_drift_allows():
-    initial, goal = ends(8, 5)
+    initial, goal = ends(14, 8)
     batch = REFINER.prepare(swarms(PROBLEM, initial, goal), ENCODING)
     for k, most in enumerate(batch["most"].tolist()):
         orbit = Problem(time_step=2 * np.pi / PROBLEM.mean_motion / 40, nodes=41)
-        idle = np.zeros((8, 40, 3))
+        idle = np.zeros((14, 40, 3))
         apart = [
             least_separation(fly(x[k], idle, orbit), idle, orbit).distance for x in (initial, goal)
         ]
-        assert most == pytest.approx(max(15.0, min(apart) / 1.02), abs=1e-3)
-    assert (batch["most"] > 30).any()
+        assert most == pytest.approx(np.clip(min(apart) / 1.02, 15.0, 37.5), abs=1e-3)
+    assert (batch["most"] < 37.5).any()
+    assert (batch["most"] > 15.0).any()
