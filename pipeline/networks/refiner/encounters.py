@@ -11,11 +11,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-SAMPLES = 5
-"""Times of an interval at which the search for its closest approach looks first."""
-
-NEWTON_STEPS = 2
-"""Steps from the closest of them; a third moves what is found by less than a millimetre."""
+from pipeline.networks.refiner.nearest import nearest
 
 TOUCHING = 1e-4
 """Distance in r_col under which two craft give no direction of their own."""
@@ -61,6 +57,19 @@ class Encounters:
 
 
 @dataclass(frozen=True, eq=False)
+class Look:
+    """When and how close the craft of each encounter come; gradients do not run through it.
+
+    Attributes:
+        share: when, as a share of the interval, (k,).
+        distance: (k,).
+    """
+
+    share: Float[Tensor, "k"]
+    distance: Float[Tensor, "k"]
+
+
+@dataclass(frozen=True, eq=False)
 class Approach:
     """The closest approach of each encounter.
 
@@ -76,10 +85,6 @@ class Approach:
     speed: Float[Tensor, "k 3"]
     distance: Float[Tensor, "k"]
 
-    def of(self, rows: Int[Tensor, "j"]) -> "Approach":
-        """Some of them."""
-        return Approach(*(getattr(self, one.name).index_select(0, rows) for one in fields(self)))
-
 
 def candidates(states: Float[Tensor, "N T 6"], n: int, within: float) -> Encounters:
     """Pairs of the same swarm of n, and intervals in which they come within a distance."""
@@ -92,41 +97,30 @@ def candidates(states: Float[Tensor, "N T 6"], n: int, within: float) -> Encount
     least = (distance[..., 1:] + distance[..., :-1] - chord) / 2  # by the triangle inequality
     swarm, pair, interval = (least <= within).nonzero(as_tuple=True)
     met = Encounters(swarm * n + first[pair], swarm * n + second[pair], interval)
-    found = approach(met.relative(states))
-    return met.of((found.distance <= within).nonzero()[:, 0])
+    return met.of((look(met, states).distance <= within).nonzero()[:, 0])
 
 
-def approach(ends: Float[Tensor, "k 2 6"]) -> Approach:
-    """The closest approach to 0 of relative motion between states at both ends of an interval."""
+def look(met: Encounters, states: Float[Tensor, "N T 6"]) -> Look:
+    """When and how close craft of given node states come."""
+    share, distance = torch.empty(2, len(met.first), dtype=torch.float64)
+    given = (states, met.first, met.second, met.interval)
+    nearest(
+        *(part.detach().cpu().contiguous().numpy() for part in given),
+        share.numpy(),
+        distance.numpy(),
+    )
+    return Look(share.to(states.device), distance.to(states.device))
+
+
+def approach(ends: Float[Tensor, "k 2 6"], share: Float[Tensor, "k"]) -> Approach:
+    """The approach of relative motion between states at both ends of an interval, at a time."""
     p0, v0, p1, v1 = ends.reshape(-1, 4, 3).unbind(dim=1)
     a2 = 3 * (p1 - p0) - 2 * v0 - v1
     a3 = 2 * (p0 - p1) + v0 + v1
-    share = _closest(p0.detach(), v0.detach(), a2.detach(), a3.detach())
     s = share[:, None]
     gap = p0 + s * (v0 + s * (a2 + s * a3))
     speed = v0 + s * (2 * a2 + 3 * s * a3)
     return Approach(share, gap, speed, torch.linalg.vector_norm(gap, dim=1))
-
-
-def _closest(
-    p0: Float[Tensor, "k 3"],
-    v0: Float[Tensor, "k 3"],
-    a2: Float[Tensor, "k 3"],
-    a3: Float[Tensor, "k 3"],
-) -> Float[Tensor, "k"]:
-    """When the cubic p0 + v0 s + a2 s² + a3 s³ is closest to 0, for s in [0, 1]."""
-    sample = torch.linspace(0, 1, SAMPLES, dtype=p0.dtype, device=p0.device)
-    at = [(p0 + s * (v0 + s * (a2 + s * a3))).square().sum(dim=1) for s in sample]
-    share = sample[torch.stack(at).argmin(dim=0)]
-    for _ in range(NEWTON_STEPS):
-        s = share[:, None]
-        p = p0 + s * (v0 + s * (a2 + s * a3))
-        v = v0 + s * (2 * a2 + 3 * s * a3)
-        slope = (p * v).sum(dim=1)
-        curvature = (v * v + p * (2 * a2 + 6 * s * a3)).sum(dim=1)
-        step = torch.where(curvature > 0, slope / curvature.clamp(min=STILL**2), 0.0)
-        share = (share - step).clamp(0, 1)
-    return share
 
 
 def directions(found: Approach) -> tuple[Float[Tensor, "k 3"], ...]:

@@ -91,8 +91,8 @@ class Refiner:
         rounds: that an answer takes.
     """
 
-    width: int = 48
-    memory: int = 32
+    width: int = 32
+    memory: int = 16
     rounds: int = 8
 
     @property
@@ -157,7 +157,8 @@ class Refiner:
             # By its logarithm, or the hardest swarms would be all that is learned from.
             terms.append(torch.log(_ratio(task, state.controls) + lack).mean())
         weight = torch.tensor([lesson.earlier**k for k in reversed(range(len(terms)))])
-        return (torch.stack(terms) * weight.to(lack)).sum() / weight.sum()
+        mean = (torch.stack(terms) * weight.to(lack)).sum() / weight.sum()
+        return mean + 0.0 * bargain.agree.bias.sum()  # a gradient also where nobody meets
 
     def score(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
@@ -229,7 +230,9 @@ def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
 
 def _lack(task: Task, state: State, distance: float) -> Float[Tensor, "b"]:
     """What the encounters of each swarm lack of a distance, r_col."""
-    return task.total(torch.relu(distance - state.found.distance), task.met.first)
+    which = (state.found.distance < distance).nonzero()[:, 0]
+    met, found = state.approaches(task, which)
+    return task.total(distance - found.distance, met.first)
 
 
 def _as_given(batch: Batch, encoding: Encoding) -> Swarms:

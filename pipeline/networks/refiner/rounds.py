@@ -17,9 +17,11 @@ from pipeline.networks.refiner.bargain import MARGIN, Bargain, Terms
 from pipeline.networks.refiner.encounters import (
     Approach,
     Encounters,
+    Look,
     approach,
     candidates,
     directions,
+    look,
     plane_rows,
     unit,
 )
@@ -91,13 +93,20 @@ class State:
 
     Attributes:
         controls: of all craft, (N, m).
-        found: the closest approach of every encounter under them.
+        states: that they fly, (N, T, 6).
+        found: how close the craft of every encounter come.
         known: what is known of every encounter.
     """
 
     controls: Float[Tensor, "N m"]
-    found: Approach
+    states: Float[Tensor, "N T 6"]
+    found: Look
     known: Known
+
+    def approaches(self, task: Task, which: Int[Tensor, "L"]) -> tuple[Encounters, Approach]:
+        """Some encounters, and their closest approaches."""
+        met = task.met.of(which)
+        return met, approach(met.relative(self.states), self.found.share[which])
 
 
 def begin(swarms: Swarms) -> Task:
@@ -120,7 +129,7 @@ def start(network: Bargain | None, task: Task) -> State:
     count, controls = len(task.met.first), task.own.controls
     nothing = controls.new_zeros(count, 2)
     memory = controls.new_zeros(count, 2, width, dtype=torch.float32)
-    return State(controls, _look(task, controls), Known(nothing, nothing, memory))
+    return _state(task, controls, Known(nothing, nothing, memory))
 
 
 def play(
@@ -145,7 +154,7 @@ def play(
     which = live.nonzero()[:, 0]
     if len(which) == 0:
         return state
-    met, found = task.met.of(which), state.found.of(which)
+    met, found = state.approaches(task, which)
     along, motion, across = directions(found)
     row = plane_rows(met, found.share, along, task.grid.nodes)
     known = _with_first_prices(task, state.known, which, row.detach())
@@ -165,15 +174,15 @@ def play(
     theirs = state.controls.index_select(0, met.craft.reshape(-1)).reshape(gain.shape)
     asked = (gain * theirs).sum(dim=2) + give
     own = task.own.of(sides.craft)
-    best, paid = optimum(own, sides.table(gain), sides.table(asked), sides.real)
+    best, paid = optimum(own, sides.listed(gain), sides.listed(asked), sides.count)
     controls = state.controls.index_copy(0, sides.craft, best)
-    price = torch.zeros_like(known.price).index_copy(0, which, sides.back(paid))
-    return State(controls, _look(task, controls), replace(known, price=price))
+    price = torch.zeros_like(known.price).index_copy(0, which, sides.unlisted(paid))
+    return _state(task, controls, replace(known, price=price))
 
 
-def _look(task: Task, controls: Float[Tensor, "N m"]) -> Approach:
-    """How close encounters come."""
-    return approach(task.met.relative(task.grid.fly(task.initial, controls)))
+def _state(task: Task, controls: Float[Tensor, "N m"], known: Known) -> State:
+    states = task.grid.fly(task.initial, controls)
+    return State(controls, states, look(task.met, states), known)
 
 
 def _planes(

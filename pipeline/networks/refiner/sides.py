@@ -1,25 +1,37 @@
-"""The two sides of every encounter, sorted into a table with a row for each craft."""
+"""The two sides of every encounter, sorted by craft: in a list, or a table with a row for each."""
 
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Where in the table the sides of L encounters are; C craft with p sides at most.
+    """Where the sides of L encounters are; C craft with p sides at most.
 
     Attributes:
-        craft: the craft of each row, (C,).
+        craft: the craft that meet anybody, in order, (C,).
+        count: sides of each, (C,).
+        order: which side is where in the list, (2L,).
         most: p.
         place: of each side, in the flattened table, (2L,).
     """
 
     craft: Int[Tensor, "C"]
+    count: Int[Tensor, "C"]
+    order: Int[Tensor, "_"]
     most: int
     place: Int[Tensor, "_"]
+
+    def listed(self, values: Float[Tensor, "L 2 *rest"]) -> Float[Tensor, "_ *rest"]:
+        """What belongs to each side, one craft's after the other's."""
+        return values.flatten(0, 1).index_select(0, self.order)
+
+    def unlisted(self, values: Float[Tensor, "S"]) -> Float[Tensor, "L 2"]:
+        """What the list has for each side."""
+        return torch.empty_like(values).index_copy(0, self.order, values).reshape(-1, 2)
 
     def table(self, values: Float[Tensor, "L 2 *rest"]) -> Float[Tensor, "C p *rest"]:
         """What belongs to each side, by craft; 0 where a craft has fewer."""
@@ -38,12 +50,6 @@ class Sides:
         flat = rows.index_select(0, self.place // self.most)
         return flat.reshape(-1, 2, *flat.shape[1:])
 
-    @property
-    def real(self) -> Bool[Tensor, "C p"]:
-        """Where there is a side."""
-        none = torch.zeros(len(self.craft) * self.most, dtype=torch.bool, device=self.place.device)
-        return none.index_fill(0, self.place, True).reshape(len(self.craft), self.most)
-
 
 def sides_of(craft: Int[Tensor, "L 2"]) -> Sides:
     """The table of encounters between craft."""
@@ -56,4 +62,4 @@ def sides_of(craft: Int[Tensor, "L 2"]) -> Sides:
     slot = torch.arange(len(flat), device=flat.device) - before
     place = torch.empty_like(flat)
     place[order] = row * most + slot
-    return Sides(ids, most, place)
+    return Sides(ids, count, order, most, place)

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.networks.refiner.encounters import approach, candidates, directions, plane_rows
+from pipeline.networks.refiner.encounters import (
+    approach,
+    candidates,
+    directions,
+    look,
+    plane_rows,
+)
 from pipeline.networks.refiner.grid import grid_of, in_units
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, track
@@ -45,7 +51,9 @@ def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
 
 def test_the_closest_approach_is_the_least_of_the_samples():
     met = candidates(SCALED, N, 5.0)
-    found = approach(met.relative(SCALED))
+    seen = look(met, SCALED)
+    found = approach(met.relative(SCALED), seen.share)
+    assert found.distance.numpy() == pytest.approx(seen.distance.numpy(), abs=1e-12)
     distance = sampled()[met.first, met.second, met.interval]
     assert found.distance.numpy() == pytest.approx(distance.min(axis=1), abs=2e-4)
     when = distance.argmin(axis=1) / STEPS
@@ -55,7 +63,7 @@ def test_the_closest_approach_is_the_least_of_the_samples():
 
 def test_a_plane_s_row_gives_the_gap_along_its_normal():
     met = candidates(SCALED, N, 5.0)
-    found = approach(met.relative(SCALED))
+    found = approach(met.relative(SCALED), look(met, SCALED).share)
     along, motion, across = directions(found)
     for normal in (along, motion, across):
         row = plane_rows(met, found.share, normal, PROBLEM.nodes)
@@ -72,7 +80,7 @@ def test_directions_are_orthogonal_even_where_craft_touch_or_stand_still():
     ends[0, 0, :3], ends[0, 1, :3] = -0.5 * ends[0, 0, 3:], 0.5 * ends[0, 0, 3:]
     ends[1, :, 0] = 2.0  # stands still
     ends[2] = torch.randn(2, 6)
-    found = approach(ends)
+    found = approach(ends, torch.full((3,), 0.5, dtype=torch.float64))
     three = torch.stack(directions(found), dim=1)
     eye = torch.eye(3, dtype=torch.float64).expand(3, 3, 3)
     assert (three @ three.mT).numpy() == pytest.approx(eye.numpy(), abs=1e-9)

@@ -32,13 +32,14 @@ def programs(problem, seed=0):
     row = torch.einsum("cpx,cpxm->cpm", torch.from_numpy(normal), position)
     asked = (row @ controls[:, :, None])[:, :, 0]
     asked = asked + torch.from_numpy(rng.uniform(-0.5, 1.0, size=asked.shape))
-    real = torch.from_numpy(rng.random((CRAFT, PLANES)) < 0.8)
-    return own, row, asked, real, grid.to_goal
+    count = torch.from_numpy(rng.integers(1, PLANES + 1, size=CRAFT))
+    real = torch.arange(PLANES) < count[:, None]
+    return own, row[real], asked[real], count, grid.to_goal
 
 
-def cost(controls, row, asked, real):
-    missing = (asked - (row @ controls[:, :, None])[:, :, 0]).clamp(min=0) * real
-    return controls.abs().sum(dim=1) + DEAREST * missing.sum(dim=1)
+def by_craft(values, count):
+    """Planes of each craft, as arrays."""
+    return [part.numpy() for part in torch.split(values, count.tolist())]
 
 
 def by_highs(goal, row, asked, reach):
@@ -56,64 +57,66 @@ def by_highs(goal, row, asked, reach):
 
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_the_optimum_and_its_prices_are_those_of_highs(problem):
-    own, row, asked, real, reach = programs(problem)
-    found = solve(own, row, asked, real)
+    own, row, asked, count, reach = programs(problem)
+    found = solve(own, row, asked, count)
     goal = (own.controls @ reach.T).numpy()
     assert np.abs((found.controls @ reach.T).numpy() - goal).max() < 1e-9
-    mine = cost(found.controls, row, asked, real)
-    for k in range(CRAFT):
-        some = real[k].numpy()
-        least, price = by_highs(
-            goal[k], row[k].numpy()[some], asked[k].numpy()[some], reach.numpy()
-        )
-        assert float(mine[k]) == pytest.approx(least, rel=1e-7)
-        assert found.price[k].numpy()[some] == pytest.approx(price, abs=1e-6)
-    assert (found.price[~real] == 0).all()
+    every = (by_craft(values, count) for values in (row, asked, found.price))
+    for k, (rows, wanted, prices) in enumerate(zip(*every, strict=True)):
+        controls = found.controls[k].numpy()
+        mine = np.abs(controls).sum() + DEAREST * np.maximum(wanted - rows @ controls, 0).sum()
+        least, price = by_highs(goal[k], rows, wanted, reach.numpy())
+        assert mine == pytest.approx(least, rel=1e-7)
+        assert prices == pytest.approx(price, abs=1e-6)
     assert (found.price > 0).any()
 
 
 def test_what_cannot_be_had_is_given_up_at_the_dearest_price():
-    own, row, asked, _, _ = programs(Problem())
-    row[:, 1], asked[:, 1] = -row[:, 0], 1 - asked[:, 0]  # on both sides of a plane, and off it
-    real = torch.zeros(CRAFT, PLANES, dtype=torch.bool).index_fill(1, torch.tensor([0, 1]), True)
-    found = solve(own, row, asked, real)
+    own, row, _, _, _ = programs(Problem())
+    one = row[:1].expand(CRAFT, -1)
+    both = torch.stack([one, -one], dim=1).reshape(2 * CRAFT, -1)  # both sides of a plane
+    asked, count = torch.full((2 * CRAFT,), 0.5).double(), torch.full((CRAFT,), 2)
+    found = solve(own, both, asked, count)
     assert torch.isfinite(found.controls).all()
-    assert found.price.amax(dim=1).numpy() == pytest.approx(DEAREST)
+    assert found.price.reshape(CRAFT, 2).amax(dim=1).numpy() == pytest.approx(DEAREST)
 
 
-def test_a_craft_without_planes_keeps_its_own_optimum():
-    own, row, asked, real, _ = programs(Problem())
-    assert torch.equal(solve(own, row, asked, torch.zeros_like(real)).controls, own.controls)
+def test_a_craft_whose_planes_are_far_away_keeps_its_own_optimum():
+    own, row, asked, count, _ = programs(Problem())
+    found = solve(own, row, asked - 100, count)
+    assert found.controls.numpy() == pytest.approx(own.controls.numpy(), abs=1e-12)
+    assert (found.price == 0).all()
 
 
 def test_gradients_are_how_the_optimum_moves():
-    own, row, asked, real, _ = programs(Problem(), seed=3)
+    own, row, asked, count, _ = programs(Problem(), seed=3)
     torch.manual_seed(0)
     taste = torch.randn_like(own.controls)
     rows, wanted = row.clone().requires_grad_(), asked.clone().requires_grad_()
-    controls, _ = optimum(own, rows, wanted, real)
+    controls, _ = optimum(own, rows, wanted, count)
     (controls * taste).sum().backward()
     step, move = 1e-6, (torch.randn_like(row), torch.randn_like(asked))
     ahead, behind = (
-        (solve(own, row + s * move[0], asked + s * move[1], real).controls - controls.detach()) / s
+        (solve(own, row + s * move[0], asked + s * move[1], count).controls - controls.detach()) / s
         for s in (step, -step)
     )
     smooth = (ahead - behind).abs().amax(dim=1) < 1e-2  # others are at a kink
     slope = ((ahead + behind) / 2 * taste).sum(dim=1)
-    mine = (rows.grad * move[0]).sum(dim=(1, 2)) + (wanted.grad * move[1]).sum(dim=1)
+    each = (rows.grad * move[0]).sum(dim=1) + wanted.grad * move[1]
+    mine = torch.stack([part.sum() for part in torch.split(each, count.tolist())])
     assert mine[smooth].numpy() == pytest.approx(slope[smooth].numpy(), rel=1e-4, abs=1e-4)
     assert smooth.sum() >= CRAFT - 4
     assert mine.abs().max() > 0.1
 
 
 def test_the_first_unit_along_a_row_costs_what_a_small_step_does():
-    own, row, _, _, _ = programs(Problem())
-    step, alone = 1e-6, torch.ones(CRAFT, 1, dtype=torch.bool)
-    one = row[:, :1]
-    asked = (one @ own.controls[:, :, None])[:, :, 0] + step
-    found = solve(own, one, asked, alone)
+    own, row, _, count, _ = programs(Problem())
+    step, one = 1e-6, row[count.cumsum(0) - count]
+    asked = (one * own.controls).sum(dim=1) + step
+    found = solve(own, one, asked, torch.ones_like(count))
     more = found.controls.abs().sum(dim=1) - own.controls.abs().sum(dim=1)
-    assert (more / step).numpy() == pytest.approx(own.price(one[:, 0]).numpy(), rel=1e-4)
+    assert (more / step).numpy() == pytest.approx(own.price(one).numpy(), rel=1e-4)
+    assert found.price.numpy() == pytest.approx(own.price(one).numpy(), rel=1e-6)
 
 
 def test_units_of_step_and_radius_change_no_transfer():
