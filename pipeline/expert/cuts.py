@@ -87,6 +87,7 @@ def conflicts(
     *,
     at_nodes: bool,
     swarms: Swarms | None = None,
+    beside: float = 0.0,
 ) -> tuple[Cuts, Float[Array, "k"]]:
     """Where pairs with at least one moved craft come within a distance, and how close.
 
@@ -98,6 +99,8 @@ def conflicts(
         moved: craft whose pairs are looked at.
         at_nodes: look at the nodes only (the paper's criterion), not at all times.
         swarms: which craft belong together; by default all of them.
+        beside: also cut so long before and after each closest approach, as a share of the
+            interval, since it moves; not at nodes only.
 
     Returns:
         A cut at each closest approach, and a lower bound on the separation there, m.
@@ -110,8 +113,12 @@ def conflicts(
         row, node = np.nonzero(distance <= within)
         return cuts_at(i[row], j[row], node, np.zeros(len(row)), problem), distance[row, node]
     found = close_approaches(states, controls, problem, within, swarms=swarms, moved=moved)
-    cuts = Cuts(found.first, found.second, found.interval, found.free, found.pushed)
-    return cuts, found.bound
+    pairs = found.first, found.second, found.interval
+    cuts, bound, h = Cuts(*pairs, found.free, found.pushed), found.bound, problem.time_step
+    for way in (-beside, beside) if beside else ():
+        cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
+        bound = np.concatenate([bound, found.bound])
+    return cuts, bound
 
 
 def gaps(

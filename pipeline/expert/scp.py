@@ -96,7 +96,11 @@ class Search:
         flown = self._flown(np.concatenate(list(chosen.values())), given)
         self.aim_controls[given], self.aim_states[given] = flown
         near, _ = self._conflicts(
-            self.aim_states, self.aim_controls, self.radius + SEED_LOOK, given
+            self.aim_states,
+            self.aim_controls,
+            self.radius + SEED_LOOK,
+            given,
+            beside=self.settings.beside,
         )
         return near
 
@@ -128,10 +132,18 @@ class Search:
         controls: Float[Array, "n intervals 3"],
         within: float,
         moved: Bool[Array, "n"],
+        *,
+        beside: float = 0.0,
     ) -> tuple[Cuts, Float[Array, "k"]]:
-        at_nodes, swarms = self.settings.separation == "nodes", self.batch.swarms
         return conflicts(
-            states, controls, self.problem, within, moved, at_nodes=at_nodes, swarms=swarms
+            states,
+            controls,
+            self.problem,
+            within,
+            moved,
+            at_nodes=self.settings.separation == "nodes",
+            swarms=self.batch.swarms,
+            beside=beside,
         )
 
     def _set_cuts(self, cuts: Cuts) -> None:

@@ -18,6 +18,8 @@ class Settings:
             safe; the smaller, the less fuel and the more rounds.
         look_ahead: pairs that pass within this of the collision radius are cut before they
             violate it, m; the larger, the fewer rounds of larger programs.
+        beside: how long before and after each closest approach of a seed it is cut as well, as a
+            share of the interval; the plan that follows is closest at other times.
         max_rounds: rounds of programs that a search may take.
         solver: the subproblem by the simplex method of HiGHS, by the interior points of Clarabel,
             or by its readable form in cvxpy.
@@ -30,6 +32,7 @@ class Settings:
     starts: int = 1
     margin: float = 0.05
     look_ahead: float = 0.5
+    beside: float = 0.0
     max_rounds: int = 60
     solver: Literal["simplex", "clarabel", "cvxpy"] = "simplex"
 
