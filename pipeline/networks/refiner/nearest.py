@@ -5,11 +5,11 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
-SAMPLES = 5
+SAMPLES = 9
 """Times of an interval at which the search for its closest approach looks first."""
 
-NEWTON_STEPS = 2
-"""Steps from the closest of them; a third moves what is found by less than a millimetre."""
+NEWTON_STEPS = 3
+"""Steps from the closest of them, each within the samples beside it."""
 
 # jaxtyping cannot look into compiled functions; their shapes are those of ``nearest``.
 
@@ -45,12 +45,19 @@ def nearest(states, first, second, interval, share, distance):
             square, _, _ = motion(p0, v0, a2, a3, s)
             if square < least:
                 when, least = s, square
+        # The least of a smooth curve is next to the least of its samples, so no step goes further,
+        # and none that leads away is followed.
+        low, high = max(when - 1 / (SAMPLES - 1), 0.0), min(when + 1 / (SAMPLES - 1), 1.0)
+        s = when
         for _ in range(NEWTON_STEPS):
-            _, slope, curvature = motion(p0, v0, a2, a3, when)
-            if curvature > 0:
-                when = min(max(when - slope / curvature, 0.0), 1.0)
+            square, slope, curvature = motion(p0, v0, a2, a3, s)
+            step = slope / curvature if curvature > 0 else np.sign(slope) * (high - low) / 4
+            s = min(max(s - step, low), high)
+            square, _, _ = motion(p0, v0, a2, a3, s)
+            if square < least:
+                when, least = s, square
         share[k] = when
-        distance[k] = np.sqrt(motion(p0, v0, a2, a3, when)[0])
+        distance[k] = np.sqrt(least)
 
 
 @no_type_check

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from pipeline.networks.refiner.encounters import (
+    Encounters,
     approach,
     candidates,
     directions,
@@ -86,3 +87,20 @@ def test_directions_are_orthogonal_even_where_craft_touch_or_stand_still():
     assert (three @ three.mT).numpy() == pytest.approx(eye.numpy(), abs=1e-9)
     assert found.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert found.distance[1] == pytest.approx(2.0)
+
+
+def test_the_closest_approach_of_any_cubic_is_found():
+    """Random motion with strong bends, against ten thousand samples."""
+    rng = np.random.default_rng(0)
+    ends = rng.normal(size=(500, 2, 6)) * [1, 1, 1, 2, 2, 2]
+    states = torch.from_numpy(np.stack([ends, np.zeros_like(ends)]).reshape(1000, 2, 6))
+    pair = torch.arange(500)
+    found = look(Encounters(pair, pair + 500, torch.zeros_like(pair)), states)
+    s = np.linspace(0, 1, 10_001)[:, None, None]
+    (p0, v0), (p1, v1) = (np.split(ends[:, k], 2, axis=1) for k in (0, 1))
+    p = p0 + s * (v0 + s * (3 * (p1 - p0) - 2 * v0 - v1 + s * (2 * (p0 - p1) + v0 + v1)))
+    least = np.linalg.norm(p, axis=2).min(axis=0)
+    error = found.distance.numpy() - least
+    assert error.min() > -1e-6
+    assert np.quantile(error, 0.99) < 1e-4
+    assert error.max() < 0.01
