@@ -5,12 +5,14 @@ a side reads is its own craft's or was told by the other one; what a craft's sid
 is summed. So no number of a craft means anything: renumbered craft agree on the same.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.networks.refiner.ablations import PARTS, Part
 from pipeline.networks.refiner.sides import Sides
 
 FEATURES = 18
@@ -52,7 +54,14 @@ class Bargain(nn.Module):
     """Messages between the sides of encounters, and what they agree on.
 
     Untrained it adds nothing to the rule that the rounds go by without it.
+
+    Attributes:
+        memory: numbers that a side remembers.
+        rounds: that an answer takes.
+        uses: 1 for each part that it has and 0 for those left out, stored with the weights.
     """
+
+    uses: Float[Tensor, "_"]
 
     def __init__(self, width: int, memory: int, rounds: int) -> None:
         """Sizes of hidden layers and memory, and the rounds that an answer takes."""
@@ -64,6 +73,11 @@ class Bargain(nn.Module):
         self.agree = nn.Linear(2 * memory, 5)
         nn.init.zeros_(self.agree.weight)
         nn.init.zeros_(self.agree.bias)
+        self.register_buffer("uses", torch.ones(len(PARTS)))
+
+    def leave_out(self, parts: Collection[Part]) -> None:
+        """Do without some parts from now on, and with all others."""
+        self.uses.copy_(torch.tensor([float(part not in parts) for part in PARTS]))
 
     def forward(
         self,
@@ -80,12 +94,15 @@ class Bargain(nn.Module):
             sides: which craft they are of.
             likeness: cosines between the planes of each craft.
         """
+        share, trade, margin, tilt, third, remembered = self.uses.unbind()
+        memory = remembered * memory
         said = self.read(_with_other(torch.cat([seen, memory], dim=2)))  # (L, 2, H)
         told = sides.table(self.tell(said))  # (C, p, H)
         alike, every = sides.back(likeness @ told), sides.each(told.sum(dim=1))
-        heard = torch.cat([alike, every], dim=2)
+        heard = third * torch.cat([alike, every], dim=2)
         memory = memory + self.weigh(torch.cat([said, _with_other(heard)], dim=2))
-        one, other = self.agree(_with_other(memory)).unbind(dim=1)  # (L, 5)
+        used = torch.stack([share, trade, margin, tilt, tilt])
+        one, other = (used * self.agree(_with_other(memory))).unbind(dim=1)  # (L, 5)
         odd, even = one - other, one + other
         return Terms(
             share=STEEP * odd[:, 0],

@@ -18,6 +18,15 @@ from torch import Tensor, nn
 from pipeline.networks.architecture import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import COSINE, Recipe
+from pipeline.networks.refiner.ablations import (
+    EPOCHS,
+    SHORT,
+    TUNED,
+    UNCROWDED,
+    UNSAFE,
+    WITHOUT,
+    Part,
+)
 from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.rounds import State, Task, begin, play, start
 from pipeline.networks.swarms import Batch, Swarms
@@ -34,9 +43,6 @@ RAISED = 2.5
 
 STEADY = 1e-4
 """Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""
-
-UNSAFE = 0.1
-"""What an unsafe swarm counts as in the score, as fuel over the lower bound."""
 
 NO_FUEL = 1e-9
 """Fuel in r_col/Δt² that counts as none."""
@@ -70,6 +76,7 @@ class Lesson(BaseModel):
         clear: distance beyond r_col up to which an encounter lacks something, r_col.
         earlier: what a round counts for the one after it.
         raised: whether collision radii are raised.
+        without: parts of the network that are left out.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -79,6 +86,7 @@ class Lesson(BaseModel):
     clear: float = 0.008
     earlier: float = 0.5
     raised: bool = True
+    without: tuple[Part, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,20 +110,24 @@ class Refiner:
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """One that learns from fuel and separation, without plans."""
-        return {
-            "tuned": {
-                "learning_rate": 2e-3,
-                "batch_size": 32,
-                "epochs": 20,
-                "patience": 20,
-                "crowded": 8000,
-                "schedule": COSINE,
-                "gradient_limit": 1.0,
-                "averaging": 0.998,
-                "options": Lesson().model_dump(),
-            }
+        """One that learns from fuel and separation, without plans; and what it is tried against."""
+        tuned = {
+            "learning_rate": 2e-3,
+            "batch_size": 32,
+            "epochs": 20,
+            "patience": 20,
+            "crowded": 8000,
+            "schedule": COSINE,
+            "gradient_limit": 1.0,
+            "averaging": 0.998,
+            "options": _options(),
         }
+        short = {**tuned, "epochs": EPOCHS}
+        lacking = {name: _options(without=(part,)) for name, part in WITHOUT.items()}
+        lacking[UNCROWDED] = _options(raised=False)
+        ablations = {name: {**short, "options": options} for name, options in lacking.items()}
+        ablations[UNCROWDED]["crowded"] = 0
+        return {TUNED: tuned, SHORT: short, **ablations}
 
     @property
     def answers(self) -> Answer:
@@ -147,9 +159,10 @@ class Refiner:
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
-        lesson = Lesson.model_validate(dict(recipe.options))
+        lesson, bargain = Lesson.model_validate(dict(recipe.options)), _bargain(network)
+        bargain.leave_out(lesson.without)  # before the first step, and kept with the weights
         given = _raised(batch, encoding) if lesson.raised else _as_given(batch, encoding)
-        task, bargain, terms = begin(_turned(given)), _bargain(network), []
+        task, terms = begin(_turned(given)), []
         state = start(bargain, task)
         for number in range(lesson.rounds):
             state = play(bargain, task, state, number)
@@ -183,10 +196,15 @@ class Refiner:
             swarms.goal.to(device),
             swarms.collision_radius.to(device),
         )
-        controls, _ = best_of(bargain, begin(there), bargain.rounds)
-        unit = there.collision_radius / swarms.problem.time_step**2
-        b, n, _ = swarms.initial.shape
-        return controls.reshape(b, n, -1, 3) * unit[:, None, None, None]
+        return refined(bargain, there, bargain.rounds)
+
+
+def refined(network: Bargain | None, swarms: Swarms, count: int) -> Float[Tensor, "b n _ 3"]:
+    """Controls after so many rounds, m/s²; by the rule alone without a network."""
+    controls, _ = best_of(network, begin(swarms), count)
+    unit = swarms.collision_radius / swarms.problem.time_step**2
+    b, n, _ = swarms.initial.shape
+    return controls.reshape(b, n, -1, 3) * unit[:, None, None, None]
 
 
 def best_of(
@@ -215,6 +233,11 @@ def _safe_fuel(task: Task, state: State) -> Float[Tensor, "b"]:
     close = (state.found.distance < SAFE).to(state.controls.dtype)
     safe = task.total(close, task.met.first) == 0
     return torch.where(safe, task.fuel(state.controls), torch.inf)
+
+
+def _options(**changes: Any) -> dict[str, Any]:
+    """A recipe's options, as plain JSON values."""
+    return Lesson(**changes).model_dump(mode="json")
 
 
 def _bargain(network: nn.Module) -> Bargain:
