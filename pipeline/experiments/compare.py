@@ -29,6 +29,7 @@ class Compared:
         safe_by_chance: probability of so uneven a split of the trials in which just one is safe,
             where either were as likely (exact sign test).
         fuel: mean difference in fuel over its bound, or in m/s² where that is compared.
+        fuel_interval: of that mean.
     """
 
     trials: int
@@ -36,6 +37,7 @@ class Compared:
     safe_interval: Interval
     safe_by_chance: float
     fuel: float
+    fuel_interval: Interval
 
     @property
     def better(self) -> bool:
@@ -69,6 +71,7 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
         safe_interval=mean_interval(safe),
         safe_by_chance=float(chance),
         fuel=_mean(cost),
+        fuel_interval=mean_interval(cost),
     )
 
 
