@@ -1,7 +1,7 @@
 """Who takes part in the experiments: expert, baselines and registered networks."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pipeline.dataset.storage.folder import Where
@@ -10,6 +10,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.trials import Entrant
 from pipeline.expert import Settings
 from pipeline.networks.model import Model
+from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.network import Flown, check_problem
@@ -44,19 +45,33 @@ class Network:
         return Entrant(flown, self.version.recipe, self.version.training_seed, self.model)
 
 
-def networks(references: Sequence[str], data: Where) -> list[Network]:
+Choice = Callable[[Where], list[ModelVersion]]
+"""Which models take part where none is named, by the dataset."""
+
+
+def planners_on(data: Where) -> list[ModelVersion]:
+    """The newest trainings on a dataset, without those that only ablations are about.
+
+    Raises:
+        InputError: as for ``newest_on``.
+    """
+    return [v for v in newest_on(data) if not for_comparison(v.arch, v.recipe)]
+
+
+def networks(references: Sequence[str], data: Where, choice: Choice = planners_on) -> list[Network]:
     """The networks of some references; without any, the newest that were trained on some data.
 
     Args:
         references: models; none means the newest trainings of each architecture and recipe.
         data: the dataset that they are to be tried on.
+        choice: which of these.
 
     Raises:
         InputError: for a reference to nothing, a model of another orbit or time grid than the
             data's, or where there are models and none was trained on this data.
         ProlearnError: where the store fails.
     """
-    chosen = {v.uri: v for v in map(resolve, references)}.values() or newest_on(data)
+    chosen = {v.uri: v for v in map(resolve, references)}.values() or choice(data)
     found, problem = _named(list(chosen)), read_manifest(data).problem
     for network in found:
         check_problem(network.model, problem, str(data))

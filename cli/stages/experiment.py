@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from cli.stages.entrants import Network, networks
+from cli.stages.entrants import Choice, Network, networks, planners_on
 from pipeline.dataset.reading.read import solved_rows
 from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
@@ -49,7 +49,7 @@ class HeldOut:
         """Run an experiment and record it, unless it was done before and that will do.
 
         Args:
-            experiment: EVALUATION, WARMSTART or TRANSFER_TIMES.
+            experiment: EVALUATION, WARMSTART, TRANSFER_TIMES or ABLATIONS.
             params: its settings, beside data, models and trials.
             make: gives a row for each trial, and leaves files for the run in a folder.
             kind: settings that tell kinds of its runs apart.
@@ -75,7 +75,11 @@ class HeldOut:
 
 
 def held_out(
-    references: Sequence[str], data: Where, sizes: Sequence[int] | None, trials: int | None
+    references: Sequence[str],
+    data: Where,
+    sizes: Sequence[int] | None,
+    trials: int | None,
+    choice: Choice = planners_on,
 ) -> HeldOut:
     """What an experiment is run on.
 
@@ -84,6 +88,7 @@ def held_out(
         data: a solved dataset.
         sizes: swarm sizes, or all of the dataset.
         trials: most scenarios of a size, the first by their index, or all.
+        choice: which of the newest trainings.
 
     Raises:
         InputError: for unknown models or models of another problem than the data's, for sizes
@@ -94,7 +99,7 @@ def held_out(
         raise InputError(f"trials is {trials}; expected at least 1.")
     manifest = read_manifest(data)
     scenarios = {n: _scenarios(data, n)[:trials] for n in sizes or sorted(manifest.samples)}
-    return HeldOut(data, manifest.digest(), scenarios, networks(references, data))
+    return HeldOut(data, manifest.digest(), scenarios, networks(references, data, choice))
 
 
 def listed(values: Iterable[object]) -> str:
