@@ -1,4 +1,4 @@
-"""Commands that run the paper's experiments, from evaluate to transfer-times, and the report."""
+"""Commands that run the experiments, from evaluate to ablate, and the report."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -170,6 +170,51 @@ def transfer_times(
     _done("Transfer times done", outcome)
 
 
+def ablate(
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Refiners, such as refiner:tuned,refiner:no-third; by default the newest of each "
+            "recipe trained on the data.",
+            show_default=False,
+        ),
+    ] = None,
+    data: Data = "data/paper",
+    n: Annotated[str, typer.Option("--n", help="Swarm sizes.")] = "10,30",
+    rounds: Annotated[
+        str, typer.Option(help="Numbers of rounds, beside those of the refiners' answers.")
+    ] = "0,1,2,3,4,6,8,12,16,20,30",
+    trials: Annotated[int | None, typer.Option(help="Most trials of each size.")] = None,
+    timed: Annotated[int, typer.Option(help="Trials of each size that are timed.")] = 10,
+    resume: Resume = False,
+) -> None:
+    """Ablations: refiners that lack one thing each, beside the rule without learning.
+
+    All plan the same test scenarios, after other numbers of rounds, too. `make ablate` trains the
+    refiners first.
+
+    Examples:
+
+        prolearn ablate
+        prolearn ablate --n 10 --rounds 4,8,16 --trials 200
+    """
+    from cli.stages.ablate import ablate as run
+
+    sizes, counts = int_list(n), int_list(rounds, "--rounds", least=0)
+    with progress("ablations") as shown:
+        outcome = run(
+            name_list(models),
+            data,
+            sizes=sizes,
+            rounds=counts,
+            trials=trials,
+            timed=timed,
+            resume=resume,
+            progress=shown,
+        )
+    _done("Ablations done", outcome)
+
+
 def report(
     out: Annotated[Path, typer.Option(help="Folder for the report.")] = Path("reports"),
     evaluation: Annotated[
@@ -180,7 +225,8 @@ def report(
     """Write tables, figures and the report of an evaluation.
 
     Warm starts, transfer times and trainings go in where they are of the same models on the same
-    data; the report says what is missing or was made with other versions.
+    data, ablations where they are on the same data; the report says what is missing or was made
+    with other versions.
 
     Examples:
 

@@ -27,7 +27,8 @@ TRAINING = "prolearn-training"
 EVALUATION = "prolearn-evaluation"
 WARMSTART = "prolearn-warmstart"
 TRANSFER_TIMES = "prolearn-transfer-times"
-EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES)
+ABLATIONS = "prolearn-ablations"
+EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, ABLATIONS)
 
 TUNING = "prolearn-tuning"
 """Made when it is first needed."""
@@ -68,7 +69,7 @@ def tracking_uri() -> str:
 
 
 def connect(*, create: bool = True) -> Store:
-    """The tracking store, with the four experiments in it.
+    """The tracking store, with its experiments in it.
 
     Args:
         create: make an SQLite store that is not there yet; otherwise its absence is an error.

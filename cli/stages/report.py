@@ -1,6 +1,7 @@
 """The report of one evaluation, with what else is of the same models on the same data."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -8,26 +9,50 @@ import pandas as pd
 
 from pipeline.experiments.examples.run import Example, read_example
 from pipeline.experiments.experiment3.rows import OPTIMIZERS
+from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report, no_rows
 from registry.environment import versions_of
 from registry.models import list_versions
 from registry.results import Run, evaluation, fetch_files, latest
-from registry.store import TRANSFER_TIMES, WARMSTART
+from registry.store import ABLATIONS, TRANSFER_TIMES, WARMSTART
 from registry.tables import training_tables
 from registry.version import ModelVersion
 
-SAME = ("dataset_digest", "models")
-"""Parameters that the runs of one report share."""
+DATA = ("dataset_digest",)
+SAME = (*DATA, "models")
+"""Parameters that a run must share with the evaluation to be in its report."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A run that a report has beside the evaluation.
+
+    Attributes:
+        experiment: what it is a run of.
+        command: what makes one.
+        having: parameters that it must have.
+        same: parameters that it must share with the evaluation.
+    """
+
+    experiment: str
+    command: str
+    having: Mapping[str, str] = field(default_factory=dict)
+    same: Sequence[str] = SAME
+
 
 PARTS = {
     **{
-        f"Experiment 3, {name}": (WARMSTART, {"optimizer": name}, f"warmstart --optimizer {name}")
+        f"Experiment 3, {name}": Part(
+            WARMSTART, f"warmstart --optimizer {name}", {"optimizer": name}
+        )
         for name in OPTIMIZERS
     },
-    "Experiment 4": (TRANSFER_TIMES, {}, "transfer-times"),
+    "Experiment 4": Part(TRANSFER_TIMES, "transfer-times"),
+    # Refiners that lack something take part in no evaluation.
+    "Ablations": Part(ABLATIONS, "ablate", same=DATA),
 }
-"""By name, the experiment, what else a run of it must have, and the command that makes one."""
+"""By name."""
 
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
@@ -42,34 +67,40 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
         ProlearnError: where the store fails.
     """
     first = evaluation(run_id)
-    same = {name: first.params.get(name, "") for name in SAME}
-    parts = {
-        name: latest(experiment, same | having) for name, (experiment, having, _) in PARTS.items()
-    }
-    versions = _models(first)
+    parts = {name: _run_of(part, first) for name, part in PARTS.items()}
+    versions, ablated = _models(first), _models(parts["Ablations"])
     training, curves = training_tables(versions)
     results = Results(
         trials=first.table,
         warmstarts=_joined("warmstarts", parts, WARMSTART),
         transfer_times=_joined("transfer_times", parts, TRANSFER_TIMES),
+        ablations=_joined("ablations", parts, ABLATIONS),
         training=training,
         curves=curves,
         examples=_examples(first),
-        provenance=_provenance(first, parts, versions),
-        notes=_notes(first, parts, versions),
+        provenance=_provenance(first, parts, {v.uri: v for v in [*versions, *ablated]}.values()),
+        notes=_notes(first, parts, versions) + _other_refiners(versions, ablated),
     )
     return build_report(results, out)
 
 
-def _models(first: Run) -> list[ModelVersion]:
-    """The models of an evaluation that are still registered."""
-    wanted = first.params.get("models", "").split(",")
+def _run_of(part: Part, first: Run) -> Run | None:
+    """The newest run that goes with an evaluation."""
+    same = {name: first.params.get(name, "") for name in part.same}
+    return latest(part.experiment, {**same, **part.having})
+
+
+def _models(run: Run | None) -> list[ModelVersion]:
+    """The models of a run that are still registered."""
+    wanted = run.params.get("models", "").split(",") if run else []
     return [version for version in list_versions() if version.uri in wanted]
 
 
 def _joined(table: str, parts: Mapping[str, Run | None], experiment: str) -> pd.DataFrame:
     """A table of Results from the runs of one experiment."""
-    found = [run.table for name, run in parts.items() if run and PARTS[name][0] == experiment]
+    found = [
+        run.table for name, run in parts.items() if run and PARTS[name].experiment == experiment
+    ]
     return pd.concat(found, ignore_index=True) if found else no_rows(table)
 
 
@@ -79,12 +110,12 @@ def _notes(
     """What a reader must know of parts that are left out or made with other versions."""
     notes = []
     for name, part in parts.items():
-        experiment, having, command = PARTS[name]
-        if part is None and (other := latest(experiment, having)) is not None:
+        known = PARTS[name]
+        if part is None and (other := latest(known.experiment, known.having)) is not None:
+            others = "other models or other data" if known.same == SAME else "other data"
             notes.append(
-                f"{name}: the newest run ({other.run_id}, {_day(other)}) is of other models or "
-                f"other data than this evaluation, and is left out; `prolearn {command}` makes "
-                "one."
+                f"{name}: the newest run ({other.run_id}, {_day(other)}) is of {others} than this "
+                f"evaluation, and is left out; `prolearn {known.command}` makes one."
             )
         if part is not None:
             versions_differ = version_change(
@@ -97,8 +128,20 @@ def _notes(
     return notes
 
 
+def _other_refiners(versions: Sequence[ModelVersion], ablated: Sequence[ModelVersion]) -> list[str]:
+    """What a reader must know where the ablations are about another refiner than the rest."""
+    evaluated = {version.uri for version in versions}
+    others = [
+        version.uri
+        for version in ablated
+        if version.uri not in evaluated and not for_comparison(version.arch, version.recipe)
+    ]
+    said = f"Ablations: {', '.join(others)} took part there and not in this evaluation."
+    return [said] if others else []
+
+
 def _provenance(
-    first: Run, parts: Mapping[str, Run | None], versions: Sequence[ModelVersion]
+    first: Run, parts: Mapping[str, Run | None], versions: Iterable[ModelVersion]
 ) -> pd.DataFrame:
     """A row for each run that a table of the report comes from."""
     runs = {"Experiments 1 and 2, examples": first, **parts}

@@ -6,6 +6,7 @@ from pathlib import Path
 from pipeline.exhibits.blocks import Picture, Table
 from pipeline.exhibits.sections import Writer
 from pipeline.exhibits.style import save, styles
+from pipeline.experiments.ablations.section import section as ablations
 from pipeline.experiments.examples.section import section as examples
 from pipeline.experiments.experiment1.section import section as experiment1
 from pipeline.experiments.experiment2.section import section as experiment2
@@ -59,6 +60,7 @@ def build_report(results: Results, out: Path) -> ReportFiles:
         experiment2(summary, look),
         experiment3(results.warmstarts, look),
         experiment4(results.transfer_times, look),
+        ablations(results.ablations, look),
         examples(results.examples),
         provenance(results.provenance),
     ]

@@ -7,6 +7,7 @@ import pandas as pd
 from pipeline.exhibits.blocks import Column, Table
 from pipeline.exhibits.numbers import share
 from pipeline.exhibits.sections import Section
+from pipeline.experiments.ablations.verdict import ablation_answers
 from pipeline.experiments.answer import CHEAP, SAFE
 from pipeline.experiments.experiment1.verdict import networks_answer, paper_answers
 from pipeline.experiments.experiment2.verdict import families_answer, others_answer
@@ -38,6 +39,7 @@ def section(results: Results, summary: pd.DataFrame, n: int) -> Section:
         *families_answer(summary),
         *seeds_answer(results.warmstarts),
         *times_answers(results.transfer_times, results.training),
+        *ablation_answers(results.ablations),
         *paper_answers(summary),
     ]
     table = Table("questions", pd.DataFrame(map(asdict, answers)), COLUMNS) if answers else None

@@ -9,6 +9,7 @@ import pandas as pd
 
 from pipeline.errors import InputError
 from pipeline.exhibits.planners import planner_of
+from pipeline.experiments.ablations.run import ROUNDS
 from pipeline.experiments.examples.run import Example
 from pipeline.experiments.experiment3.rows import NO_SEED, WarmStart
 from pipeline.experiments.experiment4.run import TIME
@@ -26,6 +27,7 @@ COLUMNS = {
     "training": _names(Training),
     "curves": _names(Epoch),
     "transfer_times": (*TIME, *_names(Trial)),
+    "ablations": (*ROUNDS, *_names(Trial)),
 }
 """The columns that each table must have."""
 
@@ -51,6 +53,7 @@ class Results:
             code, versions, machine.
         notes: what a reader must know of parts that are left out or were made otherwise.
         transfer_times: a row for each trial at each transfer time (experiment 4).
+        ablations: a row for each trial after each number of rounds.
 
     Raises:
         InputError: ``trials`` is empty, or a table lacks a column of ``COLUMNS``.
@@ -64,6 +67,7 @@ class Results:
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
     notes: Sequence[str] = ()
     transfer_times: pd.DataFrame = field(default_factory=partial(no_rows, "transfer_times"))
+    ablations: pd.DataFrame = field(default_factory=partial(no_rows, "ablations"))
 
     def __post_init__(self) -> None:
         if self.trials.empty:
@@ -82,6 +86,7 @@ class Results:
     @property
     def planners(self) -> set[str]:
         """Every planner that some table names."""
-        named = [self.trials["planner"], self.transfer_times["planner"]]
+        tables = (self.trials, self.transfer_times, self.ablations)
+        named = [table["planner"] for table in tables]
         named += [self.training["arch"], self.curves["arch"]]
         return {*pd.concat(named), *map(planner_of, self.warmstarts["seed"])} - {NO_SEED}

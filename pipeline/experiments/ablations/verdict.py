@@ -1,0 +1,161 @@
+"""What learning buys over the rule alone, and what the refiner loses with each thing it lacks."""
+
+import pandas as pd
+
+from pipeline.exhibits.numbers import percents, share
+from pipeline.experiments.ablations.gains import NOTHING, Gain, gain
+from pipeline.experiments.ablations.losses import Loss, losses
+from pipeline.experiments.ablations.summary import (
+    LACKS,
+    at_own_rounds,
+    difference,
+    percent,
+    scored,
+)
+from pipeline.experiments.answer import FREE, Answer, measured
+from pipeline.experiments.compare import share_interval
+from pipeline.networks.refiner.ablations import ABLATIONS, SHORT
+
+GAIN = "What does learning buy over the refiner's rule alone?"
+NEED = "Is the refiner worse without each of its parts?"
+
+ONCE = ", for one training"
+
+
+def sentences(ablations: pd.DataFrame) -> list[str]:
+    """A paragraph for each n: what learning buys, and which lack costs most."""
+    found = []
+    for n, rows in _by_size(ablations).items():
+        said = [_gain_sentence(n, gain(rows)), _loss_sentence(losses(rows)), _once(rows)]
+        found.append(" ".join(filter(None, said)))
+    return found
+
+
+def ablation_answers(ablations: pd.DataFrame) -> list[Answer]:
+    """A row on learning and one on parts, where refiners were tried that tell.
+
+    Args:
+        ablations: a row for each trial and number of rounds.
+    """
+    sizes = _by_size(ablations)
+    gains = {n: one for n, rows in sizes.items() if (one := gain(rows))}
+    costs = {n: found for n, rows in sizes.items() if (found := losses(rows))}
+    free = {n: rows[rows["planner"] == FREE] for n, rows in sizes.items()}
+    beside = _told({n: f"Own LP: {measured(rows).text}" for n, rows in free.items() if len(rows)})
+    answers = []
+    if gains:
+        once = ONCE if any(_trainings(one.mine) == 1 for one in gains.values()) else ""
+        said = _told({n: one.verdict for n, one in gains.items()})
+        numbers = _told({n: one.text for n, one in gains.items()})
+        answers.append(Answer(GAIN, _capital(said) + once, numbers, beside))
+    if costs:
+        tried = [sizes[n][sizes[n]["recipe"].isin([SHORT, *ABLATIONS])] for n in costs]
+        once = ONCE if any(_trainings(rows) == 1 for rows in tried) else ""
+        said = _told({n: _part_verdict(found) for n, found in costs.items()})
+        numbers = _told(
+            {
+                n: ", ".join(f"{one.recipe} {one.cost}" for one in found)
+                for n, found in costs.items()
+            }
+        )
+        answers.append(Answer(NEED, _capital(said) + once, numbers))
+    return answers
+
+
+def _by_size(ablations: pd.DataFrame) -> dict[int, pd.DataFrame]:
+    if ablations.empty:
+        return {}
+    rows = at_own_rounds(scored(ablations))
+    return {int(str(n)): part for n, part in rows.groupby("n")}
+
+
+def _gain_sentence(n: int, found: Gain | None) -> str:
+    if found is None:
+        return ""
+    held, (low, high) = found.held, found.held.safe_interval
+    bought = (
+        f"At n = {n} learning buys nothing over the rule alone that is beyond chance"
+        if found.verdict == NOTHING
+        else f"At n = {n} learning makes plans {found.verdict} than the rule alone"
+    )
+    return (
+        f"{bought}: {found.recipe} leaves {_unsafe(found.mine)} of trials unsafe at "
+        f"{_excess(found.mine)} over the bound, the rule {_unsafe(found.rule)} at "
+        f"{_excess(found.rule)}; on the same {held.trials:,} trials that is "
+        f"{difference(held.fuel, held.fuel_interval)} in fuel and {100 * held.safe:+.1f} % "
+        f"[{100 * low:+.1f}, {100 * high:+.1f}] in safe trials."
+    )
+
+
+def _loss_sentence(found: list[Loss]) -> str:
+    """The dearest lack first; what is within noise is only named."""
+    if not found:
+        return ""
+    worse, better = ([one for one in found if getattr(one, how)] for how in ("worse", "better"))
+    rest = [one for one in found if not (one.worse or one.better)]
+    said = f"Of {len(found)} things left out one at a time, "
+    if worse:
+        costs = [f"{LACKS[one.recipe]} ({one.cost} in score)" for one in worse]
+        said += f"{'this is' if len(worse) == 1 else 'these are'} missed beyond noise"
+        said += f"{', most first' if len(worse) > 1 else ''}: {_listed(costs)}."
+    else:
+        said += f"none is missed beyond noise; the dearest lack is that of {LACKS[found[0].recipe]}"
+        said += f" ({found[0].cost} in score)."
+    if better:
+        gains = [f"{LACKS[one.recipe]} ({one.cost})" for one in better]
+        said += f" Beyond noise it does better without {_listed(gains)}."
+    if rest and worse:
+        said += f" Within noise: {_listed([LACKS[one.recipe] for one in rest])}."
+    return said
+
+
+def _part_verdict(found: list[Loss]) -> str:
+    worse = [LACKS[one.recipe] for one in found if one.worse]
+    if not worse:
+        return "not beyond noise"
+    if len(worse) == len(found):
+        return f"yes, of all {len(found)}, most without {worse[0]}"
+    return f"only without {_listed(worse)}"
+
+
+def _once(rows: pd.DataFrame) -> str:
+    trained = rows[rows["recipe"] != ""]
+    once = trained.empty or any(_trainings(part) == 1 for _, part in trained.groupby("recipe"))
+    said = (
+        "Intervals are over the trials; some recipe was trained once, and another training of it "
+        "may differ by as much."
+    )
+    return said if once and len(trained) else ""
+
+
+def _told(by_size: dict[int, str]) -> str:
+    """What is said at each n, once where it is the same at all."""
+    if len(set(by_size.values())) == 1 and len(by_size) > 1:
+        return next(iter(by_size.values()))
+    return "; ".join(f"n = {n}: {text}" for n, text in by_size.items())
+
+
+def _capital(text: str) -> str:
+    return text if text.startswith("n = ") else text[0].upper() + text[1:]
+
+
+def _mean(rows: pd.DataFrame, column: str) -> float:
+    return float(rows.groupby("trial")[column].mean().mean())
+
+
+def _unsafe(rows: pd.DataFrame) -> str:
+    mean = _mean(rows, "unsafe")
+    return f"{share(mean)} {percents(*share_interval(mean, rows['trial'].nunique()))}"
+
+
+def _excess(rows: pd.DataFrame) -> str:
+    return percent(_mean(rows, "excess"))
+
+
+def _trainings(rows: pd.DataFrame) -> int:
+    """Trainings of the recipe that has the fewest."""
+    return int(rows.groupby("recipe")["training_seed"].nunique().min())
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,187 @@
+"""Ablations: planted numbers of refiners, the rule and the own LP."""
+
+import pandas as pd
+import pytest
+from planted import cells, row
+
+from pipeline.errors import InputError
+from pipeline.exhibits.style import styles
+from pipeline.experiments.ablations.figure import rounds_figure
+from pipeline.experiments.ablations.section import parts_table, rounds_table
+from pipeline.experiments.ablations.summary import difference, percent, summarize_ablations
+from pipeline.experiments.ablations.verdict import ablation_answers, sentences
+from pipeline.report import Results, build_report
+
+TRIALS = 40
+LOOK = styles(["refiner", "rule", "own LP"])
+
+
+@pytest.fixture
+def tried(rows):
+    """A refiner's rows: fuel over bound, unsafe trials of 40, rounds taken of the own 8."""
+
+    def made(planner, recipe, excess, unsafe=0, rounds=8, n=10, seed=0):
+        fuel = [1 + excess] * TRIALS
+        safe = [k >= unsafe for k in range(TRIALS)]
+        close = [0 if kept else 2 for kept in safe]
+        told = {"training_seed": seed, "rounds": rounds, "own_rounds": 8}
+        return rows(planner, recipe, "plan", n, close, fuel, safe, **told)
+
+    return made
+
+
+@pytest.fixture
+def some(tried):
+    """Third sides are worth 0.8 %, shares nothing, margins less than that."""
+
+    def made(n=10, rule=(0.02, 0), tuned=0.01):
+        return [
+            *tried("rule", "", *rule, n=n),
+            *tried("own LP", "", 0.0, 20, rounds=0, n=n),
+            *tried("refiner", "no-third", 0.020, n=n),
+            *tried("refiner", "no-share", 0.012, n=n),
+            *tried("refiner", "no-margin", 0.011, n=n),
+            *tried("refiner", "short", 0.012, n=n),
+            *tried("refiner", "tuned", tuned, n=n),
+            *tried("refiner", "tuned", 0.03, 4, rounds=2, n=n),
+            *tried("rule", "", 0.04, 10, rounds=2, n=n),
+        ]
+
+    return made
+
+
+def test_a_row_has_the_averages_of_its_trials_and_the_score_counts_an_unsafe_one_as_ten_percent(
+    some,
+):
+    summary = summarize_ablations(pd.DataFrame(some()))
+    early = row(summary, planner="refiner", recipe="tuned", rounds=2)
+    assert early["unsafe_share"] == pytest.approx(0.1)
+    assert early["collisions_mean"] == pytest.approx(0.2)
+    assert early["excess_mean"] == pytest.approx(0.03)
+    assert early["score_mean"] == pytest.approx(0.03 + 0.1 * 0.1)
+    assert early["seconds_mean"] == 0.25
+    own = row(summary, planner="own LP")
+    assert (own["score_mean"], own["rounds"]) == (pytest.approx(0.05), 0)
+
+
+def test_rows_stand_in_the_order_of_what_is_left_out(some):
+    _, body = cells(parts_table(table := pd.DataFrame(some()), summarize_ablations(table), 10))
+    names = ["tuned", "short", "no-share", "no-margin", "no-third", "Rule alone", "Own LP"]
+    assert [line[0] for line in body] == names
+    assert body[4] == [
+        *("no-third", "what other sides say", "0 % [0.0, 8.8]", "0", "2.00 %"),
+        *("+0.800 % [+0.800, +0.800]", "0.250"),
+    ]
+    assert body[1][5] == "–"
+    assert body[-1][2] == "50 % [35.2, 64.8]", "Wilson of 20 in 40"
+    assert body[-1][5].startswith("+3.800 % "), "5 % for half of the trials, less 1.2 %"
+
+
+def test_the_table_of_rounds_begins_with_the_own_lp_for_all(some):
+    header, body = cells(rounds_table(summarize_ablations(pd.DataFrame(some())), 10))
+    assert header[:3] == ["Rounds", "tuned, unsafe", "tuned, fuel over bound"]
+    assert header[-2:] == ["Rule alone, unsafe", "Rule alone, fuel over bound"]
+    by_rounds = {line[0]: line[1:] for line in body}
+    assert list(by_rounds) == ["0", "2", "8"]
+    assert by_rounds["0"] == ["50 % [35.2, 64.8]", "0 %"] * 3
+    assert by_rounds["2"][:2] == ["10 % [4.0, 23.1]", "3.00 %"]
+    assert by_rounds["2"][2:4] == ["–", "–"], "short was not tried after 2 rounds"
+    assert by_rounds["2"][4:] == ["25 % [14.2, 40.2]", "4.00 %"]
+
+
+def test_the_figure_has_unsafe_trials_from_no_round_on_and_fuel_from_the_first(some):
+    summary = summarize_ablations(pd.DataFrame([*some(10), *some(30)]))
+    figure = rounds_figure(summary, LOOK)
+    unsafe, _, fuel, _ = figure.axes
+    tuned = LOOK["refiner"].colour
+    drawn = [
+        next(line for line in ax.get_lines() if line.get_color() == tuned) for ax in (unsafe, fuel)
+    ]
+    assert drawn[0].get_xydata().tolist() == [[0, 50], [2, 10], [8, 0]]
+    assert drawn[1].get_xydata() == pytest.approx(pd.DataFrame([[2, 3.0], [8, 1.0]]).to_numpy())
+    assert [8, 8] in [list(line.get_xdata()) for line in unsafe.get_lines()]
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["Rule alone", "short", "tuned"]
+
+
+@pytest.mark.parametrize(
+    ("rule", "said", "differs"),
+    [
+        ((0.02, 0), "makes plans cheaper than the rule alone", "-1.000 % [-1.000, -1.000] in fuel"),
+        ((0.02, 12), "makes plans safer and cheaper than the rule alone", "+30.0 % [+15.2, +44.8]"),
+        ((0.005, 12), "makes plans safer but dearer than the rule alone", "+0.500 % [+0.500, "),
+        ((0.01, 0), "buys nothing over the rule alone that is beyond chance", "0.000 % [0.000, "),
+        # Of 5 trials that differ all are safe with the tuned one alone: by chance once in 16 times.
+        ((0.01, 5), "buys nothing over the rule alone that is beyond chance", "+12.5 % [+1.8, "),
+    ],
+)
+def test_the_first_sentence_says_what_learning_buys_beyond_chance(some, rule, said, differs):
+    (text,) = sentences(pd.DataFrame(some(rule=rule)))
+    assert text.startswith(f"At n = 10 learning {said}: tuned leaves 0 % [0.0, 8.8] of trials")
+    assert differs in text
+
+
+def test_what_is_missed_and_what_is_within_noise_is_said(some):
+    (text,) = sentences(pd.DataFrame(some()))
+    assert "Of 3 things left out one at a time, this is missed beyond noise: what other sides say "
+    assert "(+0.800 % [+0.800, +0.800] in score)." in text
+    assert "Beyond noise it does better without learned margins (-0.100 % " in text
+    assert "Within noise: learned shares." in text
+    assert "some recipe was trained once" in text
+
+
+def test_a_difference_smaller_than_the_spread_between_trainings_is_noise(some, tried):
+    again = [
+        *tried("refiner", "tuned", 0.010, seed=1),
+        *tried("refiner", "short", 0.032, seed=1),  # ± 1.4 % from 1.2 %
+        *tried("refiner", "no-third", 0.040, seed=1),
+        *tried("refiner", "no-share", 0.032, seed=1),
+        *tried("refiner", "no-margin", 0.031, seed=1),
+    ]
+    (text,) = sentences(pd.DataFrame([*some(), *again]))
+    assert "none is missed beyond noise; the dearest lack is that of what other sides say" in text
+    assert "trained once" not in text
+    answers = ablation_answers(pd.DataFrame([*some(), *again]))
+    assert [answer.verdict for answer in answers] == ["n = 10: cheaper", "n = 10: not beyond noise"]
+
+
+def test_answers_join_swarm_sizes_that_agree_and_part_those_that_do_not(some):
+    gain, need = ablation_answers(pd.DataFrame([*some(10), *some(30, rule=(0.02, 12))]))
+    assert gain.verdict == "n = 10: cheaper; n = 30: safer and cheaper, for one training"
+    assert "n = 30: tuned's fuel -1.000 % " in gain.numbers
+    assert "+30.0 % safe" in gain.numbers
+    assert "Own LP: safe in 50 % " in gain.baseline
+    assert need.verdict == "Only without what other sides say, for one training"
+    assert "no-third +0.800 % " in need.numbers
+
+
+def test_without_a_short_refiner_no_part_is_judged(some):
+    table = pd.DataFrame(some())
+    (gain,) = ablation_answers(table[table["recipe"] != "short"])
+    assert gain.verdict == "n = 10: cheaper, for one training"
+    (text,) = sentences(table[table["recipe"] != "short"])
+    assert "left out" not in text
+    assert ablation_answers(table.head(0)) == []
+
+
+def test_percentages_show_no_more_than_anyone_can_use():
+    assert [percent(x) for x in (0.0, 1e-12, 0.00123, 0.5)] == ["0 %", "0 %", "0.123 %", "50.0 %"]
+    assert difference(-1e-7, (-0.002, 1e-9)) == "0.000 % [-0.200, 0.000]"
+
+
+def test_the_report_has_the_section_with_figure_and_tables(trials, some, tmp_path):
+    files = build_report(Results(trials, ablations=pd.DataFrame([*some(10), *some(30)])), tmp_path)
+    text = files.markdown.read_text()
+    section = text.split("## Ablations: what each idea of the refiner is worth\n\n")[1]
+    assert section.startswith("At n = 10 learning makes plans cheaper than the rule alone")
+    assert "ablations" in {path.stem for path in files.figures}
+    by_name = {path.stem: pd.read_csv(path) for path in files.tables}
+    assert {"ablations-n10", "ablations-n30", "ablations-rounds-n30"} <= set(by_name)
+    parts = by_name["ablations-n30"].set_index("name")
+    assert parts.loc["no-third", "score_over_short"] == pytest.approx(0.008)
+    assert "Is the refiner worse without each of its parts?" in text
+
+
+def test_a_table_of_another_shape_is_refused(trials, some):
+    with pytest.raises(InputError, match="'ablations' lacks the columns rounds"):
+        Results(trials, ablations=pd.DataFrame(some()).drop(columns="rounds"))

@@ -1,0 +1,140 @@
+"""Ablations with registered refiners, on the test split of a small dataset."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from judged import check_rows, judged
+
+from cli.stages.ablate import ablate
+from cli.stages.entrants import networks
+from cli.stages.evaluate import evaluate
+from cli.stages.report import report
+from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.storage.schema import scenarios_of
+from pipeline.errors import InputError
+from pipeline.networks.architecture import find, recipe_for
+from pipeline.networks.model import Model
+from pipeline.networks.refiner.ablations import WITHOUT
+from pipeline.networks.refiner.other_rounds import with_rounds
+from pipeline.planners.network import Flown
+from pipeline.scenario import Scenario
+from pipeline.training.loop import Trained
+from registry.results import Done, latest
+from registry.store import ABLATIONS
+from registry.training import DatasetInfo, record_training
+
+CRAFT = 3
+ASKED: dict[str, Any] = {"sizes": [CRAFT], "rounds": [0, 2], "trials": 2, "timed": 1}
+
+Register = Callable[..., Model]
+
+
+@pytest.fixture
+def register(folder: Path, trained: Trained, on_solved: DatasetInfo) -> Register:
+    """Registers a refiner that has learned something at random, by its recipe."""
+
+    def made(recipe: str, seed: int = 0, **sizes: int) -> Model:
+        refiner = find("refiner")
+        config = {**refiner.config, **sizes}
+        torch.manual_seed(seed)
+        network: Any = refiner.network(config, trained.model.encoding, 0.0)
+        torch.nn.init.normal_(network.agree.weight, std=0.2)
+        network.leave_out([WITHOUT[recipe]] if recipe in WITHOUT else [])
+        model = Model("refiner", config, recipe, trained.model.encoding, network)
+        followed = recipe_for("refiner", recipe)
+        record_training(
+            replace(trained, model=model), recipe=followed, seed=seed, dataset=on_solved
+        )
+        return model
+
+    return made
+
+
+def scenarios(solved: Path) -> list[Scenario]:
+    """The first scenarios of the test split."""
+    columns = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
+    return list(scenarios_of(solved_rows(solved, CRAFT, "test", columns)))[: ASKED["trials"]]
+
+
+def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds(
+    register: Register, solved: Path
+) -> None:
+    models = {recipe: register(recipe) for recipe in ("tuned", "short", "no-third")}
+    done = ablate([], solved, **ASKED)
+    found = latest(ABLATIONS)
+    assert found is not None
+    assert done == Done(found.run_id)
+    assert ablate([], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
+    assert not ablate([], solved, **{**ASKED, "rounds": [1]}, resume=True).earlier
+    assert (found.params["rounds"], found.params["sizes"]) == ("0,2,8", "3")
+    table = found.table
+    counted = table.groupby(["planner", "recipe"])["rounds"].agg(lambda k: sorted(set(k)))
+    assert dict(counted) == {
+        ("own LP", ""): [0],
+        ("rule", ""): [2, 8],
+        **{("refiner", recipe): [2, 8] for recipe in models},
+    }
+    assert (table.own_rounds == 8).all()
+    assert table.groupby(["planner", "recipe", "rounds"])["seconds"].count().eq(1).all()
+    for (recipe, rounds), rows in table[table.planner == "refiner"].groupby(["recipe", "rounds"]):
+        planner = Flown(with_rounds(models[recipe], rounds), "refiner")
+        asked = scenarios(solved)
+        reports = [judged(s, plan) for s, plan in zip(asked, planner.plan(asked), strict=True)]
+        check_rows(rows, reports)
+    own = table[table.planner == "own LP"]
+    np.testing.assert_allclose(own.fuel, own.fuel_lower_bound, rtol=1e-6)
+
+
+def test_the_report_has_the_ablations_of_its_data_and_says_where_another_refiner_took_part(
+    register: Register, solved: Path, folder: Path
+) -> None:
+    register("tuned")
+    register("no-third")
+    register("short")
+    done = ablate([], solved, **ASKED)
+    first = evaluate([], solved, sizes=[CRAFT], trials=2, timed=0)
+    files = report(folder / "out")
+    text = files.markdown.read_text()
+    assert "At n = 3 learning" in text
+    provenance = pd.read_csv(folder / "out" / "tables" / "provenance.csv").set_index("part")["run"]
+    assert provenance["Ablations"] == done.run_id
+    assert "Training refiner:no-third, seed 0" in provenance
+    assert "took part there and not in this evaluation" not in text
+    training = pd.read_csv(folder / "out" / "tables" / "training.csv")
+    assert list(training["recipe"]) == ["tuned"], "ablations take part in no evaluation"
+    register("tuned", seed=1)
+    ablate([], solved, **ASKED)
+    text = report(folder / "later", first.run_id).markdown.read_text()
+    assert "Ablations: models:/prolearn-refiner/4 took part there and not in this" in text
+
+
+def test_where_no_model_is_named_only_ablations_take_refiners_that_lack_something(
+    register: Register, solved: Path
+) -> None:
+    for recipe in ("tuned", "short", "no-third", "uncrowded"):
+        register(recipe)
+    assert [network.version.recipe for network in networks([], solved)] == ["tuned"]
+    named = networks(["refiner:no-third"], solved)
+    assert [network.version.recipe for network in named] == ["no-third"]
+
+
+def test_networks_of_other_kinds_and_refiners_of_other_rounds_are_refused(
+    register: Register, trained: Trained, recipe: Any, on_solved: DatasetInfo, solved: Path
+) -> None:
+    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    with pytest.raises(InputError, match=r"no refiner was trained on .*; expected some: `make abl"):
+        ablate([], solved, **ASKED)
+    with pytest.raises(InputError, match=r"rounds \(ff1 tuned none\); expected refiners"):
+        ablate(["ff1:tuned"], solved, **ASKED)
+    register("tuned")
+    register("short", rounds=5)
+    with pytest.raises(InputError, match=r"\(refiner short 5, refiner tuned 8\); expected"):
+        ablate([], solved, **ASKED)
+    with pytest.raises(InputError, match="timed is -1 and rounds 0,2; expected 0 or more"):
+        ablate([], solved, **{**ASKED, "timed": -1})
