@@ -12,7 +12,7 @@ LSTM := lstm1,lstm2,lstmcol
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart transfer-times report paper ui test lint bench clean
+.PHONY: help demo dataset train train-all evaluate warmstart transfer-times ablate report paper ui test lint bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -68,6 +68,14 @@ warmstart: $(BIN)/prolearn ## experiment 3, with the expert and with a plain SCP
 
 transfer-times: $(BIN)/prolearn ## experiment 4
 	$(BIN)/prolearn transfer-times --data $(DATA) --resume
+
+PARTS := share trade margin tilt third memory
+ABLATIONS := tuned short $(PARTS:%=no-%) uncrowded
+ablate: $(BIN)/prolearn ## what each idea of the refiner is worth; then make report
+	for recipe in $(ABLATIONS); do \
+	  $(BIN)/prolearn train --arch refiner --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
+	done
+	$(BIN)/prolearn ablate --data $(DATA) --resume
 
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports
