@@ -16,6 +16,9 @@ from pipeline.networks.refiner.nearest import nearest
 TOUCHING = 1e-4
 """Distance in r_col under which two craft give no direction of their own."""
 
+PAIRS_AT_ONCE = 65_536
+"""Pairs whose nodes are compared together; some 100 MB at eleven nodes."""
+
 STILL = 1e-9
 """Relative speed in r_col/Δt under which two craft do not move past each other."""
 
@@ -86,18 +89,54 @@ class Approach:
     distance: Float[Tensor, "k"]
 
 
-def candidates(states: Float[Tensor, "N T 6"], n: int, within: float) -> Encounters:
-    """Pairs of the same swarm of n, and intervals in which they come within a distance."""
-    N, T, _ = states.shape
+def candidates(
+    states: Float[Tensor, "N T 6"], n: int, within: float, of_extent: float = 0.0
+) -> Encounters:
+    """Pairs of the same swarm of n, and intervals in which they come within a distance.
+
+    All pairs are compared, portion by portion, so that memory does not grow with their number.
+
+    Args:
+        states: of all craft.
+        n: craft of each swarm.
+        within: the distance, r_col.
+        of_extent: the same as a part of the swarm's extent, where that is more.
+    """
     first, second = torch.triu_indices(n, n, 1, device=states.device)
-    position = states[..., :3].reshape(N // n, n, T, 3)
-    gap = position.index_select(1, first) - position.index_select(1, second)  # (b, p, T, 3)
+    least = (of_extent * _extents(states, n)).clamp(min=within)
+    parts = []
+    for start in range(0, max(1, len(least) * len(first)), PAIRS_AT_ONCE):
+        stop = min(start + PAIRS_AT_ONCE, len(least) * len(first))
+        number = torch.arange(start, stop, device=states.device)
+        swarm = number // max(1, len(first))
+        pair = number - swarm * len(first)
+        one, other = swarm * n + first[pair], swarm * n + second[pair]
+        parts.append(_meeting(states, one, other, least[swarm]))
+    return Encounters(*(torch.cat(each) for each in zip(*parts, strict=True)))
+
+
+def _extents(states: Float[Tensor, "N T 6"], n: int) -> Float[Tensor, "b"]:
+    """Half of the longest side of a box around each swarm at all nodes, r_col."""
+    position = states[..., :3].reshape(len(states) // n, -1, 3)
+    return (position.amax(dim=1) - position.amin(dim=1)).amax(dim=1) / 2
+
+
+def _meeting(
+    states: Float[Tensor, "N T 6"],
+    one: Int[Tensor, "p"],
+    other: Int[Tensor, "p"],
+    within: Float[Tensor, "p"],
+) -> tuple[Int[Tensor, "k"], Int[Tensor, "k"], Int[Tensor, "k"]]:
+    """Of some pairs, those that come within their distances, and in which intervals."""
+    position = states[..., :3]
+    gap = position.index_select(0, one) - position.index_select(0, other)  # (p, T, 3)
     distance = torch.linalg.vector_norm(gap, dim=-1)
-    chord = torch.linalg.vector_norm(gap[..., 1:, :] - gap[..., :-1, :], dim=-1)
-    least = (distance[..., 1:] + distance[..., :-1] - chord) / 2  # by the triangle inequality
-    swarm, pair, interval = (least <= within).nonzero(as_tuple=True)
-    met = Encounters(swarm * n + first[pair], swarm * n + second[pair], interval)
-    return met.of((look(met, states).distance <= within).nonzero()[:, 0])
+    chord = torch.linalg.vector_norm(gap[:, 1:] - gap[:, :-1], dim=-1)
+    least = (distance[:, 1:] + distance[:, :-1] - chord) / 2  # by the triangle inequality
+    pair, interval = (least <= within[:, None]).nonzero(as_tuple=True)
+    met = Encounters(one[pair], other[pair], interval)
+    close = look(met, states).distance <= within[pair]
+    return met.first[close], met.second[close], met.interval[close]
 
 
 def look(met: Encounters, states: Float[Tensor, "N T 6"]) -> Look:

@@ -34,6 +34,9 @@ from pipeline.networks.swarms import Swarms
 NEAR = 3.0
 """Distance in r_col up to which own optima must come for a pair to be looked at at all."""
 
+NEAR_OF_EXTENT = 0.15
+"""The same as a part of the swarm's extent: who flies far can be sent far off at little cost."""
+
 WATCHED = 1.3
 """Distance in r_col within which a pair gets a plane."""
 
@@ -120,7 +123,8 @@ def begin(swarms: Swarms) -> Task:
     controls = found.controls.reshape(-1, m) * problem.time_step**2
     side = torch.where(found.basis < m, 1.0, -1.0).to(controls.dtype)
     own = own_tableau(controls, found.basis % m, side, grid.to_goal)
-    return Task(grid, n, initial, own, candidates(grid.fly(initial, controls), n, NEAR))
+    met = candidates(grid.fly(initial, controls), n, NEAR, NEAR_OF_EXTENT)
+    return Task(grid, n, initial, own, met)
 
 
 def start(network: Bargain | None, task: Task) -> State:

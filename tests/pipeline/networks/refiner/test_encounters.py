@@ -1,9 +1,14 @@
 """Encounters against trajectories sampled finely by the problem's own dynamics."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import CubicHermiteSpline
 
+from pipeline.networks.refiner import encounters
 from pipeline.networks.refiner.encounters import (
     Encounters,
     approach,
@@ -36,6 +41,14 @@ def sampled():
     return gap[:, :, ends]  # (craft, craft, interval, sample)
 
 
+def pairs_of(ends):
+    """Each of some relative motions as an encounter with a craft that rests at 0."""
+    both = np.concatenate([ends, np.zeros_like(ends)])
+    pair = torch.arange(len(ends))
+    met = Encounters(pair, pair + len(ends), torch.zeros_like(pair))
+    return met, torch.from_numpy(both)
+
+
 def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
     least, within = sampled().min(axis=3), 5.0
     met = candidates(SCALED, N, within)
@@ -60,6 +73,56 @@ def test_the_closest_approach_is_the_least_of_the_samples():
     when = distance.argmin(axis=1) / STEPS
     deep = np.ptp(distance, axis=1) > 0.1  # elsewhere there is no moment to speak of
     assert found.share.numpy()[deep] == pytest.approx(when[deep], abs=0.02)
+
+
+def test_fast_passes_are_found_as_well():
+    """Motion of 100 r_col an interval, past each other at about 1, as scipy's cubics have it."""
+    rng = np.random.default_rng(0)
+    speed = 100 * rng.normal(size=(200, 1, 3)) / np.sqrt(3)
+    turn = 30 * rng.normal(size=(200, 2, 3))
+    miss, when = rng.normal(size=(200, 1, 3)), rng.uniform(0, 1, size=(200, 1, 1))
+    ends = np.concatenate([miss + (np.array([[[0.0], [1.0]]]) - when) * speed, speed + turn], 2)
+    found = look(*pairs_of(ends))
+    motion = CubicHermiteSpline([0, 1], ends[..., :3], ends[..., 3:], axis=1)
+    least = np.linalg.norm(motion(np.linspace(0, 1, 40_001)), axis=2).min(axis=1)
+    assert found.distance.numpy() == pytest.approx(least, abs=2e-3)
+
+
+def test_pairs_looked_at_in_portions_are_those_looked_at_together(monkeypatch):
+    together = candidates(SCALED, N, 5.0, 0.1)
+    for portion in (1, 7, 28):  # 28 pairs in each of three swarms
+        monkeypatch.setattr(encounters, "PAIRS_AT_ONCE", portion)
+        apart = candidates(SCALED, N, 5.0, 0.1)
+        for one, other in zip(vars(apart).values(), vars(together).values(), strict=True):
+            assert torch.equal(one, other)
+
+
+def test_all_pairs_of_a_large_swarm_are_looked_at_in_bounded_memory():
+    """A line of craft 40 r_col apart, of which neighbours alone come within 41."""
+    n = 1000
+    code = f"""if True:
+        import resource, torch
+        from pipeline.networks.refiner.encounters import candidates
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        states = torch.zeros({n}, 11, 6, dtype=torch.float64)
+        states[..., 0] = 40.0 * torch.arange({n})[:, None]
+        met = candidates(states, {n}, 41.0)
+        more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+        print(len(met.first), more // 1024)
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found, megabytes = map(int, done.stdout.split())
+    assert found == (n - 1) * 10
+    assert megabytes < 250  # all at once would take over 500 MB
+
+
+def test_a_wide_swarm_is_looked_at_further_out_than_a_narrow_one_beside_it():
+    both = torch.cat([SCALED[:N], 4 * SCALED[N : 2 * N]])
+    extent = [float(np.ptp(x[..., :3].numpy(), axis=(0, 1)).max()) / 2 for x in both.split(N)]
+    met = candidates(both, N, 5.0, 0.3)
+    for k, one in enumerate(both.split(N)):
+        alone = candidates(one, N, max(5.0, 0.3 * extent[k]))
+        assert torch.equal(met.first[met.first // N == k] - k * N, alone.first)
 
 
 def test_a_plane_s_row_gives_the_gap_along_its_normal():
@@ -93,9 +156,7 @@ def test_the_closest_approach_of_any_cubic_is_found():
     """Random motion with strong bends, against ten thousand samples."""
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(500, 2, 6)) * [1, 1, 1, 2, 2, 2]
-    states = torch.from_numpy(np.stack([ends, np.zeros_like(ends)]).reshape(1000, 2, 6))
-    pair = torch.arange(500)
-    found = look(Encounters(pair, pair + 500, torch.zeros_like(pair)), states)
+    found = look(*pairs_of(ends))
     s = np.linspace(0, 1, 10_001)[:, None, None]
     (p0, v0), (p1, v1) = (np.split(ends[:, k], 2, axis=1) for k in (0, 1))
     p = p0 + s * (v0 + s * (3 * (p1 - p0) - 2 * v0 - v1 + s * (2 * (p0 - p1) + v0 + v1)))
