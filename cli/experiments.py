@@ -145,7 +145,7 @@ def transfer_times(
     """Experiment 4: transfer times that no network was trained for.
 
     The same ends with other nodes T and with other time steps Δt. Feed-forward networks have
-    weights for one T alone; at other T, LSTMs, experts and baselines take part.
+    weights for one T alone; at other T, LSTMs, the refiner, experts and baselines take part.
 
     Examples:
 

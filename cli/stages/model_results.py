@@ -12,7 +12,7 @@ from pipeline.experiments import summary as averages
 from pipeline.experiments.examples.figure import figure_transfer
 from pipeline.experiments.examples.run import example_transfer
 from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
-from pipeline.experiments.summary import summarize
+from pipeline.experiments.summary import sizes_of_paper, summarize
 from pipeline.experiments.trials import PREDICTED, Entrant
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
@@ -83,7 +83,12 @@ def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
 def _draw(folder: Path, summary: pd.DataFrame, network: Network, scenario: Scenario) -> None:
     """Figures of experiment 2 and of one transfer, beside the expert's."""
     look = styles(summary["planner"])
+    shown = sizes_of_paper(summary)
     for name in DRAWN:
-        save(scaling_figure(summary, QUANTITIES[name], look), folder / name, [".png"])
+        save(
+            scaling_figure(summary if shown.empty else shown, QUANTITIES[name], look),
+            folder / name,
+            [".png"],
+        )
     example = example_transfer(scenario, [Entrant(Expert()), network.entrant])
     save(figure_transfer(example), folder / "transfer", [".png"])

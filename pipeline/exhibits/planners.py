@@ -18,7 +18,10 @@ FEED_FORWARD = {"ff1": "FF1", "ff2": "FF2", "ffcol": "FFcol"}
 RECURRENT = {"lstm1": "LSTM1", "lstm2": "LSTM2", "lstmcol": "LSTMcol"}
 """The paper's LSTMs."""
 
-KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT
+BARGAINING = {"refiner": "Refiner"}
+"""Of craft that bargain over who gives way; the paper has none."""
+
+KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT | BARGAINING
 """All of them, in reading order."""
 
 
@@ -39,7 +42,7 @@ def label_name(label: str) -> str:
 
 
 def in_order(planners: Iterable[str]) -> list[str]:
-    """Distinct planners: experts, baselines, feed-forward, LSTM, then others by name."""
+    """Distinct planners: experts, baselines, feed-forward, LSTM, refiner, then others by name."""
     known = list(KNOWN)
     return sorted(set(planners), key=lambda p: (known.index(p) if p in known else len(known), p))
 
@@ -47,3 +50,13 @@ def in_order(planners: Iterable[str]) -> list[str]:
 def is_network(planner: str) -> bool:
     """Whether a planner is neither an expert nor a baseline."""
     return planner not in EXPERTS | BASELINES
+
+
+def spoken_of(planner: str) -> str:
+    """What a sentence calls a network."""
+    return f"the {planner}" if planner in BARGAINING else name_of(planner)
+
+
+def is_papers(planner: str) -> bool:
+    """Whether a planner is a network of the paper's, be it of one version alone ("ff1/3")."""
+    return planner.partition("/")[0] in FEED_FORWARD | RECURRENT

@@ -84,11 +84,13 @@ KNOWN = {
     "lstm1": Style("#E69F00", "D", "--"),
     "lstm2": Style("#D55E00", "<", "--"),
     "lstmcol": Style("#CC79A7", ">", "--"),
+    "refiner": Style("#AA0044", "P", "-"),
 }
-"""Okabe-Ito: cool and solid for feed-forward, warm and dashed for LSTM, dotted for baselines."""
+"""Okabe-Ito: cool and solid for feed-forward, warm and dashed for LSTM, dotted for baselines; the
+refiner is crimson and solid."""
 
 OTHER_COLOURS = ("#882255", "#117733", "#661100", "#6699CC", "#999933")
-OTHER_MARKERS = ("P", "X", "h", "p")
+OTHER_MARKERS = ("X", "h", "p", "d")
 
 
 def styles(planners: Iterable[str]) -> dict[str, Style]:

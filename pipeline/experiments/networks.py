@@ -1,9 +1,15 @@
-"""Networks as planners: the one that speaks for all, and whether they plan safely and cheaply."""
+"""Networks as planners: the one that speaks for all, and whether they plan safely and cheaply.
+
+The paper's networks answer the paper's questions together. Any other is asked on its own.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import pandas as pd
 
 from pipeline.exhibits.numbers import share
-from pipeline.exhibits.planners import is_network
+from pipeline.exhibits.planners import in_order, is_network, is_papers, spoken_of
 from pipeline.experiments.answer import CHEAP, FREE, SAFE, Answer, Measured, measured
 from pipeline.experiments.compare import compare, share_interval
 from pipeline.experiments.trials import PREDICTED
@@ -12,6 +18,51 @@ VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
 
 Name = tuple[str, str]
 """A network: planner and recipe."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Networks that a question is asked of.
+
+    Attributes:
+        planners: all of the paper's, or one other.
+    """
+
+    planners: tuple[str, ...]
+
+    @property
+    def papers(self) -> bool:
+        """Whether they are the paper's."""
+        return is_papers(self.planners[0])
+
+    def asked(self, papers: str, other: str) -> str:
+        """A question: that of the paper's networks, or that of another with its name put in."""
+        return papers if self.papers else other.format(spoken_of(self.planners[0]))
+
+    def of(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Their rows."""
+        return rows[rows["planner"].isin(self.planners)]
+
+
+def groups(planners: Iterable[str]) -> list[Group]:
+    """The networks among some planners: the paper's together, then every other one alone."""
+    networks = [p for p in in_order(planners) if is_network(p)]
+    papers = tuple(filter(is_papers, networks))
+    others = [Group((p,)) for p in networks if not is_papers(p)]
+    return [Group(papers), *others] if papers else others
+
+
+def spokesman(rows: pd.DataFrame, training: pd.DataFrame) -> tuple[Name | None, str]:
+    """The network that speaks for those in some rows, and how it came to: the only one, or picked.
+
+    Args:
+        rows: from ``prepared``.
+        training: a row for each trained model.
+    """
+    names = names_in(rows)
+    if len(names) == 1:
+        return names.pop(), ""
+    return picked(rows, training), ", best on validation"
 
 
 def picked(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
@@ -27,7 +78,7 @@ def picked(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     """
     known = training.dropna(subset=VALIDATED)
     known = known.assign(recipe=known["recipe"].fillna(""))
-    there = set(zip(rows["planner"], rows["recipe"], strict=True))
+    there = names_in(rows)
     means = {
         (str(arch), str(recipe)): [float(x) for x in group[VALIDATED].mean()]
         for (arch, recipe), group in known.groupby(["arch", "recipe"])
@@ -40,6 +91,11 @@ def picked(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     return min((fuel, name) for name, (share, fuel, _) in means.items() if share >= low)[1]
 
 
+def names_in(rows: pd.DataFrame) -> set[Name]:
+    """The networks that have some rows."""
+    return set(zip(rows["planner"], rows["recipe"], strict=True))
+
+
 def of(rows: pd.DataFrame, name: Name) -> pd.DataFrame:
     """The rows of one network."""
     return rows[(rows["planner"] == name[0]) & (rows["recipe"] == name[1])]
@@ -47,36 +103,44 @@ def of(rows: pd.DataFrame, name: Name) -> pd.DataFrame:
 
 def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
     """The trials of networks whose plans can be flown."""
-    return trials[(trials["reading"] != PREDICTED) & trials["planner"].map(is_network)]
+    return trials[(trials["reading"] != PREDICTED) & trials["planner"].map(is_network).astype(bool)]
 
 
 def network_answers(
-    question: str, trials: pd.DataFrame, training: pd.DataFrame, n: int
+    questions: tuple[str, str], trials: pd.DataFrame, training: pd.DataFrame, n: int
 ) -> list[Answer]:
-    """A row on all networks, and on the one picked, at one swarm size, where any was flown there.
+    """A row for each group of networks of which any was flown at one swarm size.
 
     Args:
-        question: what is asked.
+        questions: what is asked of the paper's networks, and of any other.
         trials: of all planners, from ``prepared``.
         training: a row for each trained model.
         n: the swarm size.
     """
     flown = flown_networks(trials)
+    free = trials[(trials["planner"] == FREE) & (trials["n"] == n)]
+    return [
+        _answer(group.asked(*questions), group.of(flown), free, training, n)
+        for group in groups(flown.loc[flown["n"] == n, "planner"])
+    ]
+
+
+def _answer(
+    question: str, flown: pd.DataFrame, free: pd.DataFrame, training: pd.DataFrame, n: int
+) -> Answer:
+    """The row on all networks of a group, and on the one that speaks for them."""
     networks = flown[flown["n"] == n]
-    if networks.empty:
-        return []
     every = [measured(rows) for _, rows in networks.groupby(["planner", "recipe"])]
-    name = picked(flown, training)
+    name, how = spokesman(flown, training)
     mine = networks.head(0) if name is None else of(networks, name)
-    numbers = [f"all {len(every)}: safe in {_range([one.safe for one in every])}"]
+    numbers = [f"all {len(every)}: safe in {_range([one.safe for one in every])}"] if how else []
     said = verdict(every)
     if not mine.empty:
         chosen = measured(mine)
-        numbers.insert(0, f"{chosen.name}, best on validation: {chosen.text}")
+        numbers.insert(0, f"{chosen.name}{how}: {chosen.text}")
         alone = chosen.trainings == 1 and not said.startswith(verdict([chosen])[:2])
         said = verdict([chosen]) + (", for one training" if alone else "")
-    free = trials[(trials["planner"] == FREE) & (trials["n"] == n)]
-    return [Answer(question, said, "; ".join(numbers), _baseline(free, mine))]
+    return Answer(question, said, "; ".join(numbers), _baseline(free, mine))
 
 
 def verdict(networks: list[Measured]) -> str:

@@ -8,7 +8,7 @@ from pipeline.exhibits.blocks import Column
 from pipeline.exhibits.numbers import count, error, number, ratio, share
 from pipeline.exhibits.planners import in_order, name_of
 from pipeline.experiments.averages import Average, averaged
-from pipeline.experiments.paper import NETWORK_SIZE
+from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.trials import FLOWN, PLAN, PREDICTED
 
 PLANNER = ["planner", "recipe", "reading"]
@@ -109,6 +109,11 @@ def as_share(safe: "pd.Series[bool]") -> "pd.Series[float]":
 def named(rows: pd.DataFrame) -> pd.DataFrame:
     """Rows with the names that the page has for planners."""
     return rows.assign(name=[name_of(planner) for planner in rows["planner"]])
+
+
+def sizes_of_paper(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows of swarms that are no larger than the paper's largest, n = 30."""
+    return rows[rows["n"].astype(int) <= LARGEST_SIZE]
 
 
 def reference_size(trials: pd.DataFrame) -> int:

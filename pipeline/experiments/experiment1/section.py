@@ -7,7 +7,7 @@ import pandas as pd
 
 from pipeline.exhibits.blocks import Column, Picture, Table
 from pipeline.exhibits.numbers import count, number
-from pipeline.exhibits.planners import EXPERTS
+from pipeline.exhibits.planners import BARGAINING, EXPERTS
 from pipeline.exhibits.sections import Section
 from pipeline.exhibits.style import Style
 from pipeline.experiments import paper, summary
@@ -28,6 +28,7 @@ def section(averages: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Sectio
     values = {
         "paper": paper,
         "n": n,
+        "refiner": averages["planner"].isin(BARGAINING).any(),
         "trials": sorted({int(trials.min()), int(trials.max())}),
         "table_2": table,
         "figures_2_3": Picture("experiment1", objectives_figure(averages, n, look)),

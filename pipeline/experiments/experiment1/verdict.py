@@ -18,15 +18,16 @@ FEWER, CHEAPER = 0.5, 0.1
 
 
 def networks_answer(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Answer]:
-    """A row, where networks were flown at swarm size n.
+    """A row for each group of networks that were flown at swarm size n.
 
     Args:
         trials: from ``prepared``.
         training: a row for each trained model.
         n: the swarm size.
     """
-    question = f"Do networks plan safely and cheaply (n = {n})?"
-    return network_answers(question, trials, training, n)
+    asked = f"plan safely and cheaply (n = {n})?"
+    questions = f"Do the paper's networks {asked}", f"Does {{}} {asked}"
+    return network_answers(questions, trials, training, n)
 
 
 def paper_answers(summary: pd.DataFrame) -> list[Answer]:

@@ -93,7 +93,8 @@ def scaling_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Sty
     if what.paper is not None:
         label = "hollow: in the paper"
         handles.append(Line2D([], [], marker="o", markeredgecolor=GREY, label=label, **HOLLOW))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=3)
+    across = 4 if len(recipes) > 1 else 3
+    figure.legend(handles=handles, loc="outside lower center", ncols=across, handlelength=3)
     return figure
 
 

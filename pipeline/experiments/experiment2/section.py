@@ -10,6 +10,7 @@ from pipeline.exhibits.style import Style
 from pipeline.experiments import paper
 from pipeline.experiments.against import tables_against
 from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
+from pipeline.experiments.summary import sizes_of_paper
 
 TEMPLATE = "pipeline/experiments/experiment2/section.md.jinja"
 
@@ -18,7 +19,11 @@ PRINTED_SIZES = (2, 5, 10, 20, 30)
 
 
 def section(averages: pd.DataFrame, look: Mapping[str, Style]) -> Section:
-    """Figures and tables of the averages from ``summarize``, where there are several sizes."""
+    """Figures and tables of the averages from ``summarize``, where there are several sizes.
+
+    Larger swarms than the paper's are left to a section of their own.
+    """
+    averages = sizes_of_paper(averages)
     sizes = sorted({int(n) for n in averages["n"]})
     if len(sizes) < 2:
         return Section(TEMPLATE, {"sizes": sizes})

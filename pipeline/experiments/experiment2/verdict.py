@@ -7,27 +7,32 @@ from pipeline.exhibits.planners import FEED_FORWARD, RECURRENT, name_of
 from pipeline.experiments import paper
 from pipeline.experiments.answer import FREE, Answer
 from pipeline.experiments.networks import flown_networks, network_answers
-from pipeline.experiments.summary import COLLISIONS
+from pipeline.experiments.summary import COLLISIONS, sizes_of_paper
 from pipeline.experiments.trials import FLOWN, PREDICTED
 
 QUESTION = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
 
 
 def others_answer(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Answer]:
-    """A row on the largest swarm that networks were flown in, where that is not of size n.
+    """A row for each group of networks on the largest swarm that any were flown in, up to n = 30.
+
+    There is none where that is the swarm of size n.
 
     Args:
         trials: from ``prepared``.
         training: a row for each trained model.
         n: the swarm size of experiment 1.
     """
+    trials = sizes_of_paper(trials)
     largest = max(map(int, flown_networks(trials)["n"]), default=n)
-    question = f"Does a network trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
-    return [] if largest == n else network_answers(question, trials, training, largest)
+    asked = f"trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
+    questions = f"Does a network of the paper's {asked}", f"Does {{}} {asked}"
+    return [] if largest == n else network_answers(questions, trials, training, largest)
 
 
 def families_answer(summary: pd.DataFrame) -> list[Answer]:
     """A row, where both families took part in one recipe; the paper's own setting first."""
+    summary = sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
     for recipe in ("paper", "tuned", ""):
         for reading in (PREDICTED, FLOWN):

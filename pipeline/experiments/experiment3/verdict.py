@@ -8,52 +8,66 @@ from pipeline.exhibits.planners import is_network, label_name, planner_of
 from pipeline.experiments.answer import Answer, span
 from pipeline.experiments.compare import mean_interval
 from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, NO_SEED, PLAIN
+from pipeline.experiments.networks import Group, groups
 from pipeline.experiments.summary import reference_size
 
-QUESTION = "Do networks' plans speed up the optimizer that they seed?"
+ASKED = "plans speed up the optimizer that they seed?"
+QUESTIONS = f"Do the paper's networks' {ASKED}", f"Do {{}}'s {ASKED}"
+"""Asked of the paper's networks, and of any other."""
 
 CALLED = {PLAIN: "plain SCP", EXPERT: "our expert"}
 
 
 def seeds_answer(warmstarts: pd.DataFrame) -> list[Answer]:
-    """A row, where some optimizer was run with networks' seeds and without one."""
+    """A row for each group of networks whose plans were an optimizer's seeds, beside none."""
     ratios = {name: _ratios(warmstarts, optimizer) for optimizer, name in CALLED.items()}
-    learned = {
-        name: found.loc[[seed for seed in found.index if _of_network(seed)]]
-        for name, found in ratios.items()
-    }
-    if all(found.empty for found in learned.values()):
-        return []
-    numbers = [
-        f"{name}: {span(found['ratio'])} of the time without a seed, {(found['high'] < 1).sum()} "
-        f"of {len(found)} networks faster beyond chance"
-        for name, found in learned.items()
-        if len(found)
-    ]
-    beside = []
-    for name, found in ratios.items():
-        free = found["ratio"].drop([NO_SEED, *learned[name].index], errors="ignore")
-        if len(free):
-            listed = ", ".join(f"{label_name(str(seed))} {ratio(r)}" for seed, r in free.items())
-            beside.append(f"{name}: {listed}")
-    networks = warmstarts[warmstarts["seed"].map(_of_network)]
-    trainings = len(networks[["seed", "training_seed"]].drop_duplicates())
-    said = _verdict(learned[CALLED[PLAIN]], learned[CALLED[EXPERT]], trainings)
-    return [Answer(QUESTION, said, "; ".join(numbers), "; ".join(beside))]
+    beside = "; ".join(_beside(name, found) for name, found in ratios.items() if len(found))
+    answers = []
+    for group in groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
+        learned = {name: _of(group, found) for name, found in ratios.items()}
+        if any(map(len, learned.values())):
+            seeds = warmstarts[warmstarts["seed"].map(planner_of).isin(group.planners)]
+            trainings = len(seeds[["seed", "training_seed"]].drop_duplicates())
+            said = _verdict(group, learned[CALLED[PLAIN]], learned[CALLED[EXPERT]], trainings)
+            numbers = "; ".join(
+                _faster(name, found) for name, found in learned.items() if len(found)
+            )
+            answers.append(Answer(group.asked(*QUESTIONS), said, numbers, beside))
+    return answers
 
 
-def _verdict(plain: pd.DataFrame, expert: pd.DataFrame, trainings: int) -> str:
+def _of(group: Group, ratios: pd.DataFrame) -> pd.DataFrame:
+    return ratios.loc[[seed for seed in ratios.index if planner_of(seed) in group.planners]]
+
+
+def _faster(name: str, found: pd.DataFrame) -> str:
+    faster = int((found["high"] < 1).sum())
+    many = f"{faster} of {len(found)} networks faster" if len(found) > 1 else "faster"
+    said = many if faster or len(found) > 1 else "not faster"
+    return f"{name}: {span(found['ratio'])} of the time without a seed, {said} beyond chance"
+
+
+def _beside(name: str, ratios: pd.DataFrame) -> str:
+    """The seeds that cost nothing."""
+    free = {seed: r for seed, r in ratios["ratio"].items() if not is_network(planner_of(str(seed)))}
+    listed = (f"{label_name(str(s))} {ratio(r)}" for s, r in free.items() if s != NO_SEED)
+    return f"{name}: {', '.join(listed)}"
+
+
+def _verdict(group: Group, plain: pd.DataFrame, expert: pd.DataFrame, trainings: int) -> str:
     said = []
+    yes, no = ("Confirmed", "Contradicted") if group.papers else ("Yes", "No")
     if len(plain):
         if trainings > 1 and (plain["high"] < 1).all():
-            said.append("Confirmed for the paper's kind of optimizer from a blank start")
+            said.append(f"{yes} for the paper's kind of optimizer from a blank start")
         elif trainings > 1 and (plain["low"] > 1).all():
-            said.append("Contradicted for the paper's kind of optimizer")
+            said.append(f"{no} for the paper's kind of optimizer")
         else:
             said.append("Open for the paper's kind of optimizer")
     if len(expert):
-        faster = "some save time" if (expert["high"] < 1).any() else "none saves any time"
-        said.append(f"with ours, {faster}")
+        one = "it saves time" if len(expert) == 1 else "some save time"
+        none = "it saves none" if len(expert) == 1 else "none saves any time"
+        said.append(f"with ours, {one if (expert['high'] < 1).any() else none}")
     text = "; ".join(said)
     return text[0].upper() + text[1:]
 
@@ -71,7 +85,3 @@ def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
         longer = (each[seed] - each[NO_SEED]).dropna().to_numpy(dtype=float)
         found.loc[seed] = np.exp([longer.mean(), *mean_interval(longer)])
     return found
-
-
-def _of_network(seed: str) -> bool:
-    return seed != NO_SEED and is_network(planner_of(seed))

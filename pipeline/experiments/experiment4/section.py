@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 
 from pipeline.exhibits.blocks import Picture, Table
+from pipeline.exhibits.planners import BARGAINING
 from pipeline.exhibits.sections import Section
 from pipeline.exhibits.style import Style
 from pipeline.experiments.against import tables_against
@@ -29,6 +30,7 @@ def section(times: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         for recipe in recipes_of(averages)
     }
     values = {
+        "refiner": times["planner"].isin(BARGAINING).any(),
         "n": times["n"].iloc[0],
         "trials": averages["trials"].max(),
         "trainings": averages["seeds"].max(),

@@ -3,12 +3,11 @@
 import pandas as pd
 
 from pipeline.exhibits.numbers import ratio, share
-from pipeline.exhibits.planners import is_network
 from pipeline.experiments.answer import FREE, Answer, measured
 from pipeline.experiments.compare import CHANCE, compare
 from pipeline.experiments.experiment4.run import NODES, TIME_STEP
 from pipeline.experiments.experiment4.summary import TimeGrid, of_way, trained_on, with_minutes
-from pipeline.experiments.networks import of, picked
+from pipeline.experiments.networks import Group, groups, names_in, of, spokesman
 from pipeline.experiments.summary import prepared
 from pipeline.experiments.trials import PREDICTED
 
@@ -20,7 +19,9 @@ Row = tuple[float, pd.DataFrame]
 
 
 def times_answers(times: pd.DataFrame, training: pd.DataFrame) -> list[Answer]:
-    """A row for each way to another transfer time, where a network took part at all of them.
+    """A row for each way to another transfer time and each group of networks that have one for it.
+
+    That is one that took part at all of them.
 
     Quality counts as kept where fuel over bound is no more than DEARER times that at the
     training's transfer time, and no fewer of the same scenarios are safe, beyond chance.
@@ -37,18 +38,19 @@ def times_answers(times: pd.DataFrame, training: pd.DataFrame) -> list[Answer]:
         rows = of_way(trials, way).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
         )
-        answer = _answer(rows, trained_on(times), training, called)
-        found += [answer] if answer else []
+        for group in groups(rows["planner"]):
+            answer = _answer(rows, group, trained_on(times), training, called)
+            found += [answer] if answer else []
     return found
 
 
 def _answer(
-    rows: pd.DataFrame, trained: TimeGrid, training: pd.DataFrame, called: str
+    rows: pd.DataFrame, group: Group, trained: TimeGrid, training: pd.DataFrame, called: str
 ) -> Answer | None:
     everywhere = rows["minutes"].nunique()
-    networks = rows[rows["planner"].map(is_network)]
+    networks = group.of(rows)
     fits = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique") == everywhere
-    name = picked(networks[fits], training)
+    name, how = spokesman(networks[fits], training)
     if name is None or everywhere < 2:
         return None
     mine, free = _by_time(of(networks, name)), _by_time(rows[rows["planner"] == FREE])
@@ -65,11 +67,13 @@ def _answer(
         else f"Only from {where}"
     )
     there = measured(mine[home[0]][1])
+    alone = ", the only one that fits" if len(names_in(networks)) > 1 else ""
+    how = f"{how} of those that fit" if how else alone
+    asked = f"trained for {trained.minutes:g} min serve other {called}?"
     return Answer(
-        f"Does a network trained for {trained.minutes:g} min serve other {called}?",
+        group.asked(f"Does a network of the paper's {asked}", f"Does {{}} {asked}"),
         verdict,
-        f"{there.name}, best on validation of those that fit: at {trained.minutes:g} min "
-        f"{there.text}; {_worst(mine)}",
+        f"{there.name}{how}: at {trained.minutes:g} min {there.text}; {_worst(mine)}",
         f"Own LP: {_worst(free)}" if free else "",
     )
 

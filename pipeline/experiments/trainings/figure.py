@@ -9,14 +9,16 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.exhibits.axes import fit_scale
-from pipeline.exhibits.planners import FEED_FORWARD, RECURRENT, in_order, name_of
+from pipeline.exhibits.planners import BARGAINING, FEED_FORWARD, RECURRENT, in_order, name_of
 from pipeline.exhibits.style import GREY, PAGE_WIDTH, Style, in_style
 
 
 @in_style
 def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     """Training and validation loss against epoch: a row for each recipe, a column a family."""
-    families = [f for f in ("Feed-forward", "LSTM", "Other") if (_families(curves) == f).any()]
+    families = [
+        f for f in ("Feed-forward", "LSTM", "Refiner", "Other") if (_families(curves) == f).any()
+    ]
     recipes = sorted(curves["recipe"].fillna("").unique())
     figure = Figure(figsize=(PAGE_WIDTH, 0.9 + 2.1 * len(recipes)), layout="constrained")
     panels = figure.subplots(len(recipes), len(families), squeeze=False)
@@ -50,7 +52,8 @@ def _panel(ax: Axes, curves: pd.DataFrame, look: Mapping[str, Style]) -> None:
 
 
 def _families(curves: pd.DataFrame) -> "pd.Series[str]":
-    names = dict.fromkeys(FEED_FORWARD, "Feed-forward") | dict.fromkeys(RECURRENT, "LSTM")
+    known = {"Feed-forward": FEED_FORWARD, "LSTM": RECURRENT, "Refiner": BARGAINING}
+    names = {arch: family for family, archs in known.items() for arch in archs}
     return curves["arch"].map(lambda a: names.get(a, "Other"))
 
 

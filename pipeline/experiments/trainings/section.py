@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.exhibits.blocks import Column, Picture, Table
 from pipeline.exhibits.numbers import count, number
-from pipeline.exhibits.planners import in_order, name_of
+from pipeline.exhibits.planners import BARGAINING, in_order, name_of
 from pipeline.exhibits.sections import Section
 from pipeline.exhibits.style import Style
 from pipeline.experiments import paper
@@ -47,6 +47,7 @@ COLUMNS = [
 def section(training: pd.DataFrame, curves: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     """Table of the models and figure of their losses, where they were recorded."""
     values = {
+        "refiner": training["arch"].isin(BARGAINING).any(),
         "models": None if training.empty else training_table(training),
         "losses": None if curves.empty else Picture("training", curves_figure(curves, look)),
     }

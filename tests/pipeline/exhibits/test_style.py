@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from pipeline.exhibits.axes import fit_scale
-from pipeline.exhibits.planners import BASELINES, EXPERTS, FEED_FORWARD, RECURRENT
+from pipeline.exhibits.planners import BARGAINING, BASELINES, EXPERTS, FEED_FORWARD, RECURRENT
 from pipeline.exhibits.style import KNOWN, styles
 
 
@@ -16,6 +16,7 @@ def test_each_planner_has_a_colour_and_a_marker_of_its_own():
         *BASELINES,
         *FEED_FORWARD,
         *RECURRENT,
+        *BARGAINING,
         "my net",
         "another",
         "third",

@@ -58,6 +58,17 @@ def test_the_spread_of_warm_starts_is_that_between_trainings(warmstarts):
     assert ff1["gap_spread"] == 0.0
 
 
+def test_the_refiners_seeds_are_counted_with_no_others(both):
+    refined = both[both["seed"] == "ff1 tuned"].assign(seed="refiner tuned")
+    papers, refiner = seeds_answer(pd.concat([both, refined.assign(seconds=0.1)]))
+    assert papers.question.startswith("Do the paper's networks' plans speed up")
+    assert papers.numbers == seeds_answer(both)[0].numbers
+    assert refiner.question.startswith("Do the refiner's plans speed up")
+    # 0.1 s of 2, 4 and 9 s: the geometric mean is 0.1 / 72^(1/3).
+    assert refiner.numbers.startswith(f"plain SCP: {0.1 / 72 ** (1 / 3):#.3g} of the time")
+    assert "Refiner" not in papers.baseline + refiner.baseline
+
+
 def test_a_box_has_the_quartiles_of_its_seed(warmstarts):
     look = styles(["ff1"])
     figure = warmstart_figure(warmstarts, 10, look)

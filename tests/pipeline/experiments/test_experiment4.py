@@ -178,6 +178,8 @@ def test_other_transfer_times_are_judged_by_fuel_and_by_safety_beyond_chance(
     nodes, steps = times_answers(lstms_at(rows, safe, fuel), training)
     assert "for 20 min serve other nodes T" in nodes.question
     assert nodes.verdict == verdict
-    assert nodes.numbers.startswith("LSTM1 tuned, best on validation of those that fit")
-    assert steps.numbers.startswith("FF1 tuned"), "at other time steps the better one fits, too"
+    assert nodes.numbers.startswith("LSTM1 tuned, the only one that fits: at 20 min safe in")
+    assert steps.numbers.startswith("FF1 tuned, best on validation of those"), (
+        "at other time steps the better one fits, too"
+    )
     assert nodes.baseline.startswith("Own LP: at worst safe in 50 % ")

@@ -94,7 +94,25 @@ def test_the_largest_swarm_has_a_row_of_its_own(rows):
     (largest,) = others_answer(planned, trained(), 10)
     assert home.question.endswith("(n = 10)?")
     assert "trained at n = 10 serve others (n = 30)" in largest.question
-    assert largest.numbers == "all 1: safe in 25 %"
+    assert largest.numbers.startswith("FF1 tuned: safe in 25 % [")
+
+
+def test_the_papers_networks_answer_together_and_any_other_on_its_own(rows):
+    table = [
+        *flown(rows, "ff1", "tuned", shares(190), 1.3),
+        *flown(rows, "lstm1/3", "tuned", shares(240), 1.3),  # one version of several
+        *flown(rows, "refiner", "tuned", shares(400), 1.01),
+        *flown(rows, "my net", "tuned", shares(200), 1.05),
+    ]
+    training = trained(("ff1", "tuned", 0.5, 1.0), ("refiner", "tuned", 1.0, 1.0))
+    papers, refiner, mine = networks_answer(prepared(pd.DataFrame(table)), training, 10)
+    assert papers.question == "Do the paper's networks plan safely and cheaply (n = 10)?"
+    assert papers.numbers.startswith("FF1 tuned, best on validation: safe in 47.5 % [")
+    assert papers.numbers.endswith("all 2: safe in 47.5 % to 60 %")
+    assert refiner.question == "Does the refiner plan safely and cheaply (n = 10)?"
+    assert refiner.verdict == "Yes"
+    assert refiner.numbers.startswith("Refiner tuned: safe in 100 % [")
+    assert (mine.question[:11], mine.verdict) == ("Does my net", "No: not safe")
 
 
 def test_nothing_but_a_number_is_missing_where_a_bound_is_none(rows):
