@@ -7,12 +7,13 @@ from pipeline.exhibits.blocks import Picture, Table
 from pipeline.exhibits.sections import Writer
 from pipeline.exhibits.style import save, styles
 from pipeline.experiments.ablations.section import section as ablations
+from pipeline.experiments.beyond.section import sections as beyond
 from pipeline.experiments.examples.section import section as examples
 from pipeline.experiments.experiment1.section import section as experiment1
 from pipeline.experiments.experiment2.section import section as experiment2
 from pipeline.experiments.experiment3.section import section as experiment3
 from pipeline.experiments.experiment4.section import section as experiment4
-from pipeline.experiments.summary import reference_size, summarize
+from pipeline.experiments.summary import prepared, reference_size, summarize
 from pipeline.experiments.trainings.section import section as trainings
 from pipeline.files import write_text
 from pipeline.report.html import html_page
@@ -58,6 +59,7 @@ def build_report(results: Results, out: Path) -> ReportFiles:
         experiment1(summary, n, look),
         trainings(results.training, results.curves, look),
         experiment2(summary, look),
+        *beyond(prepared(results.trials), results.training, look),
         experiment3(results.warmstarts, look),
         experiment4(results.transfer_times, look),
         ablations(results.ablations, look),

@@ -9,6 +9,8 @@ from pipeline.exhibits.numbers import share
 from pipeline.exhibits.sections import Section
 from pipeline.experiments.ablations.verdict import ablation_answers
 from pipeline.experiments.answer import CHEAP, SAFE
+from pipeline.experiments.beyond.rows import shown_beyond
+from pipeline.experiments.beyond.verdict import carry_answers
 from pipeline.experiments.experiment1.verdict import networks_answer, paper_answers
 from pipeline.experiments.experiment2.verdict import families_answer, others_answer
 from pipeline.experiments.experiment3.verdict import seeds_answer
@@ -36,6 +38,7 @@ def section(results: Results, summary: pd.DataFrame, n: int) -> Section:
     answers = [
         *networks_answer(trials, results.training, n),
         *others_answer(trials, results.training, n),
+        *carry_answers(shown_beyond(trials, results.training), results.training),
         *families_answer(summary),
         *seeds_answer(results.warmstarts),
         *times_answers(results.transfer_times, results.training),

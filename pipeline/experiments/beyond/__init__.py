@@ -1,0 +1,1 @@
+"""Swarms beyond the paper's largest, n = 30."""
