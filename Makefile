@@ -9,6 +9,7 @@ JOBS ?= -1
 PORT ?= 5000
 FF := ff1,ff2,ffcol
 LSTM := lstm1,lstm2,lstmcol
+REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
@@ -26,12 +27,13 @@ $(BIN)/pytest: $(BIN)/prolearn
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-demo: $(BIN)/prolearn ## the whole line at small scale: dataset, six networks, experiments, report
+demo: $(BIN)/prolearn ## the whole line at small scale: dataset, seven networks, experiments, report
 	$(BIN)/prolearn dataset --preset demo --out data/demo --jobs $(JOBS)
 	$(BIN)/prolearn train --arch $(FF) --recipe tuned --data data/demo
 	$(BIN)/prolearn train --arch $(FF) --recipe paper --data data/demo
 	$(BIN)/prolearn train --arch $(LSTM) --recipe tuned --data data/demo --epochs 8
 	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 8
+	$(BIN)/prolearn train --arch $(REFINER) --recipe tuned --data data/demo --epochs 3
 	$(BIN)/prolearn evaluate --data data/demo --timed 5
 	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
 	$(BIN)/prolearn warmstart --data data/demo --optimizer plain --trials 4
@@ -39,7 +41,7 @@ demo: $(BIN)/prolearn ## the whole line at small scale: dataset, six networks, e
 	$(BIN)/prolearn report --out reports
 	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
 
-dataset: $(BIN)/prolearn ## the paper's dataset: 10,000 scenarios of n=10, 100 of each n=2..30
+dataset: $(BIN)/prolearn ## the paper's dataset: 10,000 scenarios of n=10, 100 of each n=2..30, some of 60, 100, 300
 	$(BIN)/prolearn dataset --preset paper --out data/paper --jobs $(JOBS)
 
 DATA ?= data/paper
@@ -51,15 +53,17 @@ train: $(BIN)/prolearn ## one network: make train ARCH=lstm2 RECIPE=paper
 
 SEEDS ?= 1
 LSTM_SEEDS ?= $(SEEDS)
+REFINER_SEEDS ?= $(SEEDS)
 seeds = $(shell seq --separator=, 0 $$(($(1) - 1)))
-train-all: $(BIN)/prolearn ## all six networks in both recipes, each trained SEEDS times
+train-all: $(BIN)/prolearn ## the six networks in both recipes and the refiner in its own, each trained SEEDS times
 	for recipe in tuned paper; do \
 	  for family in "$(FF) --seed $(call seeds,$(SEEDS))" "$(LSTM) --seed $(call seeds,$(LSTM_SEEDS))"; do \
 	    $(BIN)/prolearn train --arch $$family --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
 	  done; \
 	done
+	$(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
 
-evaluate: $(BIN)/prolearn ## experiments 1 and 2
+evaluate: $(BIN)/prolearn ## experiments 1 and 2, and swarms beyond n=30
 	$(BIN)/prolearn evaluate --data $(DATA) --resume
 
 warmstart: $(BIN)/prolearn ## experiment 3, with the expert and with a plain SCP

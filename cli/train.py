@@ -17,7 +17,8 @@ def train(
     arch: Annotated[
         str,
         typer.Option(
-            help="ff1, ff2, ffcol, lstm1, lstm2, lstmcol, one of your own, or several: ff1,lstm2.",
+            help="ff1, ff2, ffcol, lstm1, lstm2, lstmcol, refiner (recipe tuned alone), one of "
+            "your own, or several: ff1,lstm2.",
             show_default=False,
         ),
     ],
@@ -53,7 +54,7 @@ def train(
         typer.Option("--resume", help="Leave out what was trained before on the same data."),
     ] = False,
 ) -> None:
-    """Train networks on the expert's plans and register them.
+    """Train networks and register them: on the expert's plans, the refiner on scenarios alone.
 
     Each run is tracked in MLflow and each model registered as prolearn-ARCH.
 
