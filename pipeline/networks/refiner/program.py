@@ -56,6 +56,7 @@ class Own:
         gain = row.gather(1, self.others)
         gain = gain - torch.einsum("ni,nij->nj", row.gather(1, self.basis), self.tableau)
         rise = torch.where(gain > 0, 1 - self.cost, 1 + self.cost)
+        rise = torch.where(gain.abs() < SMALL, 1.0, rise)  # the sign of rounding says nothing
         return (rise / gain.abs().clamp(min=SMALL)).amin(dim=1)
 
 

@@ -119,6 +119,15 @@ def test_the_first_unit_along_a_row_costs_what_a_small_step_does():
     assert found.price.numpy() == pytest.approx(own.price(one).numpy(), rel=1e-6)
 
 
+def test_what_no_control_moves_costs_the_same_however_it_is_rounded():
+    """A plane at the last node, which every control that meets the goal leaves where it is."""
+    own, _, _, _, reach = programs(Problem())
+    normal = torch.randn(CRAFT, 6, dtype=torch.float64, generator=torch.manual_seed(0))
+    price = own.price(normal @ reach)
+    assert (price > 1e6).all()
+    assert torch.equal(price, own.price(-normal @ reach))
+
+
 def test_units_of_step_and_radius_change_no_transfer():
     """The grid against the problem's own maps, in m and s."""
     problem = Problem()
