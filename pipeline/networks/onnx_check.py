@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError, ProlearnError
+from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model
+from pipeline.networks.onnx_files import open_session
 from pipeline.orbit.transfer import fly, project_to_flyable
 
 TOLERANCE = 1e-5
@@ -65,7 +66,7 @@ def check(path: Path, model: Model, n: int | None, *, flown: bool) -> Checked:
         InputError: where onnxruntime is not installed.
         ProlearnError: where its answer differs from torch's by more than TOLERANCE.
     """
-    session = _session(path)
+    session = open_session(path)
     differences: dict[int, tuple[float, float]] = {}
     for sizes, most in _claims(model, n):
         for size in sizes:
@@ -86,22 +87,6 @@ def _claims(model: Model, n: int | None) -> list[tuple[list[int], int | None]]:
         return [([n], n)]
     sizes = sorted({*SIZES, model.n_train})
     return [(sizes, None), ([s for s in sizes if s <= model.n_train], model.n_train)]
-
-
-def _session(path: Path) -> Any:
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise InputError(
-            "onnxruntime is not installed; expected the packages of prolearn's extra `onnx`: "
-            "pip install 'prolearn[onnx]'."
-        ) from error
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # a swarm that it does not answer for is no event
-    return onnxruntime.InferenceSession(
-        path.read_bytes(), sess_options=options, providers=["CPUExecutionProvider"]
-    )
 
 
 def _ends(model: Model, n: int, instances: int) -> dict[str, Float[Array, "N n 6"]]:

@@ -1,10 +1,6 @@
 """A model as one ONNX file, which is checked against torch before it takes its name."""
 
-import json
-import logging
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,17 +8,16 @@ from typing import Any
 import torch
 from torch.export import Dim
 
-from pipeline.errors import InputError, ProlearnError
+from pipeline.errors import InputError
 from pipeline.files import published
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.onboard import OnBoard, OnBoardFlown
 from pipeline.networks.onnx_check import Checked, check
+from pipeline.networks.onnx_files import traced, write
 from pipeline.networks.supervised import Supervised
 
 SCHEMA = "prolearn.onnx/1"
-
-EXTRA = "expected the packages of prolearn's extra `onnx`: pip install 'prolearn[onnx]'"
 
 TRACED = 9
 """Craft with which the graph is traced: neither 0 nor 1, which torch treats as constants."""
@@ -74,9 +69,11 @@ def export(
     """
     if n is not None and n < 1:
         raise InputError(f"n is {n}; expected at least 1 spacecraft.")
-    made = _traced(model, n, ("states", "controls") if flown else ("states",))
+    outputs = ("states", "controls") if flown else ("states",)
+    made = _traced(model, n, outputs)
     with published(path) as temporary:
-        _write(made, temporary, {"schema": SCHEMA, **(about or {})})
+        axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
+        write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
         checked = check(temporary, model, n, flown=flown)
         kib = temporary.stat().st_size / 1024
     return Exported(path, kib, flown, checked)
@@ -84,64 +81,15 @@ def export(
 
 def _traced(model: Model, n: int | None, outputs: Sequence[str]) -> torch.onnx.ONNXProgram:
     """The graph of a model."""
-    try:
-        import onnxscript  # noqa: F401  (torch's exporter needs it)
-    except ImportError as error:
-        raise InputError(f"{error.name} is not installed; {EXTRA}.") from error
     architecture = find(model.architecture)
     if not isinstance(architecture, Supervised):
         raise InputError(
             f"architecture {model.architecture!r} answers with {model.answers} in a way of its "
-            "own; expected one derived from pipeline.networks.supervised.Supervised, which alone "
-            "are exported."
+            "own; expected one derived from pipeline.networks.supervised.Supervised, or refiner: "
+            "these alone are exported."
         )
-    module = (OnBoardFlown if "controls" in outputs else OnBoard)(architecture, model).eval()
+    module = (OnBoardFlown if "controls" in outputs else OnBoard)(architecture, model)
     craft = n or max(2, min(TRACED, model.n_train - 1))
     axes = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
-    try:
-        with _quiet():
-            made = torch.onnx.export(
-                module,
-                (torch.ones(2, craft, 6), torch.zeros(2, craft, 6)),
-                input_names=["initial", "goal"],
-                output_names=list(outputs),
-                dynamic_shapes=(axes, axes),
-                dynamo=True,
-                verbose=False,
-            )
-    except Exception as error:  # torch raises many kinds, some of them private
-        raise ProlearnError(
-            f"architecture {model.architecture!r} cannot be exported "
-            f"({str(error).strip().splitlines()[0]}); expected a forward pass that "
-            "torch.export.export can trace."
-        ) from error
-    assert made is not None, "the exporter that uses torch.export returns a program"
-    return made
-
-
-def _write(made: torch.onnx.ONNXProgram, path: Path, about: Mapping[str, Any]) -> None:
-    """The file, with its axes named and a description in its metadata."""
-    import onnx
-
-    proto = made.model_proto
-    for value in (*proto.graph.input, *proto.graph.output):
-        for axis, name in zip(value.type.tensor_type.shape.dim[:2], ("batch", "n"), strict=True):
-            if axis.HasField("dim_param"):
-                axis.dim_param = name
-    onnx.helper.set_model_props(proto, {"prolearn": json.dumps(dict(about), sort_keys=True)})
-    onnx.checker.check_model(proto, full_check=True)
-    path.write_bytes(proto.SerializeToString())
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep to ourselves what torch says about packages that we do not use."""
-    logger = logging.getLogger("torch.onnx")
-    before = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", category=Warning)
-            yield
-    finally:
-        logger.setLevel(before)
+    ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}
+    return traced(module, ends, outputs, (axes, axes), model.architecture)
