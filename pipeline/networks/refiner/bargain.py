@@ -94,13 +94,17 @@ class Bargain(nn.Module):
             sides: which craft they are of.
             likeness: cosines between the planes of each craft.
         """
-        share, trade, margin, tilt, third, remembered = self.uses.unbind()
+        *_, third, remembered = self.uses.unbind()
         memory = remembered * memory
         said = self.read(_with_other(torch.cat([seen, memory], dim=2)))  # (L, 2, H)
         told = sides.table(self.tell(said))  # (C, p, H)
         alike, every = sides.back(likeness @ told), sides.each(told.sum(dim=1))
         heard = third * torch.cat([alike, every], dim=2)
-        memory = memory + self.weigh(torch.cat([said, _with_other(heard)], dim=2))
+        return self.agreed(memory + self.weigh(torch.cat([said, _with_other(heard)], dim=2)))
+
+    def agreed(self, memory: Float[Tensor, "L 2 H"]) -> Terms:
+        """The terms that follow from what both sides of L encounters remember."""
+        share, trade, margin, tilt, *_ = self.uses.unbind()
         used = torch.stack([share, trade, margin, tilt, tilt])
         one, other = (used * self.agree(_with_other(memory))).unbind(dim=1)  # (L, 5)
         odd, even = one - other, one + other

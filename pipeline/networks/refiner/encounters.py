@@ -103,7 +103,7 @@ def candidates(
         of_extent: the same as a part of the swarm's extent, where that is more.
     """
     first, second = torch.triu_indices(n, n, 1, device=states.device)
-    least = (of_extent * _extents(states, n)).clamp(min=within)
+    least = (of_extent * extents(states, n)).clamp(min=within)
     parts = []
     for start in range(0, max(1, len(least) * len(first)), PAIRS_AT_ONCE):
         stop = min(start + PAIRS_AT_ONCE, len(least) * len(first))
@@ -115,9 +115,9 @@ def candidates(
     return Encounters(*(torch.cat(each) for each in zip(*parts, strict=True)))
 
 
-def _extents(states: Float[Tensor, "N T 6"], n: int) -> Float[Tensor, "b"]:
+def extents(states: Float[Tensor, "N T 6"], n: int) -> Float[Tensor, "b"]:
     """Half of the longest side of a box around each swarm at all nodes, r_col."""
-    position = states[..., :3].reshape(len(states) // n, -1, 3)
+    position = states[..., :3].reshape(states.shape[0] // n, -1, 3)
     return (position.amax(dim=1) - position.amin(dim=1)).amax(dim=1) / 2
 
 
@@ -201,4 +201,4 @@ def plane_rows(
     weights = torch.stack([r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r], dim=1)
     both = (weights[:, :, None] * normal[:, None, :]).reshape(-1, 12)
     columns = 6 * met.interval[:, None] + torch.arange(12, device=normal.device)
-    return normal.new_zeros(len(normal), 6 * nodes).scatter(1, columns, both)
+    return normal.new_zeros(normal.shape[0], 6 * nodes).scatter(1, columns, both)

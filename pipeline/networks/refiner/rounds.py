@@ -174,7 +174,7 @@ def play(
             likeness(row, sides, task.grid),
         )
         known = replace(known, memory=known.memory.index_copy(0, which, terms.memory))
-    gain, give = _planes(task, meeting, across, terms)
+    gain, give = planes(task.grid, meeting, across, terms)
     theirs = state.controls.index_select(0, met.craft.reshape(-1)).reshape(gain.shape)
     asked = (gain * theirs).sum(dim=2) + give
     own = task.own.of(sides.craft)
@@ -189,8 +189,8 @@ def _state(task: Task, controls: Float[Tensor, "N m"], known: Known) -> State:
     return State(controls, states, look(task.met, states), known)
 
 
-def _planes(
-    task: Task, meeting: Meeting, across: Float[Tensor, "L 3"], terms: Terms | None
+def planes(
+    grid: Grid, meeting: Meeting, across: Float[Tensor, "L 3"], terms: Terms | None
 ) -> tuple[Float[Tensor, "L 2 m"], Float[Tensor, "L 2"]]:
     """What each side's controls gain in separation, and by how much either craft is to give way."""
     found, normal, row = meeting.found, meeting.along, meeting.row
@@ -199,12 +199,12 @@ def _planes(
     if terms is not None:
         tilt = terms.tilt.to(row.dtype)
         normal = unit(normal + tilt[:, :1] * meeting.motion + tilt[:, 1:] * across)
-        row = plane_rows(meeting.met, found.share, normal, task.grid.nodes)
+        row = plane_rows(meeting.met, found.share, normal, grid.nodes)
         logit, trade, margin = (x.to(row.dtype) for x in (terms.share, terms.trade, terms.margin))
     needed = 1 + margin - (found.gap * normal).sum(dim=1)
     usual = _usual_share(needed, meeting.price, meeting.first_price)
     first = torch.sigmoid(usual + logit) * needed + trade
-    gain = row @ task.grid.reach
+    gain = row @ grid.reach
     return torch.stack([gain, -gain], dim=1), torch.stack([first, needed - first], dim=1)
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from pipeline.networks.refiner.encounters import Approach, Encounters
@@ -34,39 +34,60 @@ class Meeting:
     row: Float[Tensor, "L _"]
     price: Float[Tensor, "L 2"]
     first_price: Float[Tensor, "L 2"]
-    number: int
+    number: int | Int[Tensor, ""]
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """How much else there is to either craft of L encounters.
+
+    Attributes:
+        sides: number of its encounters, (L, 2).
+        price: the sum of their prices, (L, 2).
+        spent: fuel over its own optimum, (L, 2).
+    """
+
+    sides: Float[Tensor, "L 2"]
+    price: Float[Tensor, "L 2"]
+    spent: Float[Tensor, "L 2"]
 
 
 @torch.no_grad()
 def seen(
     meeting: Meeting, own: Own, controls: Float[Tensor, "N m"], grid: Grid
 ) -> Float[Tensor, "L 2 F"]:
-    """What each side sees: prices and fuel of its craft, the encounter, directions from there."""
-    met, found, price = meeting.met, meeting.found, meeting.price
-    craft, N = met.craft, len(controls)
+    """What each side sees."""
+    price, craft, N = meeting.price, meeting.met.craft, len(controls)
 
     def total(values: Float[Tensor, "L 2"]) -> Float[Tensor, "L 2"]:
         """Sum over all sides of the same craft."""
         return values.new_zeros(N).index_add(0, craft.reshape(-1), values.reshape(-1))[craft]
 
     spent = (controls.abs() - own.controls.abs()).sum(dim=1)
+    standing = Standing(total(torch.ones_like(price)), total(price), spent[craft])
+    return features(meeting, standing, grid)
+
+
+def features(meeting: Meeting, standing: Standing, grid: Grid) -> Float[Tensor, "L 2 F"]:
+    """Prices and fuel of each side's craft, the encounter, and directions from there."""
+    found, price = meeting.found, meeting.price
     gain = torch.linalg.vector_norm(meeting.row @ grid.reach, dim=1)
     speed = torch.linalg.vector_norm(found.speed, dim=1)
     shared = [
         3 * (1 - found.distance).clamp(-2, 2),
         (found.distance < 1).to(price.dtype),
-        (met.interval + found.share) / (grid.nodes - 1),
+        (meeting.met.interval + found.share) / (grid.nodes - 1),
         (speed + 0.1).log(),
         (gain + 1e-3).log(),
-        torch.full_like(speed, meeting.number / 8),
+        torch.zeros_like(speed) + meeting.number / 8,
     ]
     alone = [
         meeting.first_price.log(),
         price.clamp(max=5),
         (price + 1e-3).log(),
-        total(torch.ones_like(price)) / 4,
-        total(price).clamp(max=10),
-        spent[craft].clamp(max=5),
+        standing.sides / 4,
+        standing.price.clamp(max=10),
+        standing.spent.clamp(max=5),
     ]
     numbers = torch.stack([*(x[:, None].expand_as(price) for x in shared), *alone], dim=2)
     around = torch.cat([meeting.along, meeting.motion], dim=1)
@@ -76,7 +97,12 @@ def seen(
 @torch.no_grad()
 def likeness(row: Float[Tensor, "L _"], sides: Sides, grid: Grid) -> Float[Tensor, "C p p"]:
     """Cosines between the planes of each craft, as far as controls that keep its goal move it."""
-    free = row @ grid.free_reach
-    free = (free / torch.linalg.vector_norm(free, dim=1, keepdim=True).clamp(min=1e-9)).float()
+    free = free_directions(row, grid)
     table = sides.table(torch.stack([free, -free], dim=1))
     return table @ table.mT
+
+
+def free_directions(row: Float[Tensor, "L _"], grid: Grid) -> Float[Tensor, "L m"]:
+    """How controls that keep the goal move each plane most, as unit vectors."""
+    free = row @ grid.free_reach
+    return (free / torch.linalg.vector_norm(free, dim=1, keepdim=True).clamp(min=1e-9)).float()

@@ -1,0 +1,89 @@
+"""A refiner as a folder of ONNX files, one for each step of a craft."""
+
+import hashlib
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from torch.export import Dim
+
+from pipeline.errors import InputError
+from pipeline.files import published
+from pipeline.networks.model import Model
+from pipeline.networks.onnx_files import traced, write
+from pipeline.networks.refiner.bargain import Bargain
+from pipeline.networks.refiner.on_board.check import Checked, check
+from pipeline.networks.refiner.on_board.steps import STEPS, Step, outputs, takes, told_each_round
+from pipeline.networks.refiner.on_board.values import sizes_of, value
+
+SCHEMA = "prolearn.onnx.craft/1"
+
+ANY = {"P": 5, "Q": 4}
+"""Axes of any length, and the length with which graphs are traced."""
+
+
+@dataclass(frozen=True)
+class ExportedCraft:
+    """The files of one craft and what was measured of them.
+
+    Attributes:
+        folder: where they are, each named after its step.
+        kib: size of each, by step, KiB.
+        sha256: digest of each, by step.
+        told: numbers that a craft tells in each round for each live encounter, by name.
+        checked: how near they are to torch, and how fast.
+    """
+
+    folder: Path
+    kib: Mapping[str, float]
+    sha256: Mapping[str, str]
+    told: Mapping[str, int]
+    checked: Checked
+
+
+def export_craft(
+    model: Model, folder: Path, *, about: Mapping[str, Any] | None = None
+) -> ExportedCraft:
+    """Write the steps that one craft runs, as ``begin.onnx`` and so on.
+
+    Args:
+        model: a refiner.
+        folder: where the files go; those of these names are replaced.
+        about: JSON values that are stored in each file's metadata.
+
+    Raises:
+        InputError: where onnx or onnxruntime is not installed, or the folder is a file.
+        ProlearnError: where a step cannot be exported, or a swarm whose craft run them is not
+            answered as by torch.
+    """
+    if folder.is_file():
+        raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")
+    network = cast("Bargain", model.network)
+    with tempfile.TemporaryDirectory() as temporary:
+        made = {name: Path(temporary) / f"{name}.onnx" for name in STEPS}
+        for name, step in STEPS.items():
+            described = {"schema": SCHEMA, "step": name, "tells": step.tells, **(about or {})}
+            _write(step(network, model.problem), network.memory, made[name], described)
+        checked = check(made, model)
+        content = {name: path.read_bytes() for name, path in made.items()}
+    for name, graph in content.items():
+        with published(folder / f"{name}.onnx") as path:
+            path.write_bytes(graph)
+    kib = {name: len(graph) / 1024 for name, graph in content.items()}
+    digests = {name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()}
+    return ExportedCraft(folder, kib, digests, told_each_round(network.memory), checked)
+
+
+def _write(step: Step, memory: int, path: Path, about: Mapping[str, Any]) -> None:
+    """The file of a step."""
+    sizes = sizes_of(step.problem.nodes, memory, ANY["P"], ANY["Q"])
+    inputs, gives = takes(type(step)), outputs(type(step))
+    axes = {
+        name: [letter if letter in ANY else None for letter in value(name).shape]
+        for name in (*inputs, *gives)
+    }
+    dynamic = [{k: Dim.DYNAMIC for k, a in enumerate(axes[name]) if a} for name in inputs]
+    examples = {name: value(name).example(sizes) for name in inputs}
+    write(traced(step, examples, gives, dynamic, "refiner"), path, axes, about)

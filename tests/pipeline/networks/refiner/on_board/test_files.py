@@ -1,0 +1,138 @@
+"""One craft's steps as ONNX files, run by onnxruntime in every craft of a swarm."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from jaxtyping import config
+
+from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.architecture import find
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.model import Model
+from pipeline.networks.refiner.on_board.check import Files, check, compare, together
+from pipeline.networks.refiner.on_board.export import export_craft
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
+from pipeline.networks.refiner.on_board.swarm import fly_rounds
+from pipeline.networks.refiner.refiner import SAFE, STEADY, best_of
+from pipeline.networks.refiner.rounds import begin
+from pipeline.networks.swarms import swarms
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.scenario import draw
+
+PROBLEM, ROUNDS, MEMORY = Problem(), 8, 16
+RADIUS = PROBLEM.collision_radius
+UNIT = RADIUS / PROBLEM.time_step**2
+RINGS, DENSE = [(2, 0), (5, 11), (10, 1), (10, 4)], [(5, 0), (5, 2)]
+SWARMS = [("rings", *one) for one in RINGS] + [("dense", *one) for one in DENSE]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def untyped():
+    """The tests' checks of shapes are no part of what is traced, and torch cannot trace them."""
+    config.update("jaxtyping_disable", True)
+    yield
+    config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture(scope="module")
+def model():
+    torch.manual_seed(0)
+    refiner = find("refiner")
+    encoding = Encoding(PROBLEM, 10, "line", "offset", (1.0,) * 6, (1.0,) * 6)
+    made = refiner.network(refiner.config, encoding, 0.0)
+    torch.nn.init.normal_(made.agree.weight, std=0.05)
+    return Model("refiner", refiner.config, "tuned", encoding, made)
+
+
+@pytest.fixture(scope="module")
+def exported(model, tmp_path_factory):
+    return export_craft(model, tmp_path_factory.mktemp("craft"), about={"arch": "refiner"})
+
+
+def flown(exported, ends):
+    """Controls of each round by the files, (9, n, m), and whether they are safe."""
+    run = Files({name: exported.folder / f"{name}.onnx" for name in STEPS})
+    near, counts = np.full(ROUNDS + 1, np.inf), set()
+
+    def noting(name, known):
+        found = run(name, known)
+        if name == "look":
+            number = int(known["number"])
+            near[number] = min(near[number], found["distance"].min())
+            counts.add(len(known["interval"]))
+        return found
+
+    # One round more, of which only the look at the last controls counts.
+    found = list(fly_rounds(noting, *ends, RADIUS, memory=MEMORY, rounds=ROUNDS + 1))
+    return np.stack(found[:-1]), near >= SAFE * RADIUS, counts
+
+
+def cheapest(fuel, safe):
+    """Which round a swarm flies, by what its craft tell of fuel and distances."""
+    for number in range(1, ROUNDS + 1):
+        if safe[number] and abs(fuel[number] - fuel[number - 1]) <= STEADY * fuel[number - 1]:
+            break
+    costs = np.where(safe, fuel, np.inf)[: number + 1]
+    return int(costs.argmin()) if np.isfinite(costs).any() else number
+
+
+def test_a_swarm_whose_craft_run_the_files_finds_what_torch_finds(model, exported):
+    compared, encounters = [], set()
+    for family, n, k in SWARMS:
+        scenario = draw(family, 0, n, k, PROBLEM, "valid")
+        ends = scenario.initial, scenario.goal
+        controls, safe, counts = flown(exported, ends)
+        encounters |= counts
+        task = begin(swarms(PROBLEM, *(end[None] for end in ends)))
+        found = compare(controls, together(model.network, PROBLEM, *ends))
+        compared.append(found)
+        if not found.tie:
+            chosen = controls[cheapest(np.abs(controls).sum(axis=(1, 2)), safe)]
+            best, is_safe = best_of(model.network, task, ROUNDS)
+            assert bool(is_safe) == safe.any()
+            assert np.abs(chosen - best.numpy() * UNIT).max() <= 1e-5 * np.abs(chosen).max()
+        reached = fly(ends[0], controls[-1].reshape(n, -1, 3), PROBLEM)[:, -1]
+        assert np.abs(reached - ends[1])[:, :3].max() < 1e-6
+    assert max(one.difference for one in compared) <= 1e-5
+    assert sum(one.tie for one in compared) <= 1  # else little would have been compared
+    assert min(encounters) == 1 and max(encounters) > 20
+
+
+def test_the_files_say_by_name_what_goes_in_and_out(exported):
+    for name, step in STEPS.items():
+        graph = onnx.load(exported.folder / f"{name}.onnx")
+        assert tuple(one.name for one in graph.graph.input) == takes(step)
+        assert tuple(one.name for one in graph.graph.output) == outputs(step)
+        (kept,) = [p.value for p in graph.metadata_props if p.key == "prolearn"]
+        about = json.loads(kept)
+        assert (about["step"], about["arch"]) == (name, "refiner")
+        assert about["tells"] == list(step.tells)
+        free = {
+            axis.dim_param
+            for one in (*graph.graph.input, *graph.graph.output)
+            for axis in one.type.tensor_type.shape.dim
+            if axis.dim_param
+        }
+        assert free == {"begin": set(), "meet": {"Q"}}.get(name, {"P"})
+    assert exported.checked.difference <= 1e-5
+    assert exported.checked.seconds.keys() == exported.kib.keys() == STEPS.keys()
+
+
+def test_files_of_other_weights_are_found_out(model, exported):
+    other = find("refiner").network(model.config, model.encoding, 0.0)
+    torch.nn.init.normal_(other.agree.weight, std=0.05)
+    files = {name: exported.folder / f"{name}.onnx" for name in STEPS}
+    with pytest.raises(ProlearnError, match="controls differ from torch's by"):
+        check(files, replace(model, network=other))
+
+
+def test_a_file_in_the_folder_s_place_is_left_alone(model, tmp_path):
+    (tmp_path / "craft").write_text("mine")
+    with pytest.raises(InputError, match="is a file; expected a folder"):
+        export_craft(model, tmp_path / "craft")
+    assert (tmp_path / "craft").read_text() == "mine"
