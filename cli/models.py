@@ -17,6 +17,8 @@ from pipeline.errors import InputError
 
 if TYPE_CHECKING:
     from cli.stages.export import ExportedModel
+    from pipeline.networks.onnx_export import Exported
+    from pipeline.networks.refiner.on_board.export import ExportedCraft
     from registry.version import ModelVersion
 
 app = typer.Typer(
@@ -204,7 +206,8 @@ def export(
     """Write models for on-board use, each as one file with a model card beside it.
 
     States in m and m/s go in and come out; scaling is inside. onnxruntime's answer is compared
-    with torch's before the file takes its name.
+    with torch's before the file takes its name. A refiner becomes a folder with what one craft
+    runs by itself: a file for each step, between which craft tell each other.
 
     Examples:
 
@@ -237,15 +240,39 @@ def _targets(versions: Sequence["ModelVersion"], out: Path | None) -> list[Path 
 
 
 def _say(made: "ExportedModel") -> None:
-    checked = made.file.checked
+    from pipeline.networks.refiner.on_board.export import ExportedCraft
+
+    if isinstance(made.file, ExportedCraft):
+        _say_craft(made.file)
+    else:
+        _say_file(made.file)
+    typer.echo(f"Model card: {made.card}")
+
+
+def _say_file(file: "Exported") -> None:
+    checked = file.checked
     times = ", ".join(f"{seconds * 1e3:.3g} ms (n={n})" for n, seconds in checked.seconds.items())
-    typer.echo(f"{made.file.path}: {made.file.kib:.0f} KiB, for {checked.sizes}.")
+    typer.echo(f"{file.path}: {file.kib:.0f} KiB, for {checked.sizes}.")
     typer.echo(f"onnxruntime on one core, one instance: {times}.")
     typer.echo(
         f"Largest difference from torch: {checked.difference:.1e} of a component's size, "
         f"{checked.metres:.1e} m in position."
     )
-    typer.echo(f"Model card: {made.card}")
+
+
+def _say_craft(files: "ExportedCraft") -> None:
+    checked = files.checked
+    steps = ", ".join(f"{name} {files.kib[name]:.0f} KiB" for name in files.kib)
+    times = ", ".join(
+        f"{seconds * 1e3:.2g} ms ({name})" for name, seconds in checked.seconds.items()
+    )
+    typer.echo(f"{files.folder}/: one craft's steps: {steps}.")
+    typer.echo(f"onnxruntime on one core, one call: {times}.")
+    typer.echo(f"Told in a round for each live encounter: {sum(files.told.values())} numbers.")
+    typer.echo(
+        f"Largest difference from torch in {checked.swarms} swarms flown craft by craft: "
+        f"{checked.difference:.1e} of the largest control."
+    )
 
 
 @app.command()

@@ -53,10 +53,10 @@ def model_card(
         input_scale=_numbers(model.encoding.input_scale),
         target_scale=_numbers(model.encoding.target_scale),
         rmse="not recorded" if rmse is None else f"{rmse:.3g} m",
-        times=_table(("n", "ms"), times),
+        times=table(("n", "ms"), times),
         interface=_interface(model.problem.nodes, flown=exported.flown),
-        training=_training(version, model),
-        measured=_by_size({name: by_n for name, by_n in measured.items() if by_n}),
+        training=training(version, model),
+        measured=by_size(measured),
     )
 
 
@@ -67,10 +67,11 @@ def _interface(T: int, *, flown: bool) -> str:
         ("output", "`states`", f"(batch, n, {T}, 6)", f"{STATE} at each node"),
         ("output", "`controls`", f"(batch, n, {T - 1}, 3)", HELD),
     ]
-    return _table(("", "name", "shape, float32", "content"), rows if flown else rows[:-1])
+    return table(("", "name", "shape, float32", "content"), rows if flown else rows[:-1])
 
 
-def _training(version: ModelVersion, model: Model) -> str:
+def training(version: ModelVersion, model: Model) -> str:
+    """What it was trained on."""
     problem, params = model.problem, version.params
     rows = [
         ("dataset", f"`{params.get('dataset', 'unknown')}`"),
@@ -83,19 +84,21 @@ def _training(version: ModelVersion, model: Model) -> str:
         ("weights", params.get("parameters", "unknown")),
         ("seed, code", f"{params.get('seed')}, `{version.tags.get('git_commit', 'unknown')}`"),
     ]
-    return _table(("", ""), rows)
+    return table(("", ""), rows)
 
 
-def _by_size(measured: Mapping[str, Mapping[int, float]]) -> str:
+def by_size(measured: Mapping[str, Mapping[int, float]]) -> str:
     """A row for each swarm size; nothing where nothing was measured."""
+    measured = {name: by_n for name, by_n in measured.items() if by_n}
     if not measured:
         return ""
     sizes = sorted({n for by_n in measured.values() for n in by_n})
     rows = [(n, *(f"{m[n]:.3g}" if n in m else "" for m in measured.values())) for n in sizes]
-    return _table(("n", *(BY_SIZE[name] for name in measured)), rows)
+    return table(("n", *(BY_SIZE[name] for name in measured)), rows)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """As Markdown; numbers stay as they are written."""
     return tabulate(list(rows), head, tablefmt="github", disable_numparse=True)
 
 

@@ -1,16 +1,25 @@
 """A registered model as a file for on-board use, with its model card beside it."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cli.stages.card import BY_SIZE, model_card
+from cli.stages.craft_card import craft_card
+from pipeline.errors import InputError
 from pipeline.files import write_text
+from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import Exported
 from pipeline.networks.onnx_export import export as export_onnx
+from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
 from registry.models import load
 from registry.results import model_metric_by_size
 from registry.version import ModelVersion
+
+REFINER = "refiner"
+"""The architecture of which one craft's part is exported."""
 
 
 @dataclass(frozen=True)
@@ -18,11 +27,11 @@ class ExportedModel:
     """What an export left.
 
     Attributes:
-        file: the ONNX file and what was measured of it.
+        file: the ONNX file, or a refiner's folder of them, and what was measured of it.
         card: the model card.
     """
 
-    file: Exported
+    file: Exported | ExportedCraft
     card: Path
 
 
@@ -40,6 +49,8 @@ def export(
 ) -> ExportedModel:
     """Export a registered model as ONNX, and write its card as ``<out>.md``.
 
+    A refiner becomes a folder of files, named as the file would be but without ``.onnx``.
+
     Args:
         reference: the model.
         out: the file; ``<name>-v<version>.onnx`` in the current folder by default.
@@ -47,7 +58,8 @@ def export(
         flown: project the prediction onto the transfers that can be flown.
 
     Raises:
-        InputError: where there is no such model, or onnx and onnxruntime are not installed.
+        InputError: where there is no such model, onnx and onnxruntime are not installed, or a
+            refiner is asked for n or flown.
         ProlearnError: where the store fails, or the file does not answer as the model does.
     """
     model, version = load(reference)
@@ -65,8 +77,33 @@ def export(
         "units": {"states": "m, m/s", "controls": "m/s^2"},
     }
     path = out or Path(file_name(version))
+    if model.architecture == REFINER:
+        return _export_craft(model, version, path, measured, about, asked=n is not None or flown)
     file = export_onnx(model, path, n=n, flown=flown, about=about)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     card = path.with_name(path.name + ".md")
     write_text(card, model_card(version, model, file, measured, digest))
     return ExportedModel(file, card)
+
+
+def _export_craft(
+    model: Model,
+    version: ModelVersion,
+    path: Path,
+    measured: Mapping[str, Mapping[int, float]],
+    about: Mapping[str, Any],
+    *,
+    asked: bool,
+) -> ExportedModel:
+    """The files of one craft of a refiner, and their card."""
+    if asked:
+        raise InputError(
+            f"--n or --flown is given for {version.name}; expected neither: its files are those of "
+            "one craft of any swarm, and give controls that can be flown."
+        )
+    files = export_craft(
+        model, path.with_suffix("") if path.suffix == ".onnx" else path, about=about
+    )
+    card = files.folder.with_name(files.folder.name + ".md")
+    write_text(card, craft_card(version, model, files, measured))
+    return ExportedModel(files, card)

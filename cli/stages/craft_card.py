@@ -1,0 +1,76 @@
+"""The model card of a refiner's part for one craft: its steps, and what craft tell each other."""
+
+from collections.abc import Mapping, Sequence
+
+from cli.stages.card import by_size, table, training
+from pipeline.networks.model import Model
+from pipeline.networks.refiner.on_board.check import TOLERANCE
+from pipeline.networks.refiner.on_board.export import ExportedCraft
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
+from pipeline.networks.refiner.on_board.values import value
+from pipeline.networks.refiner.refiner import SAFE, STEADY
+from pipeline.templates import TEMPLATES
+from registry.version import ModelVersion
+
+
+def craft_card(
+    version: ModelVersion,
+    model: Model,
+    exported: ExportedCraft,
+    measured: Mapping[str, Mapping[int, float]],
+) -> str:
+    """The card as Markdown.
+
+    Args:
+        version: what the registry knows about the model.
+        model: the network.
+        exported: the files and what was measured of them.
+        measured: metrics of experiment 2 by name, then by swarm size.
+    """
+    messages = [(f"`{name}`", count, value(name).what) for name, count in exported.told.items()]
+    return TEMPLATES.get_template("cli/stages/craft_card.md.jinja").render(
+        version=version,
+        checked=exported.checked,
+        tolerance=f"{TOLERANCE:g}",
+        rounds=model.config["rounds"],
+        files=_files(exported),
+        safe=f"{SAFE:g}",
+        steady=f"{STEADY:g}",
+        told=exported.told,
+        messages=table(("name", "numbers", "content"), messages),
+        steps={name: _interface(name) for name in STEPS},
+        T=model.problem.nodes,
+        H=model.config["memory"],
+        training=training(version, model),
+        measured=by_size(measured),
+    )
+
+
+def _files(exported: ExportedCraft) -> str:
+    rows = [
+        (
+            f"`{name}.onnx`",
+            f"{exported.kib[name]:.0f}",
+            f"{exported.checked.seconds[name] * 1e3:.2g}",
+            " ".join(f"`{one}`" for one in step.tells),
+            f"`{exported.sha256[name][:16]}`",
+        )
+        for name, step in STEPS.items()
+    ]
+    return table(("file", "KiB", "ms", "tells", "sha256, beginning"), rows)
+
+
+def _interface(name: str) -> str:
+    step = STEPS[name]
+    named = [("input", one) for one in takes(step)] + [("output", one) for one in outputs(step)]
+    rows = [(way, f"`{one}`", _shape(one), _type(one), value(one).what) for way, one in named]
+    return table(("", "name", "shape", "type", "content"), rows)
+
+
+def _shape(name: str) -> str:
+    sizes: Sequence[int | str] = value(name).shape
+    return f"({', '.join(map(str, sizes))})" if sizes else "one number"
+
+
+def _type(name: str) -> str:
+    return str(value(name).dtype).removeprefix("torch.")

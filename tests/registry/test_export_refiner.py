@@ -1,0 +1,71 @@
+"""How a refiner is exported, with files that another test makes: tracing them takes a while."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from cli.main import app
+from pipeline.networks.architecture import find
+from pipeline.networks.model import Model
+from pipeline.networks.recipes import Recipe
+from pipeline.networks.refiner.on_board.check import Checked
+from pipeline.networks.refiner.on_board.export import ExportedCraft
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, told_each_round
+from pipeline.training.loop import Trained
+from registry.training import DatasetInfo, record_training
+
+
+@pytest.fixture
+def refiner(
+    folder: Path,
+    trained: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Path:
+    """The current folder, with a registered refiner whose files need no tracing."""
+    architecture = find("refiner")
+    torch.manual_seed(0)
+    network = architecture.network(architecture.config, trained.model.encoding, 0.0)
+    given = (architecture.config, "tuned", trained.model.encoding, network)
+    record_training(
+        replace(trained, model=Model("refiner", *given)), recipe=recipe, seed=0, dataset=dataset
+    )
+
+    def export_craft(model: Model, path: Path, about: object) -> ExportedCraft:
+        ones = dict.fromkeys(STEPS, 1e-3)
+        checked = Checked(swarms=6, ties=1, encounters=29, difference=2e-7, seconds=ones)
+        told = told_each_round(model.config["memory"])
+        return ExportedCraft(path, ones, dict.fromkeys(STEPS, "0" * 64), told, checked)
+
+    monkeypatch.setattr("cli.stages.export.export_craft", export_craft)
+    return folder
+
+
+def test_a_refiner_becomes_a_folder_with_a_card_that_names_every_input_and_output(
+    refiner: Path,
+) -> None:
+    done = CliRunner().invoke(app, ["models", "export", "refiner"])
+    assert done.exit_code == 0, done.output
+    assert "prolearn-refiner-v1/: one craft's steps: begin" in done.output
+    assert "for each live encounter: 65 numbers" in done.output
+    card = (refiner / "prolearn-refiner-v1.md").read_text(encoding="utf-8")
+    for name, step in STEPS.items():
+        part = card.split(f"\n## {name}\n")[1].split("\n## ")[0]
+        rows = [line.split("|")[1:3] for line in part.splitlines() if line.startswith("|")]
+        named = [(way.strip(), one.strip().strip("`")) for way, one in rows[2:]]
+        wanted = [("input", one) for one in takes(step)]
+        assert named == wanted + [("output", one) for one in outputs(step)]
+    for words in ("65 numbers", "x y z (m), vx vy vz (m/s)", "(P, 2, 6)", "another optimum"):
+        assert words in card
+
+
+@pytest.mark.parametrize("option", [("--n", "3"), ("--flown",)])
+def test_a_refiner_is_of_one_craft_and_always_flown(refiner: Path, option: tuple[str]) -> None:
+    done = CliRunner().invoke(app, ["models", "export", "refiner", *option])
+    assert done.exit_code == 2
+    assert "expected neither" in done.output
+    assert list(refiner.glob("prolearn-refiner*")) == []
