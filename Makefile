@@ -103,6 +103,7 @@ bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside t
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
+	$(BIN)/python -m benchmarks.ladder --out reports/bench
 
 clean: ## remove what make made, datasets and results included
 	rm -rf $(VENV) data reports mlruns mlflow.db* optuna.db* unregistered *.egg-info build

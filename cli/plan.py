@@ -37,7 +37,9 @@ def plan(
     ],
     planner: Annotated[
         str,
-        typer.Option(help="expert, minimum-energy, straight-line, own-LP, or a model (ff1, ...)."),
+        typer.Option(
+            help="expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...)."
+        ),
     ] = "expert",
     separation: Separation = "continuous",
     effort: Annotated[
@@ -58,12 +60,16 @@ def plan(
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
 
-    A model's plan seeds the expert, so that what comes out is safe; --raw leaves that out.
-    LSTMs plan on time grids other than that of their training, too.
+    The refiner's plan is taken where it is proven safe, else one convex solve follows it, else
+    the expert plans; the plan says which. The plan of any other model seeds the expert. So what
+    comes out is safe; --raw leaves the expert out. The refiner and LSTMs plan on time grids other
+    than that of their training, too. `refiner` comes with the package; one that was trained here
+    is named with its recipe or version, as refiner:tuned.
 
     Examples:
 
         prolearn plan scenario.json --planner expert --out plan.json
+        prolearn plan a.json b.json --planner refiner --out plans/
         prolearn plan a.json b.json --planner lstm2 --out plans/
         prolearn plan scenario.json --effort best --out plan.json
     """

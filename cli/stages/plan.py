@@ -6,6 +6,7 @@ from dataclasses import replace
 from pipeline.errors import InputError
 from pipeline.expert import EFFORTS
 from pipeline.networks.catalogue import architecture_names
+from pipeline.planners.ladder import Ladder
 from pipeline.planners.named import NAMES, Separation, refuse_effort
 from pipeline.planners.network import Flown
 from pipeline.planners.planner import Planner
@@ -24,7 +25,8 @@ def model_planner(
         separation: keep craft apart at all times or at the nodes only.
         effort: of the expert after the model, of EFFORTS; by default it stops at the first safe
             plan.
-        raw: leave the model's flown plan as it is, safe or not; otherwise it seeds the expert.
+        raw: leave the model's flown plan as it is, safe or not; otherwise the expert comes after
+            it, where it answers with controls only if that plan is not proven safe.
 
     Raises:
         InputError: for a name that no planner has, where the registry has no such model, or for
@@ -38,7 +40,9 @@ def model_planner(
     flown = Flown(model, version.label, at_nodes=separation == "nodes")
     if raw:
         return flown
-    return Seeded(flown, replace(EFFORTS[effort or "first"], separation=separation))
+    settings = replace(EFFORTS[effort or "first"], separation=separation)
+    # Controls are a plan already, which may be safe as it is; states are a seed.
+    return Ladder(flown, settings) if model.answers == "controls" else Seeded(flown, settings)
 
 
 def _check_architecture(reference: str) -> None:

@@ -1,4 +1,4 @@
-"""Planners that need no trained model, by the name that a person gives: expert and baselines."""
+"""Planners that a person names and that need no store: expert, baselines, the packaged refiner."""
 
 from dataclasses import replace
 from typing import Literal
@@ -11,11 +11,14 @@ from pipeline.planners.planner import Planner
 
 EXPERT = "expert"
 
+REFINER = "refiner"
+"""The refiner that comes with the package; one of the registry is named with its version."""
+
 Separation = Literal["continuous", "nodes"]
 
 _BASELINES = {baseline.name.replace(" ", "-"): baseline for baseline in BASELINES}
 
-NAMES = (EXPERT, *_BASELINES)
+NAMES = (EXPERT, REFINER, *_BASELINES)
 """The names, with hyphens for spaces."""
 
 
@@ -33,22 +36,36 @@ def named_planner(
         separation: keep craft apart at all times or at the nodes only; a baseline's plans, which
             keep none apart, are judged by it.
         effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves.
-        raw: asked for a model's plan without the expert after it.
+        raw: asked for a network's plan without the expert after it.
 
     Raises:
         InputError: for an option that the planner has no use for.
     """
     if name not in NAMES:
         return None
+    if name == REFINER:
+        return _refiner(separation, effort, raw=raw)
     if raw:
         raise InputError(
             f"--raw is given and the planner is {name}, after which there is no expert; expected "
-            "a model: leave --raw out."
+            "a network: leave --raw out."
         )
     if name == EXPERT:
         return Expert(replace(EFFORTS[effort or "default"], separation=separation))
     refuse_effort(effort)
     return replace(_BASELINES[name], at_nodes=separation == "nodes")
+
+
+def _refiner(separation: Separation, effort: str | None, *, raw: bool) -> Planner:
+    """The packaged refiner, alone or with the expert behind it."""
+    from pipeline.networks.refiner.packaged import packaged
+    from pipeline.planners.ladder import Ladder
+    from pipeline.planners.network import Flown
+
+    if raw:
+        refuse_effort(effort)
+    flown = Flown(packaged(), REFINER, at_nodes=separation == "nodes")
+    return flown if raw else Ladder(flown, EFFORTS[effort or "first"])
 
 
 def refuse_effort(effort: str | None) -> None:

@@ -63,6 +63,23 @@ def test_plans_apart_at_the_nodes_pass_the_papers_criterion(prolearn, tmp_path):
     assert report.node_collisions == 0
 
 
+def test_the_packaged_refiner_plans_several_scenarios_and_says_who_made_each_plan(
+    prolearn, tmp_path
+):
+    files = []
+    for k in range(4):
+        files.append(tmp_path / f"{k}.json")
+        write_scenario(files[-1], draw("dense", 0, 10, k, Problem()))
+    done = prolearn("plan", *files, "--planner", "refiner", "--out", "plans")
+    assert done.returncode == 0, done.stderr
+    for file in files:
+        plan = tmp_path / "plans" / f"{file.stem}.plan.json"
+        assert judged(file, plan).wrong == ()
+        planner = json.loads(plan.read_text())["planner"]
+        assert planner in ("refiner", "refiner + one solve", "expert")
+        assert f"solved by {planner}" in done.stdout
+
+
 def test_an_infeasible_scenario_exits_with_1_and_says_why(prolearn, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6)))
     done = prolearn("plan", "s.json", "--out", "p.json")

@@ -1,0 +1,135 @@
+"""How fast and how good plans are from rung to rung: network, network and one solve, expert.
+
+    python -m benchmarks.ladder --out reports/bench
+
+Planners take turns on batches of the same scenarios, so that the machine's noise falls on all
+alike; times are CPU times of one core, certificates included but where it says "answers". Prints
+a table, and writes ladder.json.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import process_time
+from typing import Annotated
+
+import numpy as np
+import torch
+import typer
+from threadpoolctl import threadpool_limits
+
+from benchmarks.tables import Row, quartiles, show, write_json
+from pipeline.expert import FIRST_SAFE, Settings, solve_many
+from pipeline.networks.model import Model, load
+from pipeline.networks.refiner.other_rounds import own_rounds
+from pipeline.networks.refiner.packaged import packaged
+from pipeline.orbit.problem import Problem
+from pipeline.plan import SOLVED, Plan
+from pipeline.planners.baselines import BASELINES
+from pipeline.planners.ladder import ONE_SOLVE, Ladder
+from pipeline.planners.network import Flown
+from pipeline.planners.rule import Rule
+from pipeline.scenario import Scenario, draw
+
+SEED = 2022
+BATCHES = {"rings": {10: 500, 30: 150, 100: 16}, "dense": {10: 150}}
+"""Scenarios by family and swarm size, planned together."""
+
+TURNS = 3
+
+Plans = Callable[[Sequence[Scenario]], list[Plan]]
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Folder for ladder.json.")] = Path("reports/bench"),
+    model: Annotated[
+        Path | None, typer.Option(help="Folder of a refiner; the packaged one by default.")
+    ] = None,
+    split: Annotated[str, typer.Option(help="Of the scenarios.")] = "test",
+) -> None:
+    """Run all and print a table."""
+    network = packaged() if model is None else load(model)
+    torch.set_num_threads(1)
+    with threadpool_limits(1):
+        rows = [
+            row
+            for family, sizes in BATCHES.items()
+            for n, count in sizes.items()
+            for row in _rungs(network, family, n, count, split)
+        ]
+    show("From rung to rung", rows)
+    write_json(out / "ladder.json", rows)
+
+
+def _rungs(network: Model, family: str, n: int, count: int, split: str) -> list[Row]:
+    """A line for each planner, on scenarios of one size."""
+    scenarios = [draw(family, SEED, n, k, Problem(), split) for k in range(count)]
+    flown, rounds = Flown(network, "network"), own_rounds(network) or 0
+    rungs: dict[str, Plans] = {
+        "own optima": {baseline.name: baseline for baseline in BASELINES}["own LP"].plan,
+        "rule, no learning": Rule(rounds).plan,
+        "network": flown.plan,
+        "network + one solve": lambda some: _one_solve(flown, some),
+        "ladder": Ladder(flown).plan,
+        "expert, first safe": lambda some: solve_many(some, settings=FIRST_SAFE),
+        "expert": lambda some: solve_many(some, settings=Settings()),
+    }
+    times: dict[str, list[float]] = {name: [] for name in ("network answers", *rungs)}
+    plans: dict[str, list[Plan]] = {}
+    for _ in range(TURNS):
+        times["network answers"].append(_time(lambda: _answer(network, scenarios))[0])
+        for name, plan in rungs.items():
+            seconds, plans[name] = _time(lambda plan=plan: plan(scenarios))
+            times[name].append(seconds)
+    return [
+        {"family": family, "n": n, "planner": name}
+        | _speed(np.array(seconds) / count)
+        | _worth(plans.get(name, plans["network"]))
+        for name, seconds in times.items()
+    ]
+
+
+def _one_solve(flown: Flown, scenarios: Sequence[Scenario]) -> list[Plan]:
+    """One convex solve of every scenario, whether its seed was safe or not."""
+    seeds = [plan.states for plan in flown.plan(scenarios)]
+    return solve_many(scenarios, seeds, ONE_SOLVE)
+
+
+def _answer(network: Model, scenarios: Sequence[Scenario]) -> list[Plan]:
+    """What the network alone takes, without a certificate."""
+    ends = (np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal"))
+    network.answer(*ends, scenarios[0].problem.collision_radius)
+    return []
+
+
+def _time(work: Callable[[], list[Plan]]) -> tuple[float, list[Plan]]:
+    started = process_time()
+    made = work()
+    return process_time() - started, made
+
+
+def _speed(seconds: np.ndarray) -> Row:
+    """Time an instance, and instances a second."""
+    median = float(np.median(seconds))
+    return {
+        "ms": 1e3 * median,
+        "quartiles_ms": quartiles(1e3 * seconds),
+        "a_second": 1 / median,
+    }
+
+
+def _worth(plans: Sequence[Plan]) -> Row:
+    """What plans are worth, by their certificates."""
+    certificates = [plan.certificate for plan in plans]
+    ratio = [c.fuel / c.fuel_lower_bound for c in certificates]
+    by = Counter(plan.planner for plan in plans)
+    return {
+        "unsafe_%": 100 * float(np.mean([plan.status != SOLVED for plan in plans])),
+        "node_collisions": float(np.mean([c.node_collisions for c in certificates])),
+        "fuel/bound": f"{np.mean(ratio):.5f}",
+        "rungs": " ".join(str(count) for _, count in by.most_common()),
+    }
+
+
+if __name__ == "__main__":
+    typer.run(main)
