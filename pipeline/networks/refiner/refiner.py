@@ -114,8 +114,8 @@ class Refiner:
         tuned = {
             "learning_rate": 2e-3,
             "batch_size": 32,
-            "epochs": 20,
-            "patience": 20,
+            "epochs": 25,
+            "patience": 25,
             "crowded": 8000,
             "schedule": COSINE,
             "gradient_limit": 1.0,

@@ -152,7 +152,8 @@ def play(
         number: of the round, from 0.
         among: swarms that go on; the others keep their controls. All of them by default.
     """
-    live = (state.found.distance < WATCHED) | (state.known.price.amax(dim=1) > 0)
+    # A plane once put up stays, or pairs would forget each other and meet again.
+    live = (state.found.distance < WATCHED) | (state.known.first_price[:, 0] > 0)
     if among is not None:
         live &= among[task.met.first // task.n]
     which = live.nonzero()[:, 0]

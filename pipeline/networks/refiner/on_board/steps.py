@@ -184,13 +184,12 @@ class Look(Step):
         nodes: Float[Tensor, "P 2 6"],
         told_nodes: Float[Tensor, "P 2 6"],
         price: Float[Tensor, "P"],
-        told_price: Float[Tensor, "P"],
         first_price: Float[Tensor, "P"],
     ) -> tuple[Tensor, ...]:
         """Distances (P,), which encounters are live (P,), first prices (P,), standing (P, 3)."""
         own, scene = self.own(initial, goal, r_col), self.scene(interval, nodes, told_nodes, r_col)
         distance = scene.found.distance
-        live = (distance < WATCHED) | (torch.maximum(price, told_price) > 0)
+        live = (distance < WATCHED) | (first_price > 0)
         one_each = own.of(torch.zeros_like(interval))
         asked = one_each.price(scene.row @ self.grid.reach).clamp(min=LEAST_PRICE)
         first_price = torch.where(live & (first_price == 0), asked, first_price)
