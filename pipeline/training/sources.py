@@ -134,11 +134,12 @@ def sources(
         InputError: where there is no dataset, the size is not in it, it is not solved, or no
             instance of a split that is needed is.
     """
-    valid = examples_within(data, n, "valid", memory)
     if recipe.draws:
+        valid = examples_within(data, n, "valid", memory)
         family = read_manifest(data).samples[n].family
         return FreshDraws(family, seed, n, valid.problem, recipe.draws), valid
     learn = examples_within(data, n, "train", memory)
+    valid = examples_within(data, n, "valid", memory)
     if not recipe.crowded:
         return learn, valid
     (crowded,) = FreshDraws("dense", seed, n, valid.problem, recipe.crowded).parts()

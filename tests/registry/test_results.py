@@ -152,6 +152,7 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
     decided = {name for name in files if name.startswith("experiments")}
     assert decided == {
         "experiments/trials.py",
+        "experiments/ablations/run.py",
         "experiments/examples/run.py",
         "experiments/experiment3/rows.py",
         "experiments/experiment3/run.py",
