@@ -41,6 +41,10 @@ def train(
     collision_weight: Annotated[
         float | None, typer.Option(help="Weight of the collision penalty (ffcol, lstmcol).")
     ] = None,
+    crowded: Annotated[
+        int | None,
+        typer.Option(help="Crowded scenarios that the refiner learns from beside the dataset's."),
+    ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")] = "auto",
     seed: Annotated[
         str, typer.Option(help="Of weights, order and dropout; several as 0,1 or 0..2.")
@@ -77,6 +81,7 @@ def train(
         "dropout": dropout,
         "batch_size": batch_size,
         "collision_weight": collision_weight,
+        "crowded": crowded,
     }
     changes = {name: value for name, value in changes.items() if value is not None}
     asked = [
