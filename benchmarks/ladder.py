@@ -25,8 +25,8 @@ from pipeline.networks.refiner.other_rounds import own_rounds
 from pipeline.networks.refiner.packaged import packaged
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Plan
-from pipeline.planners.baselines import BASELINES
 from pipeline.planners.ladder import ONE_SOLVE, Ladder
+from pipeline.planners.named import named_planner
 from pipeline.planners.network import Flown
 from pipeline.planners.rule import Rule
 from pipeline.scenario import Scenario, draw
@@ -66,7 +66,7 @@ def _rungs(network: Model, family: str, n: int, count: int, split: str) -> list[
     scenarios = [draw(family, SEED, n, k, Problem(), split) for k in range(count)]
     flown, rounds = Flown(network, "network"), own_rounds(network) or 0
     rungs: dict[str, Plans] = {
-        "own optima": {baseline.name: baseline for baseline in BASELINES}["own LP"].plan,
+        "own optima": named_planner("own-LP").plan,
         "rule, no learning": Rule(rounds).plan,
         "network": flown.plan,
         "network + one solve": lambda some: _one_solve(flown, some),

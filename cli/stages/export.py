@@ -13,13 +13,11 @@ from pipeline.files import write_text
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import Exported
 from pipeline.networks.onnx_export import export as export_onnx
+from pipeline.networks.refiner.ablations import REFINER
 from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
 from registry.models import load
 from registry.results import model_metric_by_size
 from registry.version import ModelVersion
-
-REFINER = "refiner"
-"""The architecture of which one craft's part is exported."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A trained model: a value that answers swarms, in a folder when it is not in memory."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -129,14 +129,22 @@ class Model:
                 "both, with at least one spacecraft."
             )
         problem = replace(self.problem, collision_radius=collision_radius)
-        step = max(1, COLUMNS_AT_ONCE // (n * problem.nodes))
-        parts = [slice(start, start + step) for start in range(0, max(1, len(initial)), step)]
-        return np.concatenate([self._answer(swarms(problem, initial[p], goal[p])) for p in parts])
+        return np.concatenate([self._answer(some) for some in portions(problem, initial, goal)])
 
     @torch.inference_mode()
     def _answer(self, asked: Swarms) -> Float[Array, "b n _ _"]:
         answer = find(self.architecture).answer(self.network, asked, self.encoding)
         return np.asarray(answer.double().cpu().numpy())
+
+
+def portions(
+    problem: Problem, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
+) -> Iterator[Swarms]:
+    """Swarms, as many at once as are answered together; one portion of none where there is none."""
+    step = max(1, COLUMNS_AT_ONCE // (initial.shape[1] * problem.nodes))
+    for start in range(0, max(1, len(initial)), step):
+        part = slice(start, start + step)
+        yield swarms(problem, initial[part], goal[part])
 
 
 def save(model: Model, folder: Path) -> None:

@@ -64,7 +64,7 @@ class Supervised(ABC):
         if swarms.states is None:
             raise InputError(
                 "the scenarios have no plans of the expert and the network learns from these; "
-                "expected a recipe with draws 0 and a solved dataset."
+                "expected a recipe with draws 0 and crowded 0, and a solved dataset."
             )
         inputs = _inputs(swarms, encoding)
         target = encoding.targets(swarms.states.numpy(), inputs)

@@ -5,21 +5,20 @@ from typing import Literal
 
 from pipeline.errors import InputError
 from pipeline.expert import EFFORTS
+from pipeline.networks.refiner.ablations import REFINER
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.planner import Planner
 
 EXPERT = "expert"
 
-REFINER = "refiner"
-"""The refiner that comes with the package; one of the registry is named with its version."""
-
 Separation = Literal["continuous", "nodes"]
 
 _BASELINES = {baseline.name.replace(" ", "-"): baseline for baseline in BASELINES}
 
 NAMES = (EXPERT, REFINER, *_BASELINES)
-"""The names, with hyphens for spaces."""
+"""The names, with hyphens for spaces. The refiner is the one that comes with the package; those of
+the registry are named with their recipe or version."""
 
 
 def named_planner(

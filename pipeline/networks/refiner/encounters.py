@@ -23,6 +23,10 @@ STILL = 1e-9
 """Relative speed in r_col/Δt under which two craft do not move past each other."""
 
 
+Cubic = tuple[Tensor, Tensor, Tensor, Tensor]
+"""p0, v0, a2, a3 of p0 + v0 s + a2 s² + a3 s³, each (k, 3)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Encounters:
     """Pairs of craft in intervals; all lengths here are in r_col, times in Δt.
@@ -151,11 +155,15 @@ def look(met: Encounters, states: Float[Tensor, "N T 6"]) -> Look:
     return Look(share.to(states.device), distance.to(states.device))
 
 
+def cubic(ends: Float[Tensor, "k 2 6"]) -> Cubic:
+    """The cubic of relative motion between states at both ends of an interval."""
+    p0, v0, p1, v1 = ends.reshape(-1, 4, 3).unbind(dim=1)
+    return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
+
+
 def approach(ends: Float[Tensor, "k 2 6"], share: Float[Tensor, "k"]) -> Approach:
     """The approach of relative motion between states at both ends of an interval, at a time."""
-    p0, v0, p1, v1 = ends.reshape(-1, 4, 3).unbind(dim=1)
-    a2 = 3 * (p1 - p0) - 2 * v0 - v1
-    a3 = 2 * (p0 - p1) + v0 + v1
+    p0, v0, a2, a3 = cubic(ends)
     s = share[:, None]
     gap = p0 + s * (v0 + s * (a2 + s * a3))
     speed = v0 + s * (2 * a2 + 3 * s * a3)

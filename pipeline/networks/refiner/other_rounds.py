@@ -9,10 +9,9 @@ import torch
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.networks.model import COLUMNS_AT_ONCE, Model
+from pipeline.networks.model import Model, portions
 from pipeline.networks.refiner.bargain import Bargain
-from pipeline.networks.refiner.refiner import refined
-from pipeline.networks.swarms import swarms
+from pipeline.networks.refiner.best import refined
 from pipeline.orbit.problem import Problem
 
 
@@ -40,7 +39,5 @@ def by_rule(
         problem: orbit, time grid and collision radius.
         rounds: how many; after none each craft keeps its own optimum.
     """
-    step = max(1, COLUMNS_AT_ONCE // (initial.shape[1] * problem.nodes))
-    parts = [slice(start, start + step) for start in range(0, len(initial), step)]
-    asked = (swarms(problem, initial[part], goal[part]) for part in parts)
+    asked = portions(problem, initial, goal)
     return np.concatenate([refined(None, some, rounds).numpy() for some in asked])

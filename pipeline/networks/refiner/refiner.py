@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
@@ -28,21 +28,16 @@ from pipeline.networks.refiner.ablations import (
     Part,
 )
 from pipeline.networks.refiner.bargain import Bargain
+from pipeline.networks.refiner.best import best_of, refined
 from pipeline.networks.refiner.rounds import State, Task, begin, play, start
 from pipeline.networks.swarms import Batch, Swarms
 from pipeline.orbit.drift import drift_separations
-
-SAFE = 1 + 1e-4
-"""Distance in r_col from which an encounter is called safe; the cubics are off by less."""
 
 CROWDED = 1.02
 """Separation in free drift that raised collision radii leave at least, in r_col."""
 
 RAISED = 2.5
 """Most by which they are raised; what is more crowded is hardly to be planned by anybody."""
-
-STEADY = 1e-4
-"""Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""
 
 NO_FUEL = 1e-9
 """Fuel in r_col/Δt² that counts as none."""
@@ -197,42 +192,6 @@ class Refiner:
             swarms.collision_radius.to(device),
         )
         return refined(bargain, there, bargain.rounds)
-
-
-def refined(network: Bargain | None, swarms: Swarms, count: int) -> Float[Tensor, "b n _ 3"]:
-    """Controls after so many rounds, m/s²; by the rule alone without a network."""
-    controls, _ = best_of(network, begin(swarms), count)
-    unit = swarms.collision_radius / swarms.problem.time_step**2
-    b, n, _ = swarms.initial.shape
-    return controls.reshape(b, n, -1, 3) * unit[:, None, None, None]
-
-
-def best_of(
-    network: Bargain | None, task: Task, count: int
-) -> tuple[Float[Tensor, "N m"], Bool[Tensor, "b"]]:
-    """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
-
-    A swarm goes on until a round leaves it safe and its fuel next to unchanged.
-    """
-    state = start(network, task)
-    best, least = state.controls, _safe_fuel(task, state)
-    going = torch.ones_like(least, dtype=torch.bool)
-    for number in range(count):
-        before = task.fuel(state.controls)
-        state = play(network, task, state, number, going)
-        fuel = _safe_fuel(task, state)
-        better = (fuel < least) | least.isinf()
-        best = torch.where(better.repeat_interleave(task.n)[:, None], state.controls, best)
-        going = going & ~((fuel - before).abs() <= STEADY * before)
-        least = least.minimum(fuel)
-    return best, least.isfinite()
-
-
-def _safe_fuel(task: Task, state: State) -> Float[Tensor, "b"]:
-    """Fuel of each swarm, infinite where it is not safe."""
-    close = (state.found.distance < SAFE).to(state.controls.dtype)
-    safe = task.total(close, task.met.first) == 0
-    return torch.where(safe, task.fuel(state.controls), torch.inf)
 
 
 def _options(**changes: Any) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from pipeline.errors import InputError
 from pipeline.files import published
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import traced, write
+from pipeline.networks.refiner.ablations import REFINER
 from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.on_board.check import Checked, check
 from pipeline.networks.refiner.on_board.steps import STEPS, Step, outputs, takes, told_each_round
@@ -86,4 +87,4 @@ def _write(step: Step, memory: int, path: Path, about: Mapping[str, Any]) -> Non
     }
     dynamic = [{k: Dim.DYNAMIC for k, a in enumerate(axes[name]) if a} for name in inputs]
     examples = {name: value(name).example(sizes) for name in inputs}
-    write(traced(step, examples, gives, dynamic, "refiner"), path, axes, about)
+    write(traced(step, examples, gives, dynamic, REFINER), path, axes, about)

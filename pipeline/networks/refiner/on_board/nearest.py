@@ -4,41 +4,38 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.networks.refiner.encounters import Cubic, cubic
 from pipeline.networks.refiner.nearest import NEWTON_STEPS, STRETCHES
-
-Cubic = tuple[Tensor, Tensor, Tensor, Tensor]
-"""p0, v0, a2, a3 of p0 + v0 s + a2 s² + a3 s³, each (k, 3)."""
 
 
 def nearest(ends: Float[Tensor, "k 2 6"]) -> Float[Tensor, "k"]:
     """When relative motion between states at both ends of an interval is closest to 0, of 1."""
-    p0, v0, p1, v1 = ends.reshape(-1, 4, 3).unbind(dim=1)
-    cubic = p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
-    times = _looked_at(cubic)
-    squares = torch.stack([_motion(cubic, s)[0] for s in times])
+    motion = cubic(ends)
+    times = _looked_at(motion)
+    squares = torch.stack([_motion(motion, s)[0] for s in times])
     first, least = squares.argmin(dim=0, keepdim=True), squares.amin(dim=0)
     when = torch.stack(times).gather(0, first)[0]
     low, high = (when - 1 / STRETCHES).clamp(min=0.0), (when + 1 / STRETCHES).clamp(max=1.0)
     s = when
     for _ in range(NEWTON_STEPS):
-        _, slope, curvature = _motion(cubic, s)
+        _, slope, curvature = _motion(motion, s)
         flat = torch.sign(slope) * (high - low) / 4
         step = torch.where(curvature > 0, slope / curvature, flat)
         s = torch.minimum(torch.maximum(s - step, low), high)
-        square, _, _ = _motion(cubic, s)
+        square, _, _ = _motion(motion, s)
         when = torch.where(square < least, s, when)
         least = torch.minimum(square, least)
     return when
 
 
-def _looked_at(cubic: Cubic) -> list[Float[Tensor, "k"]]:
+def _looked_at(motion: Cubic) -> list[Float[Tensor, "k"]]:
     """Both ends of every stretch, and where 0 is closest on the straight way between them."""
-    zero = torch.zeros_like(cubic[0][:, 0])
+    zero = torch.zeros_like(motion[0][:, 0])
     times = [zero]
     for stretch in range(STRETCHES):
         begin, end = stretch / STRETCHES, (stretch + 1) / STRETCHES
-        here = _position(cubic, zero + begin)
-        way = _position(cubic, zero + end) - here
+        here = _position(motion, zero + begin)
+        way = _position(motion, zero + end) - here
         length = way.square().sum(dim=1)
         share = (-(here * way).sum(dim=1) / length).clamp(0.0, 1.0)
         share = torch.where(length > 0, share, 0.0)
@@ -46,16 +43,16 @@ def _looked_at(cubic: Cubic) -> list[Float[Tensor, "k"]]:
     return times
 
 
-def _position(cubic: Cubic, s: Float[Tensor, "k"]) -> Float[Tensor, "k 3"]:
-    p0, v0, a2, a3 = cubic
+def _position(motion: Cubic, s: Float[Tensor, "k"]) -> Float[Tensor, "k 3"]:
+    p0, v0, a2, a3 = motion
     s = s[:, None]
     return p0 + s * (v0 + s * (a2 + s * a3))
 
 
-def _motion(cubic: Cubic, s: Float[Tensor, "k"]) -> tuple[Tensor, Tensor, Tensor]:
+def _motion(motion: Cubic, s: Float[Tensor, "k"]) -> tuple[Tensor, Tensor, Tensor]:
     """|p|² at a time, and half its first two derivatives, each (k,)."""
-    _, v0, a2, a3 = cubic
-    p, t = _position(cubic, s), s[:, None]
+    _, v0, a2, a3 = motion
+    p, t = _position(motion, s), s[:, None]
     v = v0 + t * (2 * a2 + 3 * t * a3)
     curvature = v.square() + p * (2 * a2 + 6 * t * a3)
     return p.square().sum(dim=1), (p * v).sum(dim=1), curvature.sum(dim=1)

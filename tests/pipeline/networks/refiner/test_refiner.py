@@ -10,8 +10,8 @@ from pipeline.dataset.reading.examples import Examples
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
-from pipeline.networks.refiner import refiner
-from pipeline.networks.refiner.refiner import best_of
+from pipeline.networks.refiner import best
+from pipeline.networks.refiner.best import best_of
 from pipeline.networks.refiner.rounds import begin, play, start
 from pipeline.networks.swarms import swarms
 from pipeline.orbit.problem import Problem
@@ -113,7 +113,7 @@ def test_rounds_by_the_rule_alone_leave_few_swarms_unsafe():
 
 @torch.no_grad()
 def test_it_ends_with_the_cheapest_safe_iterate(monkeypatch):
-    monkeypatch.setattr(refiner, "STEADY", -1.0)  # so that no swarm stops early
+    monkeypatch.setattr(best, "STEADY", -1.0)  # so that no swarm stops early
     initial, goal = ends(10, 10, family="dense")
     task, made = begin(swarms(PROBLEM, initial, goal)), network()
     made.agree.weight *= 0.2  # wilder ones send craft to others that they were never near
@@ -136,7 +136,7 @@ def test_a_swarm_that_is_safe_and_steady_stops_without_losing_much_fuel(monkeypa
     initial, goal = ends(10, 40)
     task, made = begin(swarms(PROBLEM, initial, goal)), network()
     stopped, _ = best_of(made, task, 30)
-    monkeypatch.setattr(refiner, "STEADY", -1.0)
+    monkeypatch.setattr(best, "STEADY", -1.0)
     played, safe = best_of(made, task, 30)
     ratio = task.fuel(stopped) / task.fuel(played)
     assert not torch.equal(stopped, played)

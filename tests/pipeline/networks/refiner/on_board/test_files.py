@@ -13,11 +13,11 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
+from pipeline.networks.refiner.best import SAFE, STEADY, best_of
 from pipeline.networks.refiner.on_board.check import Files, check, compare, together
 from pipeline.networks.refiner.on_board.export import export_craft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
 from pipeline.networks.refiner.on_board.swarm import fly_rounds
-from pipeline.networks.refiner.refiner import SAFE, STEADY, best_of
 from pipeline.networks.refiner.rounds import begin
 from pipeline.networks.swarms import swarms
 from pipeline.orbit.problem import Problem
