@@ -88,20 +88,29 @@ class Search:
         seeds: Sequence[Float[Array, "_ intervals 3"] | None],
         in_conflict: Bool[Array, "swarms"],
     ) -> Cuts:
-        """Aim scenarios in conflict from their seeds, and cut what comes close there."""
+        """Aim scenarios in conflict from their seeds, and cut what comes close there.
+
+        A seed that is safe as it flies is the first iterate: no plan that follows is dearer.
+        """
         chosen = {k: seed for k, seed in enumerate(seeds) if seed is not None and in_conflict[k]}
         if not chosen:
             return NO_CUTS
         given = np.isin(self.swarm, list(chosen))
         flown = self._flown(np.concatenate(list(chosen.values())), given)
         self.aim_controls[given], self.aim_states[given] = flown
-        near, _ = self._conflicts(
+        near, bound = self._conflicts(
             self.aim_states,
             self.aim_controls,
             self.radius + SEED_LOOK,
             given,
             beside=self.settings.beside,
         )
+        too_much = np.abs(self.aim_controls).max(axis=(1, 2)) > control_limit(self.problem)
+        unfit = near.first[bound <= self.radius + PROVABLE], np.flatnonzero(too_much)
+        safe = np.zeros(len(self.batch.scenarios), dtype=bool)
+        safe[list(chosen)] = True
+        safe[self.swarm[np.concatenate(unfit)]] = False
+        self.standing.remember(self.aim_controls, safe)
         return near
 
     def run(self) -> list[Found]:

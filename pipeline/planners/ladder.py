@@ -12,7 +12,7 @@ from pipeline.plan import SOLVED, Plan
 from pipeline.planners.network import Flown
 from pipeline.scenario import Scenario
 
-ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.5, beside=0.3)
+ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3)
 """The expert, held to one round of convex programs with half-spaces along the network's plan."""
 
 

@@ -98,6 +98,27 @@ def test_every_seed_leads_to_a_safe_plan(name):
         assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
 
 
+@pytest.mark.parametrize("separation", ["continuous", "nodes"])
+def test_no_plan_is_dearer_than_a_seed_that_is_safe(separation):
+    scenarios = [draw("rings", 3, 10, k, Problem()) for k in range(12)]
+    settings = replace(FIRST_SAFE, max_rounds=1, margin=3.0, separation=separation)
+    seeds = solve_many(scenarios, settings=Settings(separation=separation))
+    plans = solve_many(scenarios, [seed.states for seed in seeds], settings)
+    assert all(plan.status == SOLVED for plan in plans)
+    fuel = [[p.certificate.fuel for p in some] for some in (plans, seeds)]
+    assert np.all(np.array(fuel[0]) <= np.array(fuel[1]) * (1 + 1e-9))
+
+
+def test_a_seed_beyond_the_thrust_limit_is_only_aimed_from():
+    free = next(s for k in range(9) if solve(s := draw("rings", 3, 10, k, Problem())).convex_solves)
+    seed = solve(free)
+    limit = 0.8 * np.abs(seed.controls).max()
+    limited = replace(free, problem=replace(free.problem, max_acceleration=limit))
+    plan = solve(limited, seed.states, FIRST_SAFE)
+    assert plan.status == SOLVED
+    assert np.abs(plan.controls).max() <= limit * (1 + 1e-9)
+
+
 def test_a_seed_with_all_craft_in_one_point_is_no_obstacle():
     scenario = draw("rings", 0, 6, 1, PROBLEM)
     plan = solve(scenario, np.zeros((6, 11, 6)))
