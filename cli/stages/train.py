@@ -96,7 +96,7 @@ def train_model(
         data: a solved dataset.
         device: "auto" or a device's name.
         memory: bytes that training data may take; what is larger streams from the dataset.
-        progress: told of each epoch.
+        progress: told of crowded scenarios as they are drawn, and of each epoch.
 
     Returns:
         The new version, and who is the champion of its model now.
@@ -106,7 +106,7 @@ def train_model(
         ProlearnError: where the loss diverges or the tracking store fails.
     """
     followed = how.followed
-    learn, valid = sources(followed, data, how.n, seed=how.seed, memory=memory)
+    learn, valid = sources(followed, data, how.n, seed=how.seed, memory=memory, progress=progress)
     connect()  # a store that is away is better known before training than after
     trained = train(
         how.arch, followed, learn, valid, seed=how.seed, device=device, progress=progress

@@ -12,6 +12,7 @@ from pipeline.dataset.storage.folder import Where
 from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
+from pipeline.progress import SILENT, Progress
 from pipeline.scenario import draw
 
 
@@ -56,13 +57,14 @@ class FreshDraws:
 
 
 @lru_cache(maxsize=1)  # the first pass is looked at several times
-def _drawn(source: FreshDraws, number: int) -> Examples:
+def _drawn(source: FreshDraws, number: int, progress: Progress = SILENT) -> Examples:
     """The scenarios of a pass, whose indices go on from the pass before."""
-    first = number * source.count
-    scenarios = [
-        draw(source.family, source.seed, source.n, index, source.problem, "train")
-        for index in range(first, first + source.count)
-    ]
+    first, scenarios = number * source.count, []
+    progress.expect(source.count)
+    for index in range(first, first + source.count):
+        one = draw(source.family, source.seed, source.n, index, source.problem, "train")
+        scenarios.append(one)
+        progress.done(note=f"{source.family} scenarios drawn")
     initial = np.stack([scenario.initial for scenario in scenarios])
     goal = np.stack([scenario.goal for scenario in scenarios])
     return Examples(source.problem, initial, goal)
@@ -118,7 +120,13 @@ class Joined:
 
 
 def sources(
-    recipe: Recipe, data: Where, n: int, *, seed: int, memory: float = MEMORY
+    recipe: Recipe,
+    data: Where,
+    n: int,
+    *,
+    seed: int,
+    memory: float = MEMORY,
+    progress: Progress = SILENT,
 ) -> tuple[ExampleSource, ExampleSource]:
     """What a recipe learns from, and what decides which weights are kept.
 
@@ -129,6 +137,7 @@ def sources(
         n: swarm size.
         seed: of fresh scenarios.
         memory: bytes that each of the two may take; what is larger streams from the dataset.
+        progress: told of crowded scenarios as they are drawn.
 
     Raises:
         InputError: where there is no dataset, the size is not in it, it is not solved, or no
@@ -142,5 +151,5 @@ def sources(
     valid = examples_within(data, n, "valid", memory)
     if not recipe.crowded:
         return learn, valid
-    (crowded,) = FreshDraws("dense", seed, n, valid.problem, recipe.crowded).parts()
-    return Joined(learn, crowded), valid
+    crowded = FreshDraws("dense", seed, n, valid.problem, recipe.crowded)
+    return Joined(learn, _drawn(crowded, 0, progress)), valid

@@ -17,6 +17,7 @@ from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.networks.model import load, save
 from pipeline.orbit.problem import Problem
+from pipeline.progress import Progress
 from pipeline.scenario import draw
 from pipeline.training.data import Preparation, batches
 from pipeline.training.loop import train
@@ -24,6 +25,18 @@ from pipeline.training.sources import FreshDraws, sources
 
 PROBLEM = Problem(nodes=6)
 FRESH = FreshDraws("rings", 4, 3, PROBLEM, count=40)
+
+
+class Counting(Progress):
+    """Counts what is drawn."""
+
+    expected = drawn = 0
+
+    def expect(self, total):
+        self.expected += total
+
+    def done(self, units=1, note="", *, failed=None):
+        self.drawn += units
 
 
 def scenarios(count, n=3, split="valid"):
@@ -110,7 +123,9 @@ def test_crowded_scenarios_are_learned_from_with_those_of_the_dataset(tmp_path, 
     sample(solved, {3: Sample(count=20, shares=(0.5, 0.5, 0.0), shard_rows=4)}, PROBLEM, jobs=1)
     solve(solved, Settings(), workers=Workers(jobs=1))
     recipe = replace(recipe_for("refiner", "tuned"), crowded=7, batch_size=4)
-    learn, held = sources(recipe, solved, 3, seed=5, memory=memory)
+    told = Counting()
+    learn, held = sources(recipe, solved, 3, seed=5, memory=memory, progress=told)
+    assert (told.expected, told.drawn) == (7, 7)
     plain, _ = sources(replace(recipe, crowded=0), solved, 3, seed=5, memory=memory)
     assert (learn.buffer is None) == (memory == 1e9)
     wanted = [draw("dense", 5, 3, k, held.problem, "train") for k in range(7)]
