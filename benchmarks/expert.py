@@ -14,7 +14,7 @@ from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from tempfile import TemporaryDirectory
 from time import process_time
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -34,6 +34,7 @@ from pipeline.expert.seeds import own_seed
 from pipeline.expert.subproblem import Optimum, Subproblem
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
+from pipeline.planners.named import Separation
 from pipeline.scenario import Scenario, draw
 
 SEED = 2022
@@ -99,7 +100,7 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
     def by_plain(scenario: Scenario) -> object:  # from the own LPs, where the expert starts too
         return plain.solve(scenario, own_seed(scenario))
 
-    peers: list[tuple[str, str, int, Work]] = [
+    peers: list[tuple[str, Separation, int, Work]] = [
         ("the same SCP in cvxpy", "continuous", instances, by_plain),
         ("the same SCP in cvxpy", "nodes", instances, by_plain),
     ]
@@ -108,9 +109,7 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
     return [_ratio(n, *peer) for peer in peers]
 
 
-def _ratio(
-    n: int, name: str, separation: Literal["continuous", "nodes"], count: int, peer: Work
-) -> Row:
+def _ratio(n: int, name: str, separation: Separation, count: int, peer: Work) -> Row:
     settings = Settings(separation=separation)
     pairs = []
     for index in range(count):

@@ -9,6 +9,7 @@ a table, and writes ladder.json.
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Annotated
@@ -25,8 +26,8 @@ from pipeline.networks.refiner.other_rounds import own_rounds
 from pipeline.networks.refiner.packaged import packaged
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Plan
+from pipeline.planners.baselines import BASELINES
 from pipeline.planners.ladder import ONE_SOLVE, Ladder
-from pipeline.planners.named import named_planner
 from pipeline.planners.network import Flown
 from pipeline.planners.rule import Rule
 from pipeline.scenario import Scenario, draw
@@ -65,8 +66,9 @@ def _rungs(network: Model, family: str, n: int, count: int, split: str) -> list[
     """A line for each planner, on scenarios of one size."""
     scenarios = [draw(family, SEED, n, k, Problem(), split) for k in range(count)]
     flown, rounds = Flown(network, "network"), own_rounds(network) or 0
+    own = next(baseline for baseline in BASELINES if baseline.name == "own LP")
     rungs: dict[str, Plans] = {
-        "own optima": named_planner("own-LP").plan,
+        "own optima": own.plan,
         "rule, no learning": Rule(rounds).plan,
         "network": flown.plan,
         "network + one solve": lambda some: _one_solve(flown, some),
@@ -79,14 +81,14 @@ def _rungs(network: Model, family: str, n: int, count: int, split: str) -> list[
     for _ in range(TURNS):
         times["network answers"].append(_time(lambda: _answer(network, scenarios))[0])
         for name, plan in rungs.items():
-            seconds, plans[name] = _time(lambda plan=plan: plan(scenarios))
+            seconds, plans[name] = _time(partial(plan, scenarios))
             times[name].append(seconds)
-    return [
-        {"family": family, "n": n, "planner": name}
-        | _speed(np.array(seconds) / count)
-        | _worth(plans.get(name, plans["network"]))
-        for name, seconds in times.items()
-    ]
+    rows: list[Row] = []
+    for name, taken in times.items():
+        who: Row = {"family": family, "n": n, "planner": name}
+        worth = _worth(plans.get(name, plans["network"]))
+        rows.append(who | _speed(np.array(taken) / count) | worth)
+    return rows
 
 
 def _one_solve(flown: Flown, scenarios: Sequence[Scenario]) -> list[Plan]:
@@ -97,8 +99,8 @@ def _one_solve(flown: Flown, scenarios: Sequence[Scenario]) -> list[Plan]:
 
 def _answer(network: Model, scenarios: Sequence[Scenario]) -> list[Plan]:
     """What the network alone takes, without a certificate."""
-    ends = (np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal"))
-    network.answer(*ends, scenarios[0].problem.collision_radius)
+    initial, goal = (np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal"))
+    network.answer(initial, goal, scenarios[0].problem.collision_radius)
     return []
 
 

@@ -73,8 +73,8 @@ def _examples(count: int) -> Examples:
 
 
 def _first(examples: Examples, count: int) -> Examples:
-    fields = (examples.initial, examples.goal, examples.states)
-    return Examples(examples.problem, *(values[:count] for values in fields))
+    states = None if examples.states is None else examples.states[:count]
+    return Examples(examples.problem, examples.initial[:count], examples.goal[:count], states)
 
 
 def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
