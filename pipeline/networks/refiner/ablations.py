@@ -17,7 +17,7 @@ other sides of both craft, and what it remembers of rounds before."""
 
 TUNED, SHORT, UNCROWDED = "tuned", "short", "uncrowded"
 
-EPOCHS = 8
+EPOCHS = 4
 """Of ``short`` and of every ablation."""
 
 WITHOUT: dict[str, Part] = {f"no-{part}": part for part in PARTS}
