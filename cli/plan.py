@@ -1,6 +1,6 @@
 """The command that plans a scenario of one's own."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from itertools import groupby, islice
 from math import isfinite
@@ -10,16 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from pipeline.plan import Plan
     from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
 from cli.dataset import Separation
+from cli.output import AsJson, print_json, print_table
 from cli.progress import progress
 from pipeline.errors import InputError
 
 TOGETHER = 50
 """Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
+
+
+HEADINGS = (
+    *("fuel\nm/s²", "Δv\nm/s", "gap", "closest\npair", "at\ns", "apart\nm"),
+    "time\nms",
+)
+"""Of the columns that say what a plan is worth."""
 
 
 class Effort(StrEnum):
@@ -57,8 +64,13 @@ def plan(
     allow_drift: Annotated[
         bool, typer.Option("--allow-drift", help="Accept states that are not energy-matched.")
     ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
+
+    A table says of each plan who made it, fuel and Δv, the gap to the proven lower bound, which
+    pair comes closest, when and how close, and the time that it took. The exit status is 1 where
+    a plan is not safe, and the reason is named.
 
     The refiner's plan is taken where it is proven safe, else one convex solve follows it, else
     the expert plans; the plan says which. The plan of any other model seeds the expert. So what
@@ -72,8 +84,9 @@ def plan(
         prolearn plan a.json b.json --planner refiner --out plans/
         prolearn plan a.json b.json --planner lstm2 --out plans/
         prolearn plan scenario.json --effort best --out plan.json
+        prolearn plan a.json b.json --json --out plans/
     """
-    from pipeline.plan import SOLVED
+    from pipeline.plan import SOLVED, summary
     from pipeline.plan.document import write_plan
     from pipeline.scenario import check
     from pipeline.scenario.document import read_scenario
@@ -86,17 +99,17 @@ def plan(
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     chosen = _planner(planner, separation, effort, raw=raw)
-    failed, left = False, iter(targets)
+    rows: list[dict[str, Any]] = []
     with progress("planning") as shown:
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
             for scenario, made in zip(group, chosen.plan(group), strict=True):
-                target = next(left)
+                path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made, scenario)
-                failed |= made.status != SOLVED
-                typer.echo(_summary(target, made))
+                rows.append({"scenario": str(path), "plan": str(target), **summary(made)})
                 shown.done()
-    raise typer.Exit(int(failed))
+    print_json(rows) if as_json else _print_plans(rows)
+    raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
 
 
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
@@ -131,19 +144,46 @@ def _planner(name: str, separation: Separation, effort: Effort | None, *, raw: b
     return found
 
 
-def _summary(target: Path, plan: "Plan") -> str:
-    """Who made the plan, what it costs, how far from optimal it can be, who comes closest when."""
-    from pipeline.plan import INFEASIBLE
+def cells(row: Mapping[str, Any]) -> list[str]:
+    """What stands under HEADINGS, from a plan's summary."""
+    from pipeline.exhibits.numbers import MISSING, number
 
-    certificate = plan.certificate
-    parts = [f"{plan.status} by {plan.planner}", f"delta-v {certificate.delta_v:.3f} m/s"]
-    # Where no plan keeps to the thrust limit, no optimum is there to be far from.
-    if plan.status != INFEASIBLE and isfinite(certificate.optimality_gap):
-        parts.append(f"gap {certificate.optimality_gap:.2%}")
-    if certificate.min_separation_pair is not None:
-        i, j = certificate.min_separation_pair
-        parts.append(
-            f"closest craft {i} and {j}, {certificate.min_separation:.2f} m at "
-            f"{certificate.min_separation_time:.0f} s"
-        )
-    return f"{target}: {', '.join(parts)}" + (f" ({plan.message})" if plan.message else "")
+    gap, pair = row["optimality_gap"], row["min_separation_pair"]
+    return [
+        number(row["fuel"]),
+        number(row["delta_v"]),
+        MISSING if gap is None or not isfinite(gap) else f"{gap:.2%}",
+        *(
+            (MISSING,) * 3
+            if pair is None
+            else (
+                f"{pair[0]},{pair[1]}",
+                f"{row['min_separation_time']:.0f}",
+                f"{row['min_separation']:.2f}",
+            )
+        ),
+        number(1e3 * row["seconds"]),
+    ]
+
+
+def _print_plans(rows: Sequence[Mapping[str, Any]]) -> None:
+    """The table, what is wrong with plans that are not solved, and where all of them are."""
+    from pipeline.plan import SOLVED
+
+    wrong = [k for k, row in enumerate(rows) if row["status"] != SOLVED]
+    lines = [[Path(row["scenario"]).stem, _who(row), *cells(row)] for row in rows]
+    print_table(("scenario", "planner", *HEADINGS), lines, texts=2, marked=wrong)
+    for k in wrong:
+        row = rows[k]
+        typer.echo(f"{row['scenario']}: {row['status']} by {row['planner']}: {row['message']}")
+    if len(rows) == 1:
+        typer.echo(f"The plan is {rows[0]['plan']}.")
+    else:
+        typer.echo(f"The plans are in {Path(rows[0]['plan']).parent}/.")
+
+
+def _who(row: Mapping[str, Any]) -> str:
+    """The planner, and what became of it where that is no plan to fly."""
+    from pipeline.plan import SOLVED
+
+    return row["planner"] if row["status"] == SOLVED else f"{row['planner']} ({row['status']})"

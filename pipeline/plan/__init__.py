@@ -3,6 +3,7 @@
 from pipeline.plan.certificate import Certificate, certify, gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.planned import Made, is_safe, planned, planned_all
+from pipeline.plan.summary import summary
 
 __all__ = [
     "INFEASIBLE",
@@ -17,4 +18,5 @@ __all__ = [
     "is_safe",
     "planned",
     "planned_all",
+    "summary",
 ]

@@ -1,6 +1,12 @@
 """prolearn plan: plans that an independent judge agrees with."""
 
+import contextlib
 import json
+import os
+import pty
+import re
+import subprocess
+import sys
 
 import pytest
 from judge import judge_plan
@@ -24,6 +30,12 @@ CLAIMS = {
 def judged(scenario, plan, **options):
     """The judge's report on two files."""
     return judge_plan(json.loads(scenario.read_text()), json.loads(plan.read_text()), **options)
+
+
+def row_of(name, table):
+    """What the table says of a scenario, after its name."""
+    (row,) = [line for line in table.splitlines() if line.startswith(f"{name} ")]
+    return row.removeprefix(name).strip()
 
 
 @pytest.mark.parametrize("family", ["rings", "coplanar-split", "rotation"])
@@ -77,7 +89,7 @@ def test_the_packaged_refiner_plans_several_scenarios_and_says_who_made_each_pla
         assert judged(file, plan).wrong == ()
         planner = json.loads(plan.read_text())["planner"]
         assert planner in ("refiner", "refiner + one solve", "expert")
-        assert f"solved by {planner}" in done.stdout
+        assert re.match(rf"{re.escape(planner)} +0\.", row_of(file.stem, done.stdout))
 
 
 def test_an_infeasible_scenario_exits_with_1_and_says_why(prolearn, tmp_path):
@@ -91,8 +103,11 @@ def test_an_infeasible_scenario_exits_with_1_and_says_why(prolearn, tmp_path):
 def test_a_baseline_plans_by_its_name(prolearn, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
     done = prolearn("plan", "s.json", "--out", "p.json", "--planner", "minimum-energy")
-    assert json.loads((tmp_path / "p.json").read_text())["planner"] == "minimum energy"
-    assert "gap" in done.stdout
+    plan = json.loads((tmp_path / "p.json").read_text())
+    assert plan["planner"] == "minimum energy"
+    gap = plan["certificate"]["optimality_gap"]
+    assert gap > 0.01
+    assert f" {gap:.2%} " in row_of("s", done.stdout)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +138,9 @@ def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(prolearn, tmp
     strict, lax = prolearn(*asked), prolearn(*asked, "--separation", "nodes")
     assert (strict.returncode, lax.returncode) == (1, 0)
     assert "unsafe by own LP" in strict.stdout
-    assert "solved by own LP" in lax.stdout
+    assert row_of("s", strict.stdout).startswith("own LP (unsafe) 0.")
+    assert re.match(r"own LP +0\.", row_of("s", lax.stdout))
+    assert "unsafe" not in lax.stdout
 
 
 def passes_between(scenario):
@@ -139,4 +156,77 @@ def test_no_line_shows_a_gap_where_there_is_none(prolearn, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6)))
     done = prolearn("plan", "s.json", "--out", "p.json")
     assert "infeasible by expert" in done.stdout
-    assert "gap" not in done.stdout and "inf%" not in done.stdout
+    assert "%" not in done.stdout and " – " in row_of("s", done.stdout)
+    told = json.loads(prolearn("plan", "s.json", "--out", "p.json", "--json").stdout)
+    assert told[0]["optimality_gap"] is None
+
+
+def test_the_table_and_its_json_say_what_the_judge_finds(prolearn, tmp_path):
+    files = []
+    for k in range(3):
+        files.append(tmp_path / f"{k}.json")
+        write_scenario(files[-1], draw("rings", 5, 10, k, Problem(), "valid"))
+    asked = ("plan", *files, "--planner", "own-LP", "--out", "plans")
+    table, told = prolearn(*asked), prolearn(*asked, "--json")
+    assert (table.returncode, told.returncode) == (1, 1)
+    rows = json.loads(told.stdout)
+    assert [row["scenario"] for row in rows] == [str(file) for file in files]
+    for file, row in zip(files, rows, strict=True):
+        report = judged(file, tmp_path / row["plan"])
+        assert row["fuel"] == pytest.approx(report.fuel, rel=1e-9)
+        assert row["delta_v"] == pytest.approx(120 * report.fuel, rel=1e-9)
+        assert row["optimality_gap"] == pytest.approx(0, abs=1e-6), "the own optima are the bound"
+        assert row["min_separation"] == pytest.approx(report.min_separation, abs=1e-4)
+        cells = row_of(file.stem, table.stdout).split()
+        (i, j), at = row["min_separation_pair"], row["min_separation_time"]
+        assert cells[-4:-1] == [f"{i},{j}", f"{at:.0f}", f"{report.min_separation:.2f}"]
+        unsafe = report.pair_conflicts > 0
+        assert row["status"] == ("unsafe" if unsafe else "solved")
+        sentence = f"{file}: unsafe by own LP: craft {i} and {j} come within "
+        assert (sentence in table.stdout) == unsafe
+        assert (f" at {at:.6g} s;" in table.stdout) == unsafe
+    assert {row["status"] for row in rows} == {"unsafe", "solved"}
+
+
+def test_on_a_terminal_of_80_columns_thirty_rows_keep_every_number(tmp_path):
+    names = [f"a-scenario-of-a-long-name-{k:06d}" for k in range(30)]
+    for k, name in enumerate(names):
+        write_scenario(tmp_path / f"{name}.json", draw("rings", 0, 3, k, Problem()))
+    files = [f"{name}.json" for name in names]
+    asked = ("plan", *files, "--planner", "minimum-energy", "--out", "plans")
+    screen = on_a_terminal(asked, tmp_path)
+    lines = [line.rstrip() for line in screen.splitlines() if "minimum energy" in line]
+    rows = [line for line in lines if not line.startswith("a-scenario")]
+    assert len(rows) == 30
+    for name, row in zip(names, rows, strict=True):
+        first, shown = row.split(maxsplit=1)
+        assert first[0] == "…" and name.endswith(first[1:]) and len(first) >= 8
+        plan = json.loads((tmp_path / "plans" / f"{name}.plan.json").read_text())["certificate"]
+        shown = shown.removeprefix("minimum energy").replace("(unsafe)", "").split()
+        assert len(row) <= 80
+        assert float(shown[0]) == pytest.approx(plan["fuel"], rel=5e-3)
+        assert float(shown[1]) == pytest.approx(plan["delta_v"], rel=5e-3)
+        assert float(shown[2].rstrip("%")) == pytest.approx(100 * plan["optimality_gap"], abs=6e-3)
+        assert shown[3] == ",".join(map(str, plan["min_separation_pair"]))
+        assert float(shown[4]) == pytest.approx(plan["min_separation_time"], abs=0.51)
+        assert float(shown[5]) == pytest.approx(plan["min_separation"], abs=6e-3)
+
+
+def on_a_terminal(arguments, folder):
+    """What a terminal of 80 columns shows on standard output, without colours."""
+    screen, theirs = pty.openpty()
+    done = subprocess.Popen(
+        [sys.executable, "-c", "from cli.main import app; app()", *arguments],
+        cwd=folder,
+        stdout=theirs,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"COLUMNS": "80", "TERM": "xterm"},
+    )
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # the other side has gone
+        while part := os.read(screen, 4096):
+            shown += part
+    os.close(screen)
+    done.wait(timeout=60)
+    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())

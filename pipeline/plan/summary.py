@@ -1,0 +1,36 @@
+"""A plan in a line: who made it, what it costs, how good it can be, who comes closest when."""
+
+from typing import Any
+
+from pipeline.plan.plan import INFEASIBLE, Plan
+
+CLAIMS = (
+    "fuel",
+    "delta_v",
+    "fuel_lower_bound",
+    "optimality_gap",
+    "min_separation",
+    "min_separation_pair",
+    "min_separation_time",
+    "min_separation_bound",
+)
+"""What of the certificate is in the line."""
+
+
+def summary(plan: Plan) -> dict[str, Any]:
+    """The line by field names, in SI units; ``seconds`` is the time that plan and proof took.
+
+    Where it is proven that no plan keeps to the thrust limit, there is no optimum to be far from,
+    so that ``optimality_gap`` is None.
+    """
+    claims = {name: getattr(plan.certificate, name) for name in CLAIMS}
+    if plan.status == INFEASIBLE:
+        claims["optimality_gap"] = None
+    taken = plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0)
+    return {
+        "planner": plan.planner,
+        "status": plan.status,
+        "message": plan.message,
+        **claims,
+        "seconds": taken,
+    }
