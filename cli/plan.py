@@ -1,11 +1,10 @@
 """The command that plans a scenario of one's own."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from enum import StrEnum
 from itertools import groupby, islice
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -14,7 +13,8 @@ if TYPE_CHECKING:
     from pipeline.scenario import Scenario
 
 from cli.dataset import Separation
-from cli.output import AsJson, print_json, print_table
+from cli.output import AsJson, print_json
+from cli.plan_table import print_plans
 from cli.progress import progress
 from pipeline.errors import InputError
 
@@ -22,11 +22,10 @@ TOGETHER = 50
 """Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
 
 
-HEADINGS = (
-    *("fuel\nm/s²", "Δv\nm/s", "gap", "closest\npair", "at\ns", "apart\nm"),
-    "time\nms",
-)
-"""Of the columns that say what a plan is worth."""
+Assigned = Annotated[
+    Literal["given", "optimal"],
+    typer.Option(help="Who takes which goal: as given, or such that the fuel is least."),
+]
 
 
 class Effort(StrEnum):
@@ -64,6 +63,7 @@ def plan(
     allow_drift: Annotated[
         bool, typer.Option("--allow-drift", help="Accept states that are not energy-matched.")
     ] = False,
+    assignment: Assigned = "given",
     as_json: AsJson = False,
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
@@ -78,12 +78,17 @@ def plan(
     than that of their training, too. `refiner` comes with the package; one that was trained here
     is named with its recipe or version, as refiner:tuned.
 
+    With `--assignment optimal` craft are interchangeable: each takes the goal that costs least in
+    all. The gap is then to the least fuel of any assignment, and the plan file says who takes
+    which goal and what that saves at least against any plan in the order given.
+
     Examples:
 
         prolearn plan scenario.json --planner expert --out plan.json
         prolearn plan a.json b.json --planner refiner --out plans/
         prolearn plan a.json b.json --planner lstm2 --out plans/
         prolearn plan scenario.json --effort best --out plan.json
+        prolearn plan scenario.json --assignment optimal --out plan.json
         prolearn plan a.json b.json --json --out plans/
     """
     from pipeline.plan import SOLVED, summary
@@ -98,17 +103,17 @@ def plan(
             check(scenario, allow_drift=allow_drift)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-    chosen = _planner(planner, separation, effort, raw=raw)
+    chosen = planner_of(planner, separation, effort, raw=raw, assignment=assignment)
     rows: list[dict[str, Any]] = []
     with progress("planning") as shown:
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
             for scenario, made in zip(group, chosen.plan(group), strict=True):
                 path, target = scenarios[len(rows)], targets[len(rows)]
-                write_plan(target, made, scenario)
+                write_plan(target, made, made.flown(scenario))
                 rows.append({"scenario": str(path), "plan": str(target), **summary(made)})
                 shown.done()
-    print_json(rows) if as_json else _print_plans(rows)
+    print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
 
 
@@ -131,8 +136,16 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     return [out / name for name in names]
 
 
-def _planner(name: str, separation: Separation, effort: Effort | None, *, raw: bool) -> "Planner":
+def planner_of(
+    name: str,
+    separation: Separation,
+    effort: Effort | None,
+    *,
+    raw: bool = False,
+    assignment: Assigned = "given",
+) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
+    from pipeline.planners.interchangeable import Interchangeable
     from pipeline.planners.named import named_planner
 
     told: Any = {"separation": separation, "effort": effort and effort.value, "raw": raw}
@@ -141,49 +154,4 @@ def _planner(name: str, separation: Separation, effort: Effort | None, *, raw: b
         from cli.stages.plan import model_planner
 
         found = model_planner(name, **told)
-    return found
-
-
-def cells(row: Mapping[str, Any]) -> list[str]:
-    """What stands under HEADINGS, from a plan's summary."""
-    from pipeline.exhibits.numbers import MISSING, number
-
-    gap, pair = row["optimality_gap"], row["min_separation_pair"]
-    return [
-        number(row["fuel"]),
-        number(row["delta_v"]),
-        MISSING if gap is None or not isfinite(gap) else f"{gap:.2%}",
-        *(
-            (MISSING,) * 3
-            if pair is None
-            else (
-                f"{pair[0]},{pair[1]}",
-                f"{row['min_separation_time']:.0f}",
-                f"{row['min_separation']:.2f}",
-            )
-        ),
-        number(1e3 * row["seconds"]),
-    ]
-
-
-def _print_plans(rows: Sequence[Mapping[str, Any]]) -> None:
-    """The table, what is wrong with plans that are not solved, and where all of them are."""
-    from pipeline.plan import SOLVED
-
-    wrong = [k for k, row in enumerate(rows) if row["status"] != SOLVED]
-    lines = [[Path(row["scenario"]).stem, _who(row), *cells(row)] for row in rows]
-    print_table(("scenario", "planner", *HEADINGS), lines, texts=2, marked=wrong)
-    for k in wrong:
-        row = rows[k]
-        typer.echo(f"{row['scenario']}: {row['status']} by {row['planner']}: {row['message']}")
-    if len(rows) == 1:
-        typer.echo(f"The plan is {rows[0]['plan']}.")
-    else:
-        typer.echo(f"The plans are in {Path(rows[0]['plan']).parent}/.")
-
-
-def _who(row: Mapping[str, Any]) -> str:
-    """The planner, and what became of it where that is no plan to fly."""
-    from pipeline.plan import SOLVED
-
-    return row["planner"] if row["status"] == SOLVED else f"{row['planner']} ({row['status']})"
+    return Interchangeable(found) if assignment == "optimal" else found

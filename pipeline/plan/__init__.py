@@ -1,5 +1,6 @@
 """Plans: what each craft is to do, with a certificate that anyone can check."""
 
+from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate, certify, gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.planned import Made, is_safe, planned, planned_all
@@ -10,6 +11,7 @@ __all__ = [
     "SOLVED",
     "UNSAFE",
     "UNSOLVED",
+    "Assignment",
     "Certificate",
     "Made",
     "Plan",

@@ -1,6 +1,7 @@
 """plan.json (schema prolearn.plan/2): a plan with the scenario that it is for, written and read."""
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from pipeline.documents import read_document, write_document
 from pipeline.errors import InputError
+from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Plan
 from pipeline.scenario import Scenario
@@ -23,7 +25,11 @@ Control = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class PlanDocument(BaseModel):
-    """The fields of a plan file; version 1 lacks the scenario."""
+    """The fields of a plan file; version 1 lacks the scenario.
+
+    Where there is an assignment, the scenario is the one that is flown: its goals in the order of
+    the craft that take them.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -38,6 +44,7 @@ class PlanDocument(BaseModel):
     certificate: Certificate
     convex_solves: int = 0
     timing: dict[str, float] = Field(default_factory=dict)
+    assignment: Assignment | None = None
 
     @field_validator("certificate", mode="before")
     @classmethod
@@ -57,6 +64,8 @@ class PlanDocument(BaseModel):
         rows = [{len(craft) for craft in part} for part in (self.states, self.controls)]
         if len(self.controls) != n or rows != [{T}, {T - 1}]:
             raise ValueError(f"give each of {n} craft {T} states and {T - 1} controls")
+        if self.assignment is not None and sorted(self.assignment.slots) != [*range(n)]:
+            raise ValueError(f"assignment.slots is no order of the {n} goals")
         return self
 
     @property
@@ -71,12 +80,19 @@ class PlanDocument(BaseModel):
             self.convex_solves,
             self.timing,
             self.message,
+            self.assignment,
         )
 
 
 def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
-    """The fields of a plan file; what is infinite or absent becomes null."""
+    """The fields of a plan file; what is infinite or absent becomes null.
+
+    Args:
+        plan: the plan.
+        scenario: what is flown; where the plan has an assignment, with the goals in that order.
+    """
     problem = scenario.problem
+    chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
     return {
         "schema": SCHEMA,
         "scenario": document_of(scenario),
@@ -89,6 +105,7 @@ def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
         "certificate": {k: _plain(v) for k, v in vars(plan.certificate).items()},
         "convex_solves": plan.convex_solves,
         "timing": dict(plan.timing),
+        **chosen,
     }
 
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
+from pipeline.scenario import Scenario
 
 SOLVED = "solved"
 """Dynamics, both ends in all six components, thrust limit and separation all hold."""
@@ -34,6 +36,8 @@ class Plan:
         convex_solves: joint convex programs that it took.
         timing: seconds by stage; "plan" is from scenario to controls.
         message: why, where the status is not SOLVED.
+        assignment: who takes which of the given goals, where that was chosen: the plan is for the
+            scenario's goals in that order.
     """
 
     planner: str
@@ -44,3 +48,8 @@ class Plan:
     convex_solves: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
+    assignment: Assignment | None = None
+
+    def flown(self, scenario: Scenario) -> Scenario:
+        """The scenario that it is for: the one given, its goals in the order of the assignment."""
+        return scenario if self.assignment is None else scenario.taking(self.assignment.slots)

@@ -1,5 +1,6 @@
 """A plan in a line: who made it, what it costs, how good it can be, who comes closest when."""
 
+from dataclasses import asdict
 from typing import Any
 
 from pipeline.plan.plan import INFEASIBLE, Plan
@@ -33,4 +34,5 @@ def summary(plan: Plan) -> dict[str, Any]:
         "message": plan.message,
         **claims,
         "seconds": taken,
+        "assignment": None if plan.assignment is None else asdict(plan.assignment),
     }

@@ -1,6 +1,7 @@
 """A scenario: the states that each craft starts from and must reach."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -58,6 +59,10 @@ class Scenario:
     def n(self) -> int:
         """Number of spacecraft."""
         return len(self.initial)
+
+    def taking(self, slots: Sequence[int]) -> "Scenario":
+        """The scenario in which each craft goes to the goal of that number here."""
+        return replace(self, goal=self.goal[list(slots)])
 
 
 def check(scenario: Scenario, *, allow_drift: bool = False) -> None:

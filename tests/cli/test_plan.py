@@ -188,6 +188,30 @@ def test_the_table_and_its_json_say_what_the_judge_finds(prolearn, tmp_path):
     assert {row["status"] for row in rows} == {"unsafe", "solved"}
 
 
+def test_interchangeable_craft_take_the_goals_of_each_other(prolearn, tmp_path):
+    files = []
+    for k, limit in enumerate((None, None, 5e-4)):
+        files.append(tmp_path / f"{k}.json")
+        problem = Problem(max_acceleration=limit)
+        write_scenario(files[-1], draw("rings", 5, 10, 2 * k, problem, "valid"))
+    asked = ("plan", *files, "--assignment", "optimal", "--out", "plans")
+    done, told = prolearn(*asked), prolearn(*asked, "--json")
+    assert done.returncode == 0, done.stderr
+    for file, row in zip(files, json.loads(told.stdout), strict=True):
+        given = json.loads(file.read_text())
+        plan = json.loads((tmp_path / row["plan"]).read_text())
+        slots = plan["assignment"]["slots"]
+        assert slots != list(range(10))
+        assert plan["scenario"]["goal"] == [given["goal"][slot] for slot in slots]
+        assert plan["scenario"]["initial"] == given["initial"]
+        assert judge_plan(plan["scenario"], plan).wrong == ()
+        assert row["assignment"] == plan["assignment"]
+        saving = row["assignment"]["saving"]
+        shown = row_of(file.stem, done.stdout).split()[-1]
+        assert shown == (f"{saving:.1%}" if saving is not None else "–")
+    assert "2.json: in the given order some craft cannot reach its goal" in done.stdout
+
+
 def test_on_a_terminal_of_80_columns_thirty_rows_keep_every_number(tmp_path):
     names = [f"a-scenario-of-a-long-name-{k:06d}" for k in range(30)]
     for k, name in enumerate(names):

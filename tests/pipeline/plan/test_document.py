@@ -11,9 +11,14 @@ from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Made, planned
 from pipeline.plan.document import read_plan, write_plan
+from pipeline.planners.expert import Expert
+from pipeline.planners.interchangeable import Interchangeable
 from pipeline.scenario import draw
 
 SCENARIO = draw("rings", 3, 4, 0, Problem(time_step=100.0, nodes=9, max_acceleration=0.01))
+
+KNOWN = {"rank": 1, "tried": 1, "given_fuel_lower_bound": None, "saving": None}
+"""Of an assignment, besides the slots."""
 
 
 @pytest.fixture
@@ -40,6 +45,23 @@ def test_what_is_read_is_what_was_written_to_the_bit(written):
     assert scenario.problem == SCENARIO.problem
     assert np.array_equal(scenario.initial, SCENARIO.initial)
     assert np.array_equal(scenario.goal, SCENARIO.goal)
+
+
+def test_an_assignment_comes_back_with_the_scenario_that_is_flown(tmp_path):
+    (plan,) = Interchangeable(Expert()).plan([SCENARIO])
+    slots = list(plan.assignment.slots)
+    assert slots != [0, 1, 2, 3]
+    write_plan(tmp_path / "plan.json", plan, SCENARIO.taking(slots))
+    document = json.loads((tmp_path / "plan.json").read_text())
+    assert judge_plan(document["scenario"], document).wrong == ()
+    read, scenario = read_plan(tmp_path / "plan.json")
+    assert read.assignment == plan.assignment
+    assert np.array_equal(scenario.goal, SCENARIO.goal[slots])
+
+
+def test_a_plan_of_the_given_order_says_nothing_of_an_assignment(written):
+    assert "assignment" not in json.loads(written[1].read_text())
+    assert read_plan(written[1])[0].assignment is None
 
 
 def test_each_node_has_a_line(written):
@@ -77,6 +99,8 @@ def test_files_of_version_1_are_read_without_a_scenario(written):
         ({"status": "fine"}, "status is 'fine'"),
         ({"speed": 1}, "speed is not a field"),
         ({"times": [0.0, 100.0]}, "4 craft and 2 nodes, its scenario has others"),
+        ({"assignment": {"slots": [0, 1, 2, 2], **KNOWN}}, "assignment.slots is no order of the 4"),
+        ({"assignment": {"slots": [0, 1, 2], **KNOWN}}, "assignment.slots is no order of the 4"),
         ({"controls": []}, "give each of 4 craft 9 states and 8 controls"),
         ({"states": [[[0.0] * 5] * 9] * 4}, r"states\[0\]\[0\]"),
         ({"certificate": {"fuel": "little"}}, r"certificate\.fuel is 'little'"),

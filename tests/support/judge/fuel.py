@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
+from scipy.optimize import linear_sum_assignment, linprog
 
 from judge.motion import Case, exact_step
 
@@ -37,6 +37,17 @@ def least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
     limit = None if problem.limit is None else problem.limit / unit
     found = [_least(reach, size * miss, limit) for miss in goal - initial @ drift.T]
     return Bound(*(unit * np.array(found).T))
+
+
+def least_fuel_of_any_order(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
+    """The same of the craft in the order of goals that needs least, each pair by its program."""
+    n = len(goal)
+    orders = [(np.arange(n) + k) % n for k in range(n)]
+    proven, attained = np.full((2, n, n), np.inf)
+    for order in orders:
+        found = least_fuel(problem, initial, goal[order])
+        proven[range(n), order], attained[range(n), order] = found.proven, found.attained
+    return Bound(*(cost[linear_sum_assignment(cost)] for cost in (proven, attained)))
 
 
 def _least(reach: np.ndarray, miss: np.ndarray, limit: float | None) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from judge.fuel import least_fuel
+from judge.fuel import Bound, least_fuel, least_fuel_of_any_order
 from judge.motion import Case, after, fly
 from judge.separation import closest_approaches, distance_at
 
@@ -71,6 +71,7 @@ def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> R
     Args:
         scenario: the fields of scenario.json.
         plan: ``states``, ``controls`` and, where they are there, ``times`` and ``certificate``.
+            With an ``assignment`` its lower bound is claimed to hold for any order of the goals.
         at_nodes: ask for separation at the nodes only.
 
     Raises:
@@ -90,7 +91,8 @@ def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> R
         np.linalg.norm(flown[i, :, :3] - flown[j, :, :3], axis=1)
         for i, j in zip(near.first, near.second, strict=True)
     ]
-    bound = least_fuel(problem, initial, goal)
+    least = least_fuel_of_any_order if plan.get("assignment") else least_fuel
+    bound: Bound = least(problem, initial, goal)
     flight = _Flight(
         problem,
         goal,

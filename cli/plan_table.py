@@ -1,0 +1,85 @@
+"""The table of plans: who made each, what it costs, how near the optimum, who comes closest."""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from cli.output import print_table
+from pipeline.exhibits.numbers import MISSING, number
+
+Row = Mapping[str, Any]
+"""A plan's summary, with the files of ``scenario`` and ``plan``."""
+
+HEADINGS = ("fuel\nm/s²", "Δv\nm/s", "gap", "closest\npair", "at\ns", "apart\nm", "time\nms")
+"""Of the columns that say what a plan is worth."""
+
+
+def cells(row: Row) -> list[str]:
+    """What stands under HEADINGS."""
+    gap, pair = row["optimality_gap"], row["min_separation_pair"]
+    closest = [MISSING] * 3
+    if pair is not None:
+        at, apart = row["min_separation_time"], row["min_separation"]
+        closest = [f"{pair[0]},{pair[1]}", f"{at:.0f}", f"{apart:.2f}"]
+    return [
+        number(row["fuel"]),
+        number(row["delta_v"]),
+        MISSING if gap is None or not isfinite(gap) else f"{gap:.2%}",
+        *closest,
+        number(1e3 * row["seconds"]),
+    ]
+
+
+def print_plans(rows: Sequence[Row]) -> None:
+    """The table, what there is to say about single plans, and where all of them are."""
+    assigned = [row["assignment"] for row in rows if row["assignment"]]
+    headings, lines = ["scenario", "planner", *HEADINGS], []
+    for row in rows:
+        lines.append([Path(row["scenario"]).stem, _who(row), *cells(row)])
+    if assigned:
+        headings.append("saved\n≥")
+        for row, line in zip(rows, lines, strict=True):
+            line.append(_saved(row["assignment"]))
+    print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if _wrong(row)])
+    for row in rows:
+        for sentence in _remarks(row):
+            typer.echo(f"{row['scenario']}: {sentence}")
+    if assigned:
+        most = max(one["tried"] for one in assigned)
+        typer.echo(
+            "saved: against any plan for the given order of goals, of its fuel. "
+            f"Assignments tried: {most}{' at most' if len(rows) > 1 else ''}."
+        )
+    one = len(rows) == 1
+    where = Path(rows[0]["plan"])
+    typer.echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+
+
+def _wrong(row: Row) -> bool:
+    return row["status"] != "solved"
+
+
+def _who(row: Row) -> str:
+    """The planner, and what became of it where that is no plan to fly."""
+    return f"{row['planner']} ({row['status']})" if _wrong(row) else row["planner"]
+
+
+def _saved(assignment: Row | None) -> str:
+    """What the assignment saves at least, of the least fuel in the given order."""
+    if assignment is None or assignment["saving"] is None:
+        return MISSING
+    return f"{assignment['saving']:.1%}".replace("-0.0%", "0.0%")
+
+
+def _remarks(row: Row) -> list[str]:
+    """What no column says."""
+    said = [f"{row['status']} by {row['planner']}: {row['message']}"] if _wrong(row) else []
+    if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
+        said.append(
+            "in the given order some craft cannot reach its goal within max_acceleration, which "
+            "is proven."
+        )
+    return said
