@@ -36,14 +36,13 @@ def cells(row: Row) -> list[str]:
 def print_plans(rows: Sequence[Row]) -> None:
     """The table, what there is to say about single plans, and where all of them are."""
     assigned = [row["assignment"] for row in rows if row["assignment"]]
-    headings, lines = ["scenario", "planner", *HEADINGS], []
-    for row in rows:
-        lines.append([Path(row["scenario"]).stem, _who(row), *cells(row)])
+    headings = ["scenario", "planner", *HEADINGS]
+    lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
     if assigned:
         headings.append("saved\n≥")
         for row, line in zip(rows, lines, strict=True):
             line.append(_saved(row["assignment"]))
-    print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if _wrong(row)])
+    print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
     for row in rows:
         for sentence in _remarks(row):
             typer.echo(f"{row['scenario']}: {sentence}")
@@ -58,13 +57,14 @@ def print_plans(rows: Sequence[Row]) -> None:
     typer.echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
 
 
-def _wrong(row: Row) -> bool:
+def wrong(row: Row) -> bool:
+    """Whether it is no plan to fly."""
     return row["status"] != "solved"
 
 
-def _who(row: Row) -> str:
+def who(row: Row) -> str:
     """The planner, and what became of it where that is no plan to fly."""
-    return f"{row['planner']} ({row['status']})" if _wrong(row) else row["planner"]
+    return f"{row['planner']} ({row['status']})" if wrong(row) else row["planner"]
 
 
 def _saved(assignment: Row | None) -> str:
@@ -76,7 +76,7 @@ def _saved(assignment: Row | None) -> str:
 
 def _remarks(row: Row) -> list[str]:
     """What no column says."""
-    said = [f"{row['status']} by {row['planner']}: {row['message']}"] if _wrong(row) else []
+    said = [f"{row['status']} by {row['planner']}: {row['message']}"] if wrong(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(
             "in the given order some craft cannot reach its goal within max_acceleration, which "

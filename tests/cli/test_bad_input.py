@@ -45,6 +45,24 @@ CASES = {
     "nothing to report": (["report"], "prolearn"),
     "no scenario file": (["plan", "none.json", "--out", "p.json"], "none.json"),
     "an unknown planner": (["plan", "good.json", "--out", "p.json", "--planner", "hal"], "hal"),
+    "a duration without a unit": (["tradeoff", "good.json", "--duration", "10..60"], "10..60min"),
+    "a duration that goes backwards": (["tradeoff", "good.json", "--duration", "9..3h"], "9..3h"),
+    "a duration that is no range": (["tradeoff", "good.json", "--duration", "0..9s"], "from less"),
+    "a transfer of one arc": (["tradeoff", "good.json", "--duration", "2..9min"], "at least 240 s"),
+    "no arc in the range": (["tradeoff", "good.json", "--duration", "250..300s"], "multiple of"),
+    "no durations": (
+        ["tradeoff", "good.json", "--duration", "10..60min", "--steps", "0"],
+        "steps is 0",
+    ),
+    "a file for a folder": (
+        ["tradeoff", "good.json", "--duration", "10..60min", "--out", "foreign/file"],
+        "expected a folder",
+    ),
+    "no scenario to trade off": (["tradeoff", "none.json", "--duration", "1..2h"], "none.json"),
+    "an unknown assignment": (
+        ["plan", "good.json", "--out", "p.json", "--assignment", "best"],
+        "best",
+    ),
     "a model where there is no store": (["models", "show", "hal"], "no tracking store"),
 }
 

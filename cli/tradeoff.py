@@ -1,0 +1,129 @@
+"""The command that says how long a transfer should take."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from cli.dataset import Separation
+from cli.output import AsJson, print_json, print_table
+from cli.plan import Assigned, Effort, planner_of
+from cli.plan_table import HEADINGS, cells, who, wrong
+from cli.progress import progress
+from pipeline.errors import InputError
+from pipeline.exhibits.numbers import MISSING, number
+
+UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+"""Units of a duration, s."""
+
+NUMBER = r"(\d+(?:\.\d+)?)"
+RANGE = re.compile(rf"\s*{NUMBER}\s*\.\.\s*{NUMBER}\s*({'|'.join(UNITS)})\s*")
+
+
+def tradeoff(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file.", show_default=False)],
+    duration: Annotated[
+        str,
+        typer.Option(help="Range of transfer times: 10..60min, 600..3600s.", show_default=False),
+    ],
+    steps: Annotated[int, typer.Option(help="Durations at most, spread over the range.")] = 20,
+    goal: Annotated[
+        Literal["fixed", "moving"],
+        typer.Option(
+            help="Goals are the states given, whenever they are reached, or slots that move on "
+            "along their passive orbits and are there after the scenario's own duration."
+        ),
+    ] = "fixed",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder; SCENARIO-tradeoff by default.", show_default=False),
+    ] = None,
+    planner: Annotated[str, typer.Option(help="As for `prolearn plan`.")] = "expert",
+    separation: Separation = "continuous",
+    effort: Annotated[
+        Effort | None, typer.Option(help="As for `prolearn plan`.", show_default=False)
+    ] = None,
+    assignment: Assigned = "given",
+    allow_drift: Annotated[
+        bool, typer.Option("--allow-drift", help="Accept states that are not energy-matched.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fuel against transfer time: certified plans, their lower bound, and the knee.
+
+    Thrust arcs keep the scenario's time_step and their number varies, so each duration is a whole
+    number of arcs. Into the folder go the safe plans, tradeoff.csv and a figure. The knee is
+    where the curve of Δv is furthest below the line between its ends, both scaled to 0..1
+    (Kneedle); more time then saves little. The exit status is 1 where no duration has a safe
+    plan.
+
+    Examples:
+
+        prolearn tradeoff scenario.json --duration 10..60min
+        prolearn tradeoff scenario.json --duration 600..3600s --steps 11 --json
+        prolearn tradeoff scenario.json --duration 1..3h --goal moving --out trade/
+    """
+    first, last = seconds(duration)
+    chosen = planner_of(planner, separation, effort, assignment=assignment)
+    from cli.stages.tradeoff import trade
+
+    folder = out or Path(f"{scenario.stem}-tradeoff")
+    with progress("planning") as shown:
+        done = trade(
+            scenario,
+            chosen,
+            folder,
+            first=first,
+            last=last,
+            steps=steps,
+            goal=goal,
+            allow_drift=allow_drift,
+            progress=shown,
+        )
+    if as_json:
+        print_json({"scenario": str(scenario), "goal": goal, "points": done.rows})
+    else:
+        _print_curve(done.rows, done.folder)
+    raise typer.Exit(int(all(wrong(row) for row in done.rows)))
+
+
+def seconds(text: str) -> tuple[float, float]:
+    """A range of durations, s, written as 10..60min, 600..3600s or 1..3h.
+
+    Raises:
+        InputError: for anything else.
+    """
+    found = RANGE.fullmatch(text)
+    if found is None or not 0 < float(found[1]) < float(found[2]):
+        raise InputError(
+            f"--duration is {text!r}; expected a range from less to more with its unit, such as "
+            "10..60min, 600..3600s or 1..3h."
+        )
+    return float(found[1]) * UNITS[found[3]], float(found[2]) * UNITS[found[3]]
+
+
+def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
+    """The table, why durations have no safe plan, the knee, and where the files are."""
+    lines = []
+    for row in rows:
+        bound = row["delta_v_lower_bound"]
+        least = MISSING if bound is None else number(bound)
+        mark = "knee" if row["knee"] else ""
+        lines.append([_minutes(row), who(row), *cells(row), least, mark])
+    headings = ("transfer\nmin", "planner", *HEADINGS, "bound\nm/s", "")
+    print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
+    for row in rows:
+        if wrong(row):
+            typer.echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
+    bent = [row for row in rows if row["knee"]]
+    for row in bent:
+        typer.echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
+    if not bent:
+        typer.echo("There is no knee: the curve has too few safe plans, or does not bend.")
+    typer.echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")
+
+
+def _minutes(row: Mapping[str, Any]) -> str:
+    return f"{row['duration'] / 60:.4g}"

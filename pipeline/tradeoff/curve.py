@@ -1,0 +1,135 @@
+"""The curve: one scenario planned for several transfer times.
+
+The number of thrust arcs varies and their length, the scenario's time step, does not. An arc is how
+long a thruster holds one acceleration, and longer arcs waste fuel: for the same ten minutes ten
+arcs of 60 s need some 10 % less than five of 120 s. So a curve over stretched arcs would mix up two
+things, and every duration is a whole number of arcs here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil, floor
+from typing import Literal
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.plan import INFEASIBLE, SOLVED, Plan
+from pipeline.planners.planner import Planner
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario import Scenario
+
+Goal = Literal["fixed", "moving"]
+"""What the goal is at another time: the states given, whenever they are reached, or slots that go
+on along their passive orbits and are at the states given after the scenario's own duration."""
+
+FEWEST = 2
+"""Arcs of the shortest transfer that reaches a goal state in all six components."""
+
+ROUNDING = 1e-9
+"""Share of an arc by which a duration may miss a whole number of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A transfer time and the plan for it.
+
+    Attributes:
+        scenario: as it is flown.
+        plan: with its certificate.
+    """
+
+    scenario: Scenario
+    plan: Plan
+
+    @property
+    def duration(self) -> float:
+        """Of the transfer, s."""
+        return self.scenario.problem.duration
+
+    @property
+    def safe(self) -> bool:
+        """Whether the plan can be flown."""
+        return self.plan.status == SOLVED
+
+    @property
+    def delta_v(self) -> float:
+        """Of the plan, m/s."""
+        return self.plan.certificate.delta_v
+
+    @property
+    def delta_v_lower_bound(self) -> float | None:
+        """No plan of this duration needs less, m/s; None where it is proven that there is none."""
+        if self.plan.status == INFEASIBLE:
+            return None
+        return self.plan.certificate.fuel_lower_bound * self.scenario.problem.time_step
+
+
+def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
+    """Numbers of arcs of durations spread evenly over a range.
+
+    Args:
+        first: shortest duration, s.
+        last: longest duration, s.
+        time_step: length of an arc, s.
+        steps: how many durations at most; there are no more than whole numbers of arcs.
+
+    Raises:
+        InputError: where the range holds no whole number of arcs, or too short a transfer.
+    """
+    if steps < 1:
+        raise InputError(f"steps is {steps}; expected at least one duration.")
+    least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)
+    if least < FEWEST:
+        raise InputError(
+            f"duration begins at {first:g} s; expected at least {FEWEST * time_step:g} s, which is "
+            f"{FEWEST} thrust arcs of the scenario's time_step: begin later or lower time_step."
+        )
+    if most < least:
+        raise InputError(
+            f"duration is {first:g} to {last:g} s; expected a range with a multiple of time_step, "
+            f"{time_step:g} s, in it: widen it or lower time_step."
+        )
+    spread = np.linspace(least, most, steps) if steps > 1 else [most]
+    return sorted({round(float(arcs)) for arcs in spread})
+
+
+def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
+    """The scenario with another number of thrust arcs of the same length.
+
+    Args:
+        scenario: as it was given.
+        arcs: how many.
+        goal: what is to be reached; a slot that moves drifts free, so on its passive orbit.
+    """
+    problem = replace(scenario.problem, nodes=arcs + 1)
+    if goal == "fixed":
+        return replace(scenario, problem=problem)
+    A, _ = problem.dynamics.step(problem.duration - scenario.problem.duration)
+    return replace(scenario, problem=problem, goal=scenario.goal @ A.T)
+
+
+def tradeoff(
+    scenario: Scenario,
+    arcs: Sequence[int],
+    planner: Planner,
+    goal: Goal = "fixed",
+    progress: Progress = SILENT,
+) -> list[Point]:
+    """The plans for some numbers of arcs, in that order.
+
+    Args:
+        scenario: what the swarm is to do.
+        arcs: numbers of thrust arcs.
+        planner: who plans.
+        goal: what is to be reached at another time than the scenario's.
+        progress: told of each duration.
+    """
+    progress.expect(len(arcs))
+    points = []
+    for number in arcs:
+        asked = with_arcs(scenario, number, goal)
+        (plan,) = planner.plan([asked])
+        points.append(Point(plan.flown(asked), plan))
+        progress.done()
+    return points

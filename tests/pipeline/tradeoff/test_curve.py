@@ -1,0 +1,74 @@
+"""Transfers of other durations: what varies, what the goal is, and that plans are sound."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from judge import exact_step, judge_plan
+from judged import document
+
+from pipeline.errors import InputError
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import energy_mismatch
+from pipeline.planners.expert import Expert
+from pipeline.planners.interchangeable import Interchangeable
+from pipeline.scenario import draw
+from pipeline.tradeoff import arcs_between, tradeoff, with_arcs
+
+SCENARIO = draw("rings", 5, 6, 0, Problem(), "valid")
+
+
+def test_durations_are_whole_arcs_within_the_range_and_as_many_as_asked_for():
+    assert arcs_between(600.0, 3600.0, 120.0, 6) == [5, 10, 15, 20, 25, 30]
+    assert arcs_between(600.0, 3600.0, 120.0, 100) == [*range(5, 31)]
+    assert arcs_between(601.0, 3599.0, 120.0, 100) == [*range(6, 30)]
+    assert arcs_between(0.3, 0.9, 0.1, 100) == [*range(3, 10)], "rounding loses no end"
+    assert len(arcs_between(600.0, 3600.0, 120.0, 20)) == 20
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ((100.0, 900.0, 120.0, 5), "at least 240 s"),
+        ((250.0, 300.0, 120.0, 5), "multiple of time_step"),
+        ((600.0, 900.0, 120.0, 0), "steps is 0"),
+    ],
+)
+def test_a_range_that_no_transfer_has_is_refused(asked, words):
+    with pytest.raises(InputError, match=words):
+        arcs_between(*asked)
+
+
+@pytest.mark.parametrize("arcs", [5, 10, 23])
+def test_a_moving_goal_is_where_free_drift_takes_it(arcs):
+    """By matrix exponentials, backwards too; it stays on passive orbits."""
+    moved = with_arcs(SCENARIO, arcs, "moving")
+    free, _ = exact_step(SCENARIO.problem.mean_motion, (arcs - 10) * 120.0)
+    assert np.allclose(moved.goal, SCENARIO.goal @ free.T, rtol=1e-9, atol=1e-9)
+    assert np.abs(energy_mismatch(moved.goal, moved.problem.mean_motion)).max() < 1e-9
+    assert (moved.problem.duration, moved.problem.time_step) == (arcs * 120.0, 120.0)
+    assert np.array_equal(with_arcs(SCENARIO, arcs).goal, SCENARIO.goal)
+    assert np.array_equal(moved.initial, SCENARIO.initial)
+
+
+@pytest.mark.parametrize("planner", [Expert(), Interchangeable(Expert())], ids=["given", "optimal"])
+@pytest.mark.parametrize("goal", ["fixed", "moving"])
+def test_every_plan_is_sound_for_its_own_duration(planner, goal):
+    for point in tradeoff(SCENARIO, [4, 10, 21], planner, goal):
+        assert point.safe
+        plan = {"states": point.plan.states, "controls": point.plan.controls}
+        claims = {
+            "certificate": asdict(point.plan.certificate),
+            "assignment": point.plan.assignment,
+        }
+        report = judge_plan(document(point.scenario), plan | claims)
+        assert report.wrong == ()
+        assert point.delta_v == pytest.approx(report.delta_v, rel=1e-9)
+        assert point.delta_v_lower_bound <= point.delta_v * (1 + 1e-9)
+
+
+def test_more_arcs_of_one_length_never_need_more_for_a_goal_that_waits():
+    """A craft may idle at the end where its goal moves on as it does itself."""
+    points = tradeoff(SCENARIO, range(3, 20), Expert(), "moving")
+    bounds = [point.delta_v_lower_bound for point in points]
+    assert all(np.diff(bounds) <= 1e-9 * bounds[0])
