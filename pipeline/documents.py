@@ -5,11 +5,18 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from pipeline.errors import InputError
 from pipeline.files import write_text
 
 Document = TypeVar("Document", bound=BaseModel)
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+"""Of JSON Schema, in which pydantic describes documents."""
+
+MOST_FAULTS = 8
+"""Faults of a file that are told in full; of others, how many."""
 
 
 def read_document(path: Path, kind: type[Document], what: str) -> Document:
@@ -30,13 +37,37 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
     except json.JSONDecodeError as error:
         raise InputError(f"{path} is not JSON: {error}; expected {what}.") from error
     except ValidationError as error:
-        raise InputError(f"{path}: {first_fault(error)}; expected {what}.") from error
+        raise InputError(f"{path}: {faults(error)}; expected {what}.") from error
+
+
+def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:
+    """The document of fields that did not come from a file.
+
+    Raises:
+        InputError: where a field is missing or wrong, by its name.
+    """
+    try:
+        return kind.model_validate(fields)
+    except ValidationError as error:
+        raise InputError(f"{faults(error)}.") from error
+
+
+def faults(error: ValidationError) -> str:
+    """Field and fault of every error, in one line."""
+    found = error.errors(include_url=False)
+    told = "; ".join(map(_fault, found[:MOST_FAULTS]))
+    return told + (f"; and {len(found) - MOST_FAULTS} more" if len(found) > MOST_FAULTS else "")
 
 
 def first_fault(error: ValidationError) -> str:
     """Field and fault of the first error, such as ``initial[2][5] is nan: ...``."""
-    fault = error.errors(include_url=False)[0]
-    where = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in fault["loc"]).lstrip(".")
+    return _fault(error.errors(include_url=False)[0])
+
+
+def _fault(fault: ErrorDetails) -> str:
+    # What stands in parentheses names one of a field's forms, which is no place in the file.
+    places = [k for k in fault["loc"] if not str(k).startswith("(")]
+    where = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in places).lstrip(".")
     what = fault["msg"].removeprefix("Value error, ")
     what = what[0].lower() + what[1:]
     if not where:
@@ -51,7 +82,7 @@ def first_fault(error: ValidationError) -> str:
 
 
 def write_document(path: Path, fields: dict[str, Any]) -> None:
-    """Write a JSON file that appears whole, with each row of numbers on a line of its own."""
+    """Write a JSON file that appears whole, a line for each row of numbers or listed object."""
     write_text(path, _json(fields, "\n ") + "\n")
 
 
@@ -59,7 +90,10 @@ def _json(value: Any, line: str) -> str:
     if isinstance(value, dict) and value:
         parts = [f"{json.dumps(key)}: {_json(one, line + ' ')}" for key, one in value.items()]
         return "{" + line + ("," + line).join(parts) + line[:-1] + "}"
-    if isinstance(value, list) and value and isinstance(value[0], list):
-        parts = [_json(one, line + " ") for one in value]
+    if isinstance(value, list) and value and isinstance(value[0], list | dict):
+        parts = [
+            json.dumps(one, allow_nan=False) if isinstance(one, dict) else _json(one, line + " ")
+            for one in value
+        ]
         return "[" + line + ("," + line).join(parts) + line[:-1] + "]"
     return json.dumps(value, allow_nan=False)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from pipeline.documents import read_document, write_document
+from pipeline.documents import DIALECT, read_document, write_document
 from pipeline.errors import InputError
 from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
@@ -33,18 +33,31 @@ class PlanDocument(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    schema_name: Literal["prolearn.plan/1", "prolearn.plan/2"] = Field(alias="schema")
-    scenario: ScenarioDocument | None = None
-    planner: str
-    status: Literal["solved", "unsafe", "infeasible", "unsolved"]
-    message: str = ""
-    times: list[float]
-    states: list[list[State]]
-    controls: list[list[Control]]
-    certificate: Certificate
-    convex_solves: int = 0
-    timing: dict[str, float] = Field(default_factory=dict)
-    assignment: Assignment | None = None
+    schema_name: Literal["prolearn.plan/1", "prolearn.plan/2"] = Field(
+        alias="schema", description="Name and version of this format."
+    )
+    scenario: ScenarioDocument | None = Field(
+        None, description="What the plan is for, with raw states; version 1 lacks it."
+    )
+    planner: str = Field(description="Who made the plan.")
+    status: Literal["solved", "unsafe", "infeasible", "unsolved"] = Field(
+        description="solved: safe and at the goal; unsafe: a pair comes too close; infeasible: "
+        "proven that there is no plan; unsolved: none was found."
+    )
+    message: str = Field("", description="Why, where the status is not solved.")
+    times: list[float] = Field(description="Of the nodes, s since the first.")
+    states: list[list[State]] = Field(
+        description="By craft and node: x y z vx vy vz, LVLH, m and m/s."
+    )
+    controls: list[list[Control]] = Field(
+        description="By craft and interval: acceleration ux uy uz, LVLH, m/s², held constant."
+    )
+    certificate: Certificate = Field(description="What the plan costs and how safe it is.")
+    convex_solves: int = Field(0, description="Joint convex programs that the plan took.")
+    timing: dict[str, float] = Field(default_factory=dict, description="By stage, s.")
+    assignment: Assignment | None = Field(
+        None, description="Who takes which goal, where that was chosen; the scenario has it so."
+    )
 
     @field_validator("certificate", mode="before")
     @classmethod
@@ -59,7 +72,7 @@ class PlanDocument(BaseModel):
     def _one_shape(self) -> "PlanDocument":
         n, T = len(self.states), len(self.times)
         asked = self.scenario
-        if asked is not None and (n, T) != (len(asked.initial), asked.nodes):
+        if asked is not None and (n, T) != (asked.n, asked.nodes):
             raise ValueError(f"the plan has {n} craft and {T} nodes, its scenario has others")
         rows = [{len(craft) for craft in part} for part in (self.states, self.controls)]
         if len(self.controls) != n or rows != [{T}, {T - 1}]:
@@ -128,6 +141,16 @@ def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
         return document.plan, None if asked is None else asked.scenario(path.stem)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of plan files."""
+    made = {"$schema": DIALECT, **PlanDocument.model_json_schema()}
+    certificate = made["$defs"]["Certificate"]  # by what ``_written_out`` accepts
+    gap = certificate["properties"]["optimality_gap"]
+    gap["anyOf"] = [{"type": gap.pop("type")}, {"type": "null"}]
+    certificate["required"].remove("goal_velocity_error")
+    return made
 
 
 def _plain(value: Any) -> Any:

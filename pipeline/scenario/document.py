@@ -1,46 +1,119 @@
 """scenario.json (schema prolearn.scenario/1): read with an answer to every mistake, and written."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    model_validator,
+)
 
-from pipeline.documents import read_document, write_document
+from pipeline.documents import DIALECT, document_from, read_document, write_document
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import mean_motion_at
+from pipeline.orbit.reference import Reference, mean_motion_at
+from pipeline.scenario.ends import End, Positive, craft_of, end_states
 from pipeline.scenario.scenario import Scenario
 
 SCHEMA = "prolearn.scenario/1"
 
 WHAT = f"a scenario file (schema {SCHEMA})"
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-State = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
+YEARS = (1960, 2200)
+"""Of an epoch: since there is UTC, and no further than anyone plans."""
 
 
-class ScenarioDocument(BaseModel):
-    """The fields of a scenario file; unknown ones are refused."""
+def _utc(given: Any) -> datetime:
+    """An epoch as a file has it."""
+    try:
+        epoch = datetime.fromisoformat(given)
+    except (TypeError, ValueError):
+        epoch = None
+    if epoch is None or epoch.tzinfo is None or not YEARS[0] < epoch.year < YEARS[1]:
+        raise ValueError("give date, time and zone by ISO 8601, such as 2026-03-01T12:00:00Z")
+    return epoch.astimezone(UTC)
+
+
+class ReferenceDocument(BaseModel):
+    """Where and when the reference orbit is; its size follows from mean_motion or altitude.
+
+    The orbit is circular. Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    schema_name: Literal["prolearn.scenario/1"] = Field(alias="schema")
-    mean_motion: Positive | None = None
-    altitude: Positive | None = None
-    time_step: Positive = Problem.time_step
-    nodes: int = Field(default=Problem.nodes, ge=3)
-    collision_radius: Positive = Problem.collision_radius
-    max_acceleration: Positive | None = None
-    initial: list[State] = Field(min_length=1)
-    goal: list[State] = Field(min_length=1)
+    epoch: Annotated[datetime, BeforeValidator(_utc)] = Field(
+        description="Time of the first node by ISO 8601 with a zone, such as 2026-03-01T12:00:00Z."
+    )
+    inclination_deg: FiniteFloat = Field(ge=0, le=180, description="Inclination, deg.")
+    raan_deg: FiniteFloat = Field(description="Right ascension of the ascending node, deg.")
+    argument_of_latitude_deg: FiniteFloat = Field(
+        description="From the ascending node to the LVLH frame's origin at the epoch, deg."
+    )
+
+
+class ScenarioDocument(BaseModel):
+    """What a swarm is asked to do: where each craft starts, and where it must be at the end.
+
+    SI units but for angles, whose names end in _deg. LVLH frame: x radial outward, y along-track,
+    z cross-track.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={
+            "oneOf": [
+                {"required": [name], "properties": {name: {"type": "number"}}}
+                for name in ("mean_motion", "altitude")
+            ]
+        },
+    )
+
+    schema_name: Literal["prolearn.scenario/1"] = Field(
+        alias="schema", description="Name and version of this format."
+    )
+    mean_motion: Positive | None = Field(
+        None, description="Of the circular reference orbit, rad/s; or give altitude."
+    )
+    altitude: Positive | None = Field(
+        None, description="Of the circular reference orbit above the Earth's equatorial radius, m."
+    )
+    time_step: Positive = Field(
+        Problem.time_step, description="Length of an interval of constant control, s."
+    )
+    nodes: int = Field(
+        Problem.nodes, ge=3, description="Time nodes, both ends included: intervals and one."
+    )
+    collision_radius: Positive = Field(
+        Problem.collision_radius, description="Craft must be further apart at all times, m."
+    )
+    max_acceleration: Positive | None = Field(
+        None, description="Limit on each component of the control, m/s²; null for none."
+    )
+    initial: End = Field(description="Where each craft is at the first node.")
+    goal: End = Field(description="Where each craft must be at the last node, in the same order.")
+    reference: ReferenceDocument | None = Field(
+        None, description="Where and when the reference orbit is, for files in inertial frames."
+    )
 
     @model_validator(mode="after")
     def _one_orbit(self) -> "ScenarioDocument":
         if (self.mean_motion is None) == (self.altitude is None):
             raise ValueError("give one of mean_motion (rad/s) and altitude (m)")
         return self
+
+    @property
+    def n(self) -> int:
+        """Number of spacecraft."""
+        return craft_of(self.initial)
 
     def scenario(self, name: str) -> Scenario:
         """The scenario that the fields describe."""
@@ -51,7 +124,9 @@ class ScenarioDocument(BaseModel):
             collision_radius=self.collision_radius,
             max_acceleration=self.max_acceleration,
         )
-        return Scenario(problem, np.array(self.initial), np.array(self.goal), name=name)
+        initial, goal = (end_states(end, problem.mean_motion) for end in (self.initial, self.goal))
+        where = None if self.reference is None else Reference(**self.reference.model_dump())
+        return Scenario(problem, initial, goal, name=name, reference=where)
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -68,13 +143,38 @@ def read_scenario(path: Path) -> Scenario:
 
 
 def document_of(scenario: Scenario) -> dict[str, Any]:
-    """The fields of a scenario file."""
-    return {
+    """The fields of a scenario file, with raw states at both ends."""
+    fields = {
         "schema": SCHEMA,
         **asdict(scenario.problem),
         "initial": scenario.initial.tolist(),
         "goal": scenario.goal.tolist(),
     }
+    return fields | _reference(scenario.reference)
+
+
+def _reference(reference: Reference | None) -> dict[str, Any]:
+    if reference is None:
+        return {}
+    epoch = reference.epoch.isoformat().replace("+00:00", "Z")
+    return {"reference": asdict(reference) | {"epoch": epoch}}
+
+
+def write_by_hand(path: Path, fields: Mapping[str, Any]) -> Scenario:
+    """Write a scenario file of fields as a person gives them, and the scenario it is.
+
+    Raises:
+        InputError: where a field is missing or wrong, by its name; nothing is written then.
+    """
+    document = document_from({"schema": SCHEMA, **fields}, ScenarioDocument)
+    scenario = document.scenario(path.stem)
+    write_document(path, document.model_dump(mode="json", by_alias=True, exclude_unset=True))
+    return scenario
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of scenario files."""
+    return {"$schema": DIALECT, **ScenarioDocument.model_json_schema()}
 
 
 def write_scenario(path: Path, scenario: Scenario) -> None:

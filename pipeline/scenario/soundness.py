@@ -1,0 +1,229 @@
+"""What is wrong with a scenario and what is fine, all of it, in words and by how much."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from math import ceil, floor, log10
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.drift import free_drift
+from pipeline.orbit.least_thrust import least_limits
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import energy_mismatch
+from pipeline.orbit.separation import least_separation
+from pipeline.scenario.scenario import Scenario
+
+ENERGY_TOLERANCE = 1e-5
+"""Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit."""
+
+APART, MATCHED = "craft apart", "energy-matched"
+PASSIVE, REACHABLE = "passively safe", "within reach"
+"""What is looked at."""
+
+Formation = Float[Array, "n 6"]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault.
+
+    Attributes:
+        craft: whose it is.
+        text: what is wrong, and by how much.
+        numbers: what the text says, in SI units.
+    """
+
+    craft: tuple[int, ...]
+    text: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a rule found at one end, or of the transfer.
+
+    Attributes:
+        rule: what was looked at.
+        end: "initial", "goal" or "transfer".
+        text: what was found, in words.
+        cases: faults, worst first; none where all is well.
+        cure: what to do about them.
+    """
+
+    rule: str
+    end: str
+    text: str
+    cases: tuple[Case, ...] = ()
+    cure: str = ""
+
+    @property
+    def fine(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.cases
+
+
+def findings(scenario: Scenario) -> list[Finding]:
+    """All that is wrong with a scenario, and what is fine."""
+    found, problem = [], scenario.problem
+    for end, states in _ends(scenario):
+        found += [_apart(end, states, problem), _matched(end, states, problem)]
+        found += [_passive(end, states, problem)]
+    return [*found, _reachable(scenario)]
+
+
+def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
+    """Refuse formations that no transfer can start from or end in safely.
+
+    Args:
+        scenario: the scenario to check.
+        allow_drift: accept states that are not energy-matched (Eq. 3).
+
+    Raises:
+        InputError: where a pair is within the collision radius at either end, or a state is
+            not energy-matched.
+    """
+    problem = scenario.problem
+    for end, states in _ends(scenario):
+        close = _apart(end, states, problem)
+        for case in close.cases:
+            raise InputError(
+                f"{case.text}; expected every pair further apart than collision_radius, "
+                f"{problem.collision_radius:g} m: {close.cure}."
+            )
+        for case in () if allow_drift else _matched(end, states, problem).cases:
+            raise InputError(
+                f"{case.text}; expected 0 within {ENERGY_TOLERANCE:g} m/s (energy matching): "
+                f"set vy to {case.numbers['vy_wanted']:.9g}, or give --allow-drift."
+            )
+
+
+def _ends(scenario: Scenario) -> Iterator[tuple[str, Formation]]:
+    yield "initial", scenario.initial
+    yield "goal", scenario.goal
+
+
+def _apart(end: str, states: Formation, problem: Problem) -> Finding:
+    """Whether every pair is further apart than the collision radius at this end."""
+    i, j = pairs(len(states))
+    distance = np.linalg.norm(states[i, :3] - states[j, :3], axis=1)
+    close = np.flatnonzero(distance <= problem.collision_radius)
+    cases = tuple(
+        Case(
+            (int(i[k]), int(j[k])),
+            f"{end}[{i[k]}] and {end}[{j[k]}] are {distance[k]:.6g} m apart",
+            {"distance": float(distance[k])},
+        )
+        for k in close[distance[close].argsort(kind="stable")]
+    )
+    if cases:
+        text = f"pairs within collision_radius, {problem.collision_radius:g} m: {len(cases)}"
+        return Finding(APART, end, text, cases, "move one of them or lower collision_radius")
+    if len(distance) == 0:
+        return Finding(APART, end, "one craft alone")
+    k = int(distance.argmin())
+    text = f"the closest, craft {i[k]} and {j[k]}, are {distance[k]:.4g} m apart"
+    return Finding(APART, end, text)
+
+
+def _matched(end: str, states: Formation, problem: Problem) -> Finding:
+    """Whether Eq. 3 holds, so that no craft drifts along-track.
+
+    A craft that drifts does so by -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch.
+    """
+    e = problem.mean_motion
+    mismatch = energy_mismatch(states, e)
+    off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
+    drift, wanted = -6 * np.pi / e * mismatch, -2 * e * states[:, 0]
+    cases = tuple(
+        Case(
+            (int(k),),
+            f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit: vy + 2·mean_motion·x is "
+            f"{mismatch[k]:.3g} m/s, and 0 with a vy of {wanted[k]:.9g}",
+            {
+                "mismatch": float(mismatch[k]),
+                "drift_per_orbit": float(drift[k]),
+                "vy_wanted": float(wanted[k]),
+            },
+        )
+        for k in off[np.abs(mismatch[off]).argsort(kind="stable")[::-1]]
+    )
+    if cases:
+        text = f"craft that drift along-track: {len(cases)}"
+        cure = "give them that vy, or plan with --allow-drift"
+        return Finding(MATCHED, end, text, cases, cure)
+    text = f"no craft drifts by more than {np.abs(drift).max():.3f} m an orbit"
+    return Finding(MATCHED, end, text)
+
+
+def _passive(end: str, states: Formation, problem: Problem) -> Finding:
+    """Whether every pair stays further apart than the collision radius in an orbit of drift."""
+    drift = free_drift(states, problem)
+    found = close_approaches(*drift, within=problem.collision_radius)
+    time = found.interval * drift[2].time_step + found.offset
+    # Of the passes of each pair the closest, and of those that are equally close the first.
+    order = np.lexsort((time, np.round(found.distance, 3), found.second, found.first))
+    both = np.stack([found.first, found.second])[:, order]
+    order = order[np.unique(both, axis=1, return_index=True)[1]]
+    orbit = 2 * np.pi / problem.mean_motion
+    cases = tuple(
+        Case(
+            (int(found.first[k]), int(found.second[k])),
+            f"{end}[{found.first[k]}] and {end}[{found.second[k]}] come within "
+            f"{found.distance[k]:.4g} m at {time[k]:.0f} s, {time[k] / orbit:.2f} orbits",
+            {"distance": float(found.distance[k]), "time": float(time[k])},
+        )
+        for k in order[found.distance[order].argsort(kind="stable")]
+    )
+    if cases:
+        within = f"collision_radius, {problem.collision_radius:g} m"
+        text = f"pairs within {within}, in an orbit of free drift: {len(cases)}"
+        return Finding(PASSIVE, end, text, cases, "change orbits or lower collision_radius")
+    least = least_separation(*drift)
+    if least.pair is None:
+        return Finding(PASSIVE, end, "one craft alone")
+    i, j = least.pair
+    return Finding(
+        PASSIVE,
+        end,
+        f"in an orbit of free drift no pair is closer than craft {i} and {j}, "
+        f"{least.distance:.4g} m at {least.time:.0f} s",
+    )
+
+
+def _reachable(scenario: Scenario) -> Finding:
+    """Whether every craft on its own can make its transfer within the thrust limit."""
+    limit = scenario.problem.max_acceleration
+    least = least_limits(scenario.initial, scenario.goal, scenario.problem)
+    most = int(least.argmax())
+    if limit is None and np.isfinite(least).all():
+        text = f"no max_acceleration; craft {most} needs the most, {least[most]:.4g} m/s²"
+        return Finding(REACHABLE, "transfer", text)
+    limit = np.inf if limit is None else limit
+    short = np.flatnonzero((least > limit) | np.isinf(least))
+    cases = tuple(
+        Case((int(k),), _shortage(int(k), float(least[k]), limit), {"least_limit": float(least[k])})
+        for k in short[least[short].argsort(kind="stable")[::-1]]
+    )
+    if cases:
+        text = f"craft that max_acceleration, {limit:g} m/s², is too little for: {len(cases)}"
+        cure = "raise max_acceleration, or give more time by time_step or nodes"
+        return Finding(REACHABLE, "transfer", text, cases, cure)
+    text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
+    return Finding(REACHABLE, "transfer", text)
+
+
+def _shortage(k: int, least: float, limit: float) -> str:
+    if not np.isfinite(least):
+        return f"craft {k} reaches its goal with no thrust on this time grid"
+    times = f"{least / limit:.4g} times max_acceleration"
+    return f"craft {k} needs at least {_up(least):.4g} m/s², {times}"
+
+
+def _up(value: float) -> float:
+    """A positive number rounded up to four digits, so that what is asked for is enough."""
+    unit = 10.0 ** (floor(log10(value)) - 3)
+    return ceil(value / unit * (1 + 1e-6)) * unit

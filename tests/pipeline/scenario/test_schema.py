@@ -1,0 +1,97 @@
+"""The published JSON Schemas: they are what the code gives, and accept what the code accepts."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.plan.document import json_schema as of_plans
+from pipeline.plan.document import plan_document
+from pipeline.scenario import draw
+from pipeline.scenario.document import json_schema, read_scenario, write_scenario
+
+FOLDER = Path(__file__).parents[3] / "docs" / "schema"
+
+
+@pytest.mark.parametrize(("name", "made"), [("scenario", json_schema), ("plan", of_plans)])
+def test_the_published_schema_is_what_the_code_gives(name, made):
+    published = (FOLDER / f"{name}.schema.json").read_text(encoding="utf-8")
+    assert json.loads(published) == made()
+
+
+def fields_of(schema):
+    for part in (schema, *schema.get("$defs", {}).values()):
+        for name, field in part.get("properties", {}).items():
+            yield part["title"], name, field
+
+
+def test_every_field_of_a_scenario_is_described():
+    fields = list(fields_of(json_schema()))
+    assert len(fields) > 15
+    assert [name for title, name, field in fields if len(field.get("description", "")) < 8] == []
+
+
+@pytest.fixture
+def accepts():
+    validator = pytest.importorskip("jsonschema").Draft202012Validator
+    validator.check_schema(json_schema())
+    validator.check_schema(of_plans())
+    return lambda schema, document: validator(schema).is_valid(document)
+
+
+RING = {"craft": 3, "size": 100.0}
+
+CHANGES = [
+    {},
+    {"initial": {"rings": [RING]}},
+    {"initial": {"rings": [{"phases_deg": [0, 120, 200.5], "size": 100, "tilt_deg": 5}]}},
+    {"initial": {"rings": [RING | {"phases_deg": [1]}]}},
+    {"initial": {"rings": [{"size": 1}]}},
+    {"initial": {"rings": [RING | {"tilt_deg": 90}]}},
+    {"initial": {"rings": [RING | {"tilt": 1}]}},
+    {"initial": {"rings": []}},
+    {"initial": [[0, 0, 0, 0, 0]]},
+    {"initial": 3},
+    {"altitude": 5e5},
+    {"altitude": None},
+    {"altitude": 5e5, "mean_motion": None},
+    {"altitude": None, "mean_motion": None},
+    {"nodes": 2},
+    {"colour": "red"},
+    {"reference": {"epoch": "2026-03-01T12:00:00Z"}},
+    {
+        "reference": {
+            "epoch": "2026-03-01T12:00:00Z",
+            "inclination_deg": 97,
+            "raan_deg": 0,
+            "argument_of_latitude_deg": 0,
+        }
+    },
+]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=str)
+def test_an_independent_validator_accepts_what_is_read_and_refuses_what_is_refused(
+    change, accepts, tmp_path
+):
+    path = tmp_path / "scenario.json"
+    write_scenario(path, draw("rings", 0, 3, 0, Problem()))
+    document = json.loads(path.read_text()) | change
+    path.write_text(json.dumps(document))
+    try:
+        read_scenario(path)
+        read = True
+    except InputError:
+        read = False
+    assert accepts(json_schema(), document) == read
+
+
+def test_an_independent_validator_accepts_plans_and_refuses_others(accepts):
+    for limit in (None, 1e-6):
+        scenario = draw("rings", 0, 2, 0, Problem(max_acceleration=limit))
+        document = json.loads(json.dumps(plan_document(solve(scenario), scenario)))
+        assert accepts(of_plans(), document)
+        assert not accepts(of_plans(), document | {"status": "done"})
