@@ -7,7 +7,7 @@ import os
 
 import typer
 
-from cli import dataset, experiments, models, plan, tradeoff, train, tune
+from cli import dataset, experiments, models, plan, scenario, tradeoff, train, tune
 from cli.app import Group
 
 # Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
@@ -43,6 +43,7 @@ app.command()(experiments.warmstart)
 app.command(name="transfer-times")(experiments.transfer_times)
 app.command()(experiments.ablate)
 app.command()(experiments.report)
+app.add_typer(scenario.app, name="scenario")
 app.command()(plan.plan)
 app.command()(tradeoff.tradeoff)
 app.add_typer(models.app, name="models")

@@ -21,7 +21,9 @@ def test_the_console_script_is_the_application():
     assert [script.value for script in scripts] == ["cli.main:app"]
 
 
-@pytest.mark.parametrize("command", [[], ["train"], ["evaluate"], ["plan"], ["models", "list"]])
+@pytest.mark.parametrize(
+    "command", [[], ["train"], ["evaluate"], ["plan"], ["scenario", "check"], ["models", "list"]]
+)
 def test_help_imports_no_heavy_package(command):
     code = (
         "import sys\n"

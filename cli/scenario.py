@@ -1,0 +1,261 @@
+"""Commands about scenario files: new, check, schema."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from cli.app import FAILED, Group
+from pipeline.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.scenario import Finding, Scenario
+
+app = typer.Typer(
+    cls=Group,
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    help="""Scenario files: write one by hand, check one, describe their fields.
+
+    Each end of a scenario is raw states, or rings of passive relative orbits.
+
+    Examples:
+
+        prolearn scenario new scenario.json --family tilt-split --n 8
+        prolearn scenario check scenario.json
+    """,
+)
+
+MOST_CASES = 5
+"""Faults of a kind that the table shows, the worst ones."""
+
+
+@app.command()
+def new(
+    scenario: Annotated[Path, typer.Argument(help="File to write.", show_default=False)],
+    family: Annotated[
+        str | None,
+        typer.Option(
+            help="Draw: rings, dense, coplanar-split, tilt-split, independent or rotation.  "
+            "[default: rings]",
+            show_default=False,
+        ),
+    ] = None,
+    n: Annotated[
+        int | None,
+        typer.Option("--n", help="Spacecraft to draw.  [default: 10]", show_default=False),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Root seed of the draw.  [default: 0]", show_default=False)
+    ] = None,
+    index: Annotated[
+        int | None,
+        typer.Option(help="Number of the draw in its split.  [default: 0]", show_default=False),
+    ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(
+            help="Of the draw: train, valid or test.  [default: test]", show_default=False
+        ),
+    ] = None,
+    start: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--from",
+            metavar="RING",
+            help="Instead: craft that start on a ring, by its fields, such as "
+            "craft=4,size=200,tilt_deg=20. Again for more rings.",
+            show_default=False,
+        ),
+    ] = None,
+    to: Annotated[
+        list[str] | None,
+        typer.Option(metavar="RING", help="Where they go, likewise.", show_default=False),
+    ] = None,
+    altitude: Annotated[float, typer.Option(help="Of the reference orbit, m.")] = 500e3,
+    time_step: Annotated[float, typer.Option(help="Length of an interval, s.")] = 120.0,
+    nodes: Annotated[int, typer.Option(help="Time nodes.")] = 11,
+    collision_radius: Annotated[float, typer.Option(help="r_col, m.")] = 15.0,
+    max_acceleration: Annotated[
+        float | None, typer.Option(help="Limit on each component, m/s².")
+    ] = None,
+    epoch: Annotated[
+        str | None,
+        typer.Option(
+            help="Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below "
+            "the file says where its orbit is.",
+            show_default=False,
+        ),
+    ] = None,
+    inclination: Annotated[float | None, typer.Option(help="Of the orbit, deg.")] = None,
+    raan: Annotated[
+        float | None, typer.Option(help="Right ascension of its ascending node, deg.")
+    ] = None,
+    argument_of_latitude: Annotated[
+        float | None, typer.Option(help="Of the origin at the epoch, deg.")
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace a file that is there already.")
+    ] = False,
+) -> None:
+    """Write a scenario file: a draw of a family, or rings of your own.
+
+    A draw is a function of family, n, seed, split and index, the same as in datasets, and is
+    written as raw states. Rings stay rings in the file, to be edited: size in m, tilt_deg, craft
+    (equally spaced) from first_phase_deg, cross_phase_deg, offset in m along-track.
+
+    Examples:
+
+        prolearn scenario new s.json --family tilt-split --n 8 --seed 3
+        prolearn scenario new s.json --from craft=4,size=200 --to craft=4,size=90
+    """
+    from pipeline.scenario.document import write_by_hand
+
+    if scenario.exists() and not force:
+        raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
+    fields: dict[str, Any] = {
+        "altitude": altitude,
+        "time_step": time_step,
+        "nodes": nodes,
+        "collision_radius": collision_radius,
+        "max_acceleration": max_acceleration,
+    }
+    drawn = {"--family": family, "--n": n, "--seed": seed, "--index": index, "--split": split}
+    if start or to:
+        given = [name for name, value in drawn.items() if value is not None]
+        if given or not (start and to):
+            raise InputError(
+                f"{given[0] if given else '--from or --to alone'} is given; expected --from and "
+                "--to for rings of your own, or neither of them for a draw of a family."
+            )
+        fields |= {"initial": _rings("--from", start or []), "goal": _rings("--to", to or [])}
+    else:
+        fields |= _drawn(fields, family or "rings", n, seed or 0, index or 0, split or "test")
+    reference = {
+        "epoch": epoch,
+        "inclination_deg": inclination,
+        "raan_deg": raan,
+        "argument_of_latitude_deg": argument_of_latitude,
+    }
+    told = {name: value for name, value in reference.items() if value is not None}
+    made = write_by_hand(scenario, fields | ({"reference": told} if told else {}))
+    typer.echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
+
+
+def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
+    """Rings as they stand in a file, from fields such as craft=4,size=200."""
+    rings = []
+    for text in given:
+        fields = [part.partition("=") for part in text.split(",")]
+        if not all(name and value for name, _, value in fields):
+            raise InputError(
+                f"{option} is {text!r}; expected fields of a ring, such as craft=4,size=200."
+            )
+        rings.append({name.strip(): value.strip() for name, _, value in fields})
+    return {"rings": rings}
+
+
+def _drawn(
+    fields: Mapping[str, Any], family: str, n: int | None, seed: int, index: int, split: str
+) -> Mapping[str, Any]:
+    """Both ends of a draw for the problem in the fields of a file."""
+    from pipeline.orbit.problem import Problem
+    from pipeline.orbit.reference import mean_motion_at
+    from pipeline.scenario import draw
+
+    altitude = fields["altitude"]
+    if not altitude > 0:
+        raise InputError(f"--altitude is {altitude}; expected a positive number of metres.")
+    rest = {name: value for name, value in fields.items() if name != "altitude"}
+    problem = Problem(mean_motion=mean_motion_at(altitude), **rest)
+    drawn = draw(family, seed, 10 if n is None else n, index, problem, split)
+    return {"initial": drawn.initial.tolist(), "goal": drawn.goal.tolist()}
+
+
+def _about(scenario: "Scenario") -> str:
+    problem = scenario.problem
+    return (
+        f"{scenario.n} craft, {problem.duration / 60:g} min in {problem.intervals} intervals of "
+        f"{problem.time_step:g} s, collision_radius {problem.collision_radius:g} m"
+    )
+
+
+@app.command()
+def check(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file.", show_default=False)],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="For programs: all faults with their numbers.")
+    ] = False,
+) -> None:
+    """Say all that is wrong with a scenario, by how much, and what is fine.
+
+    At both ends: pairs too close, craft that drift (Eq. 3), pairs that come too close in an orbit
+    of free drift. Of the transfer: craft whose thrust limit is too low, and what they need at
+    least, each on its own. Exit status 0: all is fine; 1: something is wrong; 2: the file cannot
+    be read.
+
+    Examples:
+
+        prolearn scenario check scenario.json
+        prolearn scenario check scenario.json --json
+    """
+    from pipeline.scenario import findings
+    from pipeline.scenario.document import read_scenario
+
+    asked = read_scenario(scenario)
+    found = findings(asked)
+    fine = all(finding.fine for finding in found)
+    if as_json:
+        told = [{**asdict(finding), "fine": finding.fine} for finding in found]
+        document = {"scenario": str(scenario), "fine": fine, "findings": told}
+        typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
+    else:
+        typer.echo(f"{scenario}: {_about(asked)}\n")
+        _show(found)
+    raise typer.Exit(0 if fine else FAILED)
+
+
+def _show(found: "list[Finding]") -> None:
+    """A row for each finding, and below what is wrong its worst faults and the cure."""
+    console = Console()
+    for finding in found:
+        row = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
+        for width in (8, 14, 5):
+            row.add_column(no_wrap=True, min_width=width)
+        verdict = Text("fine", "green") if finding.fine else Text("wrong", "bold red")
+        row.add_row(finding.end, finding.rule, verdict, Text(finding.text))
+        console.print(row)
+        lines = [case.text for case in finding.cases[:MOST_CASES]]
+        if len(finding.cases) > MOST_CASES:
+            lines.append(f"and {len(finding.cases) - MOST_CASES} more, which --json has")
+        if finding.cure:
+            lines.append(f"to mend it, {finding.cure}")
+        for line in lines:
+            console.print(Padding(Text(line), (0, 0, 0, 4), expand=False))
+
+
+@app.command()
+def schema(
+    plan: Annotated[bool, typer.Option("--plan", help="Of plan files instead.")] = False,
+) -> None:
+    """Print the JSON Schema of scenario files: every field, its type and its unit.
+
+    Editors that know it complete fields and mark mistakes while one types.
+
+    Examples:
+
+        prolearn scenario schema
+        prolearn scenario schema --plan
+    """
+    if plan:
+        from pipeline.plan.document import json_schema as made
+    else:
+        from pipeline.scenario.document import json_schema as made
+    typer.echo(json.dumps(made(), indent=1, ensure_ascii=False))

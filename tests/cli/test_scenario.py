@@ -1,0 +1,123 @@
+"""prolearn scenario: what is written can be planned, and what is wrong is said with its status."""
+
+import json
+
+import numpy as np
+
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import mean_motion_at
+from pipeline.scenario import draw
+from pipeline.scenario.document import read_scenario, write_scenario
+
+
+def test_a_draw_is_that_of_the_dataset_with_the_same_arguments(prolearn, tmp_path):
+    asked = (
+        "--family",
+        "tilt-split",
+        "--n",
+        "4",
+        "--seed",
+        "3",
+        "--index",
+        "2",
+        "--split",
+        "valid",
+    )
+    done = prolearn("scenario", "new", "s.json", *asked, "--altitude", "600e3", "--nodes", "9")
+    assert done.returncode == 0, done.stderr
+    problem = Problem(mean_motion=mean_motion_at(600e3), nodes=9)
+    wanted, made = draw("tilt-split", 3, 4, 2, problem, "valid"), read_scenario(tmp_path / "s.json")
+    assert made.problem == problem
+    assert (made.initial == wanted.initial).all() and (made.goal == wanted.goal).all()
+
+
+def test_rings_of_ones_own_are_written_checked_and_planned(prolearn, tmp_path):
+    ends = ("--from", "craft=4,size=200,tilt_deg=20", "--to", "craft=2,size=90")
+    ends += ("--to", "craft=2,size=250,first_phase_deg=45")
+    where = ("--epoch", "2026-03-01T12:00:00Z", "--inclination", "97.4", "--raan", "40")
+    where += ("--argument-of-latitude", "10")
+    assert prolearn("scenario", "new", "s.json", *ends, *where).returncode == 0
+    checked = prolearn("scenario", "check", "s.json")
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    assert checked.stdout.count(" fine ") == 7
+    planned = prolearn("plan", "s.json", "--out", "p.json")
+    assert planned.returncode == 0, planned.stderr
+    kept = json.loads((tmp_path / "p.json").read_text())["scenario"]
+    assert np.shape(kept["goal"]) == (4, 6)
+    assert kept["reference"]["raan_deg"] == 40.0
+
+
+def faulty(path):
+    """A scenario with something wrong in every respect."""
+    drawn = draw("rings", 0, 8, 0, Problem(max_acceleration=1e-5))
+    drawn.initial[3, :3] = drawn.initial[1, :3] + [3, 0, 4]
+    drawn.goal[2, 4] += 0.02
+    write_scenario(path, drawn)
+
+
+def test_all_that_is_wrong_is_said_on_80_columns_with_status_1(prolearn, tmp_path):
+    faulty(tmp_path / "s.json")
+    done = prolearn("scenario", "check", "s.json")
+    assert (done.returncode, done.stderr) == (1, "")
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    said = " ".join(done.stdout.split())
+    assert "initial[1] and initial[3] are 5 m apart" in said
+    assert "goal[2] drifts -340.6 m along-track an orbit" in said  # 6π/e · 0.02 m/s
+    assert "initial[1] and initial[3] come within" in said
+    assert "and 3 more, which --json has" in said
+    assert "goal craft apart fine" in said
+
+
+def test_json_has_every_fault_with_its_numbers(prolearn, tmp_path):
+    faulty(tmp_path / "s.json")
+    done = prolearn("scenario", "check", "s.json", "--json")
+    assert done.returncode == 1
+    told = json.loads(done.stdout)
+    assert told["fine"] is False
+    (reach,) = [one for one in told["findings"] if one["end"] == "transfer"]
+    assert sorted(case["craft"] for case in reach["cases"]) == [[k] for k in range(8)]
+    assert all(case["numbers"]["least_limit"] > 1e-5 for case in reach["cases"])
+
+
+def test_a_file_that_cannot_be_read_has_status_2_and_all_its_faults_in_one_line(prolearn, tmp_path):
+    prolearn("scenario", "new", "s.json", "--n", "2")
+    document = json.loads((tmp_path / "s.json").read_text())
+    document |= {"nodes": 1, "goal": {"rings": [{"craft": 2, "size": 9, "tilt": 3}]}}
+    (tmp_path / "s.json").write_text(json.dumps(document))
+    done = prolearn("scenario", "check", "s.json")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "nodes is 1" in done.stderr
+    assert "goal.rings[0].tilt is not a field" in done.stderr
+
+
+def test_a_file_that_is_there_is_replaced_only_with_force(prolearn, tmp_path):
+    (tmp_path / "s.json").write_text("mine")
+    refused = prolearn("scenario", "new", "s.json", "--n", "2")
+    assert refused.returncode == 2
+    assert "--force" in refused.stderr
+    assert (tmp_path / "s.json").read_text() == "mine"
+    assert prolearn("scenario", "new", "s.json", "--n", "2", "--force").returncode == 0
+    assert read_scenario(tmp_path / "s.json").n == 2
+
+
+def test_options_that_do_not_go_together_are_refused_in_a_sentence(prolearn, tmp_path):
+    ring = "craft=2,size=100"
+    for options, word in (
+        (("--from", ring), "--from or --to alone"),
+        (("--from", ring, "--to", ring, "--seed", "0"), "--seed is given"),
+        (("--from", ring, "--to", "100"), "--to is '100'"),
+        (("--from", ring, "--to", "craft=2,size=9,tilt_deg=x"), "goal.rings[0].tilt_deg is 'x'"),
+        (("--n", "0"), "n is 0"),
+        (("--altitude", "-1"), "altitude"),
+        (("--raan", "3"), "reference.epoch is missing"),
+    ):
+        done = prolearn("scenario", "new", "s.json", *options)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+        assert word in done.stderr
+        assert not (tmp_path / "s.json").exists()
+
+
+def test_the_schema_is_printed_as_json(prolearn):
+    for options, field in (((), "initial"), (("--plan",), "certificate")):
+        done = prolearn("scenario", "schema", *options)
+        assert field in json.loads(done.stdout)["properties"]
