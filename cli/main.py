@@ -7,7 +7,7 @@ import os
 
 import typer
 
-from cli import dataset, experiments, models, plan, scenario, tradeoff, train, tune
+from cli import convert, dataset, experiments, models, plan, scenario, tradeoff, train, tune
 from cli.app import Group
 
 # Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
@@ -46,4 +46,5 @@ app.command()(experiments.report)
 app.add_typer(scenario.app, name="scenario")
 app.command()(plan.plan)
 app.command()(tradeoff.tradeoff)
+app.command()(convert.convert)
 app.add_typer(models.app, name="models")

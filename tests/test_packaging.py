@@ -22,7 +22,8 @@ def test_the_console_script_is_the_application():
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["train"], ["evaluate"], ["plan"], ["scenario", "check"], ["models", "list"]]
+    "command",
+    [[], ["train"], ["evaluate"], ["plan"], ["convert"], ["scenario", "check"], ["models", "list"]],
 )
 def test_help_imports_no_heavy_package(command):
     code = (

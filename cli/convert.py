@@ -1,0 +1,65 @@
+"""The command that hands a plan over to other tools."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cli.app import FAILED
+from pipeline.errors import InputError
+
+
+class Form(StrEnum):
+    """What a plan can become."""
+
+    OEM = "oem"
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+def convert(
+    plan: Annotated[Path, typer.Argument(help="Plan file.", show_default=False)],
+    to: Annotated[Form, typer.Option(help="Format.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file, for OEM a folder; by default the plan's name with the format's ending.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Write a plan in a format that other tools read.
+
+    OEM: a CCSDS orbit ephemeris message for each craft, with a segment for each thrust arc, in
+    EME2000; the scenario must say where its reference orbit is. CSV and Parquet: a row for each
+    craft and node, in LVLH. A plan that is not safe is written too, and the exit status is 1.
+
+    Examples:
+
+        prolearn convert plan.json --to oem --out ephemerides
+        prolearn convert plan.json --to parquet
+    """
+    from pipeline.handover import write_csv, write_ephemerides, write_parquet
+    from pipeline.plan import SOLVED
+    from pipeline.plan.document import read_plan
+
+    made, scenario = read_plan(plan)
+    if scenario is None:
+        raise InputError(f"{plan} does not hold its scenario; expected a plan of schema 2.")
+    target = out or (plan.with_suffix("") if to == Form.OEM else plan.with_suffix(f".{to}"))
+    if target.is_dir() != (to == Form.OEM) and target.exists():
+        kind = "a folder" if to == Form.OEM else "a file"
+        raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
+    if to == Form.OEM:
+        try:
+            files = write_ephemerides(made, scenario, target, plan.stem)
+        except InputError as error:
+            raise InputError(f"{plan}: {error}") from error
+        typer.echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
+    else:
+        (write_csv if to == Form.CSV else write_parquet)(made, scenario, target)
+        typer.echo(f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes.")
+    if made.status != SOLVED:
+        typer.echo(f"prolearn: {plan} is {made.status}: {made.message}", err=True)
+        raise typer.Exit(FAILED)

@@ -1,0 +1,85 @@
+"""prolearn convert: a plan in the formats of others, or a sentence that says why not."""
+
+import json
+
+import pyarrow.parquet as pq
+import pytest
+from oem import OrbitEphemerisMessage
+
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+from pipeline.scenario.document import write_scenario
+
+WHERE = {
+    "epoch": "2026-03-01T12:00:00Z",
+    "inclination_deg": 97.4,
+    "raan_deg": 40,
+    "argument_of_latitude_deg": 0,
+}
+
+
+@pytest.fixture
+def planned(prolearn, tmp_path):
+    """Plan a draw, with a reference orbit or without, and perhaps unsafely."""
+
+    def plan(reference=None, planner="expert", index=0):
+        write_scenario(tmp_path / "s.json", draw("dense", 0, 11, index, Problem()))
+        document = json.loads((tmp_path / "s.json").read_text()) | {"reference": reference}
+        (tmp_path / "s.json").write_text(json.dumps(document))
+        return prolearn("plan", "s.json", "--out", "p.json", "--planner", planner)
+
+    return plan
+
+
+def test_each_craft_has_a_file_that_another_reader_reads(prolearn, planned, tmp_path):
+    assert planned(WHERE).returncode == 0
+    done = prolearn("convert", "p.json", "--to", "oem", "--out", "ephemerides")
+    assert done.returncode == 0, done.stderr
+    files = sorted((tmp_path / "ephemerides").iterdir())
+    assert [file.name for file in files] == [f"craft-{k:02d}.oem" for k in range(11)]
+    message = OrbitEphemerisMessage.open(files[3])
+    assert len(list(message.segments)) == 10
+
+
+def test_tables_are_named_after_the_plan(prolearn, planned, tmp_path):
+    planned()
+    assert prolearn("convert", "p.json", "--to", "csv").returncode == 0
+    assert prolearn("convert", "p.json", "--to", "parquet").returncode == 0
+    assert len((tmp_path / "p.csv").read_text().splitlines()) == 1 + 11 * 11
+    assert pq.read_table(tmp_path / "p.parquet").num_rows == 11 * 11
+
+
+def test_without_a_reference_orbit_the_sentence_says_what_to_add_and_that_helps(
+    prolearn, planned, tmp_path
+):
+    planned()
+    done = prolearn("convert", "p.json", "--to", "oem")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert not (tmp_path / "p").exists()
+    added = done.stderr[done.stderr.index('"reference"') :].split("} ")[0] + "}"
+    document = json.loads((tmp_path / "p.json").read_text())
+    document["scenario"] |= json.loads("{" + added + "}")
+    (tmp_path / "p.json").write_text(json.dumps(document))
+    assert prolearn("convert", "p.json", "--to", "oem").returncode == 0
+
+
+def test_an_unsafe_plan_is_handed_over_with_status_1_and_the_pair_and_time_named(
+    prolearn, planned, tmp_path
+):
+    assert planned(WHERE, planner="own-LP").returncode == 1
+    done = prolearn("convert", "p.json", "--to", "oem", "--out", "o")
+    assert done.returncode == 1
+    pair = json.loads((tmp_path / "p.json").read_text())["certificate"]["min_separation_pair"]
+    assert f"craft {pair[0]} and {pair[1]} come within" in done.stderr
+    assert "own LP: unsafe." in (tmp_path / "o" / "craft-00.oem").read_text()
+
+
+def test_what_is_there_already_and_of_the_other_kind_is_left_alone(prolearn, planned, tmp_path):
+    planned(WHERE)
+    (tmp_path / "taken").write_text("mine")
+    done = prolearn("convert", "p.json", "--to", "oem", "--out", "taken")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert (tmp_path / "taken").read_text() == "mine"
+    (tmp_path / "folder").mkdir()
+    done = prolearn("convert", "p.json", "--to", "csv", "--out", "folder")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
