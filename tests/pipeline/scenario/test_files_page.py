@@ -1,0 +1,31 @@
+"""docs/files.md: its scenario is one, and its tables name every field there is."""
+
+import json
+import re
+from dataclasses import fields
+from pathlib import Path
+
+from pipeline.documents import document_from
+from pipeline.expert import solve
+from pipeline.plan import Certificate
+from pipeline.plan.document import PlanDocument
+from pipeline.scenario import findings
+from pipeline.scenario.document import ReferenceDocument, ScenarioDocument
+from pipeline.scenario.ends import RingDocument
+
+PAGE = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
+
+
+def test_the_scenario_on_the_page_is_fine_and_can_be_planned():
+    shown = json.loads(re.search(r"```json\n(.*?)```", PAGE, re.DOTALL)[1])
+    scenario = document_from(shown, ScenarioDocument).scenario("shown")
+    assert [one.text for one in findings(scenario) if not one.fine] == []
+    assert solve(scenario).status == "solved"
+    assert scenario.reference is not None
+
+
+def test_every_field_has_its_row():
+    shown = set(re.findall(r"`(\w+)`", PAGE))
+    for model in (ScenarioDocument, RingDocument, ReferenceDocument, PlanDocument):
+        assert {field.alias or name for name, field in model.model_fields.items()} <= shown
+    assert {field.name for field in fields(Certificate)} <= shown
