@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linprog
 from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
 
 from pipeline.arrays import Array
@@ -32,6 +31,8 @@ def least_limits(
     Raises:
         ProlearnError: where the solver fails.
     """
+    from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
+
     enough = np.abs(minimum_energy(initial, goal, problem)).max(axis=(1, 2))
     moving = np.flatnonzero(enough)  # the others arrive without thrust
     limits = np.zeros(len(initial))
