@@ -118,6 +118,8 @@ def new(
     """
     from pipeline.scenario.document import write_by_hand
 
+    if scenario.is_dir():
+        raise InputError(f"{scenario} is a folder; expected the name of a file.")
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     fields: dict[str, Any] = {

@@ -55,6 +55,8 @@ def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:
 def faults(error: ValidationError) -> str:
     """Field and fault of every error, in one line."""
     found = error.errors(include_url=False)
+    if any(fault["loc"] == ("schema",) for fault in found):  # the others follow from it
+        found = [fault for fault in found if fault["loc"] == ("schema",)]
     told = "; ".join(map(_fault, found[:MOST_FAULTS]))
     return told + (f"; and {len(found) - MOST_FAULTS} more" if len(found) > MOST_FAULTS else "")
 

@@ -11,8 +11,11 @@ from pipeline.errors import ProlearnError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, transfer_maps
 
-NO_REACH = 1e-6
-"""Share of a transfer that full thrust must bring about for it to count as reached at all."""
+SHORT = 1e-6
+"""Share of a change of state that a transfer may leave undone and count as one: rounding."""
+
+ROUNDING = np.repeat([1e-6, 1e-9], 3)
+"""What a transfer may leave undone in any case, m and m/s."""
 
 
 def least_limits(
@@ -33,18 +36,21 @@ def least_limits(
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 
-    enough = np.abs(minimum_energy(initial, goal, problem)).max(axis=(1, 2))
-    moving = np.flatnonzero(enough)  # the others arrive without thrust
-    limits = np.zeros(len(initial))
+    maps = transfer_maps(problem)
+    scale = np.repeat([1.0, problem.duration], 3) / problem.duration**2  # all in m/s²
+    reach = maps.reach[-1] * scale[:, None]
+    miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
+    controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
+    left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
+    short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), ROUNDING * scale)
+    missed = (left > short).any(axis=1)
+    limits = np.where(missed, np.inf, 0.0)
+    moving = np.flatnonzero((enough > 0) & ~missed)  # the others arrive without thrust
     if len(moving) == 0:
         return limits
-    maps = transfer_maps(problem)
-    miss = goal[moving] - np.matvec(maps.drift[-1], initial[moving])
-    scale = np.repeat([1.0, problem.duration], 3) / problem.duration**2
-    reach = csr_array(maps.reach[-1] * scale[:, None])
-    wanted = csr_array(block_diag(list((miss * scale / enough[moving, None])[..., None])))
+    wanted = csr_array(block_diag(list((miss[moving] / enough[moving, None])[..., None])))
     n, m = len(moving), reach.shape[1]
-    balance: Any = hstack([kron(eye_array(n), reach), -wanted], format="csr")
+    balance: Any = hstack([kron(eye_array(n), csr_array(reach)), -wanted], format="csr")
     found = linprog(
         np.repeat([0.0, -1.0], [n * m, n]),
         A_eq=balance,
@@ -54,7 +60,5 @@ def least_limits(
     )
     if found.x is None:
         raise ProlearnError(f"the least thrust limit was not found: {found.message}")
-    times = found.x[n * m :]
-    with np.errstate(divide="ignore"):
-        limits[moving] = np.where(times > NO_REACH, enough[moving] / times, np.inf)
+    limits[moving] = enough[moving] / found.x[n * m :]
     return limits

@@ -205,22 +205,25 @@ def _reachable(scenario: Scenario) -> Finding:
     limit = np.inf if limit is None else limit
     short = np.flatnonzero((least > limit) | np.isinf(least))
     cases = tuple(
-        Case((int(k),), _shortage(int(k), float(least[k]), limit), {"least_limit": float(least[k])})
+        _short(int(k), float(least[k]), limit)
         for k in short[least[short].argsort(kind="stable")[::-1]]
     )
     if cases:
-        text = f"craft that max_acceleration, {limit:g} m/s², is too little for: {len(cases)}"
+        given = f"max_acceleration, {limit:g} m/s²," if np.isfinite(limit) else "any thrust"
+        text = f"craft that {given} is too little for: {len(cases)}"
         cure = "raise max_acceleration, or give more time by time_step or nodes"
         return Finding(REACHABLE, "transfer", text, cases, cure)
     text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
     return Finding(REACHABLE, "transfer", text)
 
 
-def _shortage(k: int, least: float, limit: float) -> str:
+def _short(k: int, least: float, limit: float) -> Case:
+    """The fault of a craft whose least thrust limit is above the one there is."""
     if not np.isfinite(least):
-        return f"craft {k} reaches its goal with no thrust on this time grid"
+        return Case((k,), f"craft {k} reaches its goal with no thrust, however large")
     times = f"{least / limit:.4g} times max_acceleration"
-    return f"craft {k} needs at least {_up(least):.4g} m/s², {times}"
+    text = f"craft {k} needs at least {_up(least):.4g} m/s², {times}"
+    return Case((k,), text, {"least_limit": least})
 
 
 def _up(value: float) -> float:

@@ -117,3 +117,14 @@ def test_a_craft_that_stays_on_its_orbit_needs_no_thrust():
     start = pro_states(200.0, 0.3, np.array([0.1]), 0.0, E)
     end = pro_states(200.0, 0.3, np.array([0.1 + E * problem.duration]), 0.0, E)
     assert least_limits(start, end, problem) == pytest.approx(0, abs=1e-15)
+
+
+def test_a_time_grid_on_which_no_thrust_arrives_is_said_to_be_one():
+    """Thrust held for a whole orbit moves z not at all: its effect ∫ sin e(T-t) dt is 0."""
+    start = pro_states(200.0, 0.3, np.array([0.0]), 0.0, E)
+    end = start.copy()
+    end[0, 5] += 0.05
+    problem = Problem(time_step=ORBIT, nodes=3)
+    (case,) = wrong(Scenario(problem, start, end))[("transfer", "within reach")]
+    assert "no thrust, however large" in case.text
+    assert not case.numbers
