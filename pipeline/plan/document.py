@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator, model_validator
 
 from pipeline.documents import DIALECT, read_document, write_document
 from pipeline.errors import InputError
@@ -20,8 +20,8 @@ SCHEMA = "prolearn.plan/2"
 
 WHAT = f"a plan file (schema {SCHEMA})"
 
-State = Annotated[list[float], Field(min_length=6, max_length=6)]
-Control = Annotated[list[float], Field(min_length=3, max_length=3)]
+State = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
+Control = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 
 
 class PlanDocument(BaseModel):
@@ -45,7 +45,7 @@ class PlanDocument(BaseModel):
         "proven that there is no plan; unsolved: none was found."
     )
     message: str = Field("", description="Why, where the status is not solved.")
-    times: list[float] = Field(description="Of the nodes, s since the first.")
+    times: list[FiniteFloat] = Field(description="Of the nodes, s since the first.")
     states: list[list[State]] = Field(
         description="By craft and node: x y z vx vy vz, LVLH, m and m/s."
     )
