@@ -7,7 +7,7 @@ import os
 
 import typer
 
-from cli import convert, dataset, experiments, models, plan, scenario, tradeoff, train, tune
+from cli import convert, dataset, experiments, models, plan, scenario, show, tradeoff, train, tune
 from cli.app import Group
 
 # Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
@@ -47,4 +47,5 @@ app.add_typer(scenario.app, name="scenario")
 app.command()(plan.plan)
 app.command()(tradeoff.tradeoff)
 app.command()(convert.convert)
+app.command()(show.show)
 app.add_typer(models.app, name="models")

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
@@ -36,10 +37,9 @@ def test_every_field_of_a_scenario_is_described():
 
 @pytest.fixture
 def accepts():
-    validator = pytest.importorskip("jsonschema").Draft202012Validator
-    validator.check_schema(json_schema())
-    validator.check_schema(of_plans())
-    return lambda schema, document: validator(schema).is_valid(document)
+    for schema in (json_schema(), of_plans()):
+        Draft202012Validator.check_schema(schema)
+    return lambda schema, document: Draft202012Validator(schema).is_valid(document)
 
 
 RING = {"craft": 3, "size": 100.0}

@@ -1,0 +1,92 @@
+"""A plan as read from a file, flown and certified anew: what a page shows is never a mere claim."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import TOLERANCE
+from pipeline.plan import SOLVED, Certificate, Made, Plan, is_safe, planned
+from pipeline.plan.certificate import NO_FUEL
+from pipeline.plan.planned import POSITION_TOLERANCE
+from pipeline.scenario import Scenario
+
+FURTHEST = 1e9
+"""Positions beyond this, m, are no relative motion, and no proof holds where numbers overflow."""
+
+RELATIVE = 1e-6
+"""Share by which a claimed cost may differ from the one found anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A plan as its controls fly it.
+
+    Attributes:
+        plan: states, certificate and status found anew from the scenario and the controls; the
+            lower bound on the fuel and how it was proven are as the file has them.
+        safe: whether no pair comes within r_col at any time.
+        faults: what is wrong with it, in sentences; empty where it is solved.
+    """
+
+    plan: Plan
+    safe: bool
+    faults: tuple[str, ...]
+
+
+def judged(claimed: Plan, scenario: Scenario) -> Judged:
+    """Fly a plan's controls from its scenario's initial states and certify what comes of it.
+
+    Raises:
+        InputError: where the controls lead nowhere that a number could say.
+    """
+    said = claimed.certificate
+    made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
+    _refuse_overflow(claimed, scenario)
+    found = planned(claimed.planner, scenario, made)
+    plan = replace(
+        found, convex_solves=claimed.convex_solves, timing=claimed.timing, message=claimed.message
+    )
+    faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
+    if found.status != SOLVED and found.message != claimed.message:
+        faults.append(found.message[0].upper() + found.message[1:])
+    off = float(np.abs(claimed.states - found.states)[..., :3].max())
+    if not off <= POSITION_TOLERANCE:
+        faults.append(
+            f"The file's states are up to {off:.3g} m from where its controls lead; shown is "
+            "where they lead"
+        )
+    faults += _false_claims(said, found.certificate)
+    safe = is_safe(found.certificate, scenario.problem)
+    return Judged(plan, safe, tuple(fault.rstrip(".") + "." for fault in faults))
+
+
+def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
+    """Controls so large that arithmetic on them has no meaning."""
+    problem = scenario.problem
+    push = float(np.abs(claimed.controls).max()) * problem.duration**2
+    if not push <= FURTHEST:
+        raise InputError(
+            f"the controls reach {np.abs(claimed.controls).max():.3g} m/s², which leads beyond "
+            f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
+        )
+
+
+def _false_claims(said: Certificate, found: Certificate) -> list[str]:
+    """Where a file's certificate says other than its controls give, or more; NaN is other."""
+    wrong = []
+    for name, unit in (("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")):
+        theirs, ours = getattr(said, name), getattr(found, name)
+        if not abs(theirs - ours) <= RELATIVE * abs(ours):
+            wrong.append((name, theirs, ours, unit))
+    for name in ("min_separation", "min_separation_bound"):
+        theirs, ours = getattr(said, name), getattr(found, name)
+        if None not in (theirs, ours) and not theirs <= ours + 2 * TOLERANCE:
+            wrong.append((name, theirs, ours, " m"))
+    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + NO_FUEL:
+        wrong.append(("fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"))
+    return [
+        f"The file claims {name} {theirs:.6g}{unit.removesuffix(' at most')}, its controls give "
+        f"{ours:.6g}{unit}"
+        for name, theirs, ours, unit in wrong
+    ]

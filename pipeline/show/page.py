@@ -1,0 +1,68 @@
+"""The page of a plan: words, tables, numbers and the script that draws them, in one file."""
+
+import base64
+import hashlib
+from pathlib import Path
+
+from jinja2.utils import htmlsafe_json_dumps
+from markupsafe import Markup
+
+from pipeline.files import write_text
+from pipeline.plan import Plan
+from pipeline.scenario import Scenario
+from pipeline.show.data import page_data
+from pipeline.show.judged import Judged, judged
+from pipeline.show.motion import steps_of
+from pipeline.show.plotly import bundle, licence, packed
+from pipeline.show.tables import certificate_rows, planner_rows, scenario_rows, verdict
+from pipeline.templates import TEMPLATES
+
+SCRIPT = Path(__file__).with_name("page.js")
+
+
+def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Judged]:
+    """The page of a plan, and what it says of it.
+
+    It refers to nothing outside itself, and its policy lets it run no script but its own two.
+
+    Args:
+        claimed: the plan as read.
+        scenario: what it is for.
+        name: what to call it, such as the name of its file.
+
+    Raises:
+        InputError: where the controls lead nowhere that a number could say.
+    """
+    shown = judged(claimed, scenario)
+    data, pairs = page_data(shown.plan, scenario)
+    script, plotly = SCRIPT.read_text(encoding="utf-8"), bundle()
+    text = TEMPLATES.get_template("pipeline/show/page.html.jinja").render(
+        name=name,
+        planner=claimed.planner,
+        n=scenario.n,
+        verdict=verdict(shown, scenario.problem, claimed.status),
+        certificate=certificate_rows(shown.plan.certificate, claimed.status),
+        scenario=scenario_rows(scenario),
+        planning=planner_rows(shown.plan, claimed.status),
+        pairs=pairs,
+        collision_radius=scenario.problem.collision_radius,
+        spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
+        hashes=[_hash(script.encode()), _hash(plotly)],
+        data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
+        script=Markup(script),  # ours, without user's words in it
+        plotly=packed(plotly),
+        licence=Markup(licence()),
+    )
+    return text, shown
+
+
+def write_page(path: Path, claimed: Plan, scenario: Scenario, name: str) -> Judged:
+    """Write the page of a plan, which appears whole, and return what it says of the plan."""
+    text, shown = page(claimed, scenario, name)
+    write_text(path, text)
+    return shown
+
+
+def _hash(script: bytes) -> str:
+    """The name by which a content security policy knows a script."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(script).digest()).decode()

@@ -1,0 +1,112 @@
+"""What a page says in words and numbers: verdict, certificate, scenario and planner."""
+
+import math
+from dataclasses import dataclass
+
+from pipeline.exhibits.numbers import MISSING, error, number
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import MU_EARTH, R_EARTH
+from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan
+from pipeline.scenario import Scenario
+from pipeline.show.judged import Judged
+
+Rows = list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What stands at the top of a page.
+
+    Attributes:
+        good: whether the plan is safe and nothing is wrong with it.
+        headline: the verdict in few words.
+        reasons: in sentences.
+    """
+
+    good: bool
+    headline: str
+    reasons: tuple[str, ...]
+
+
+def verdict(shown: Judged, problem: Problem, claimed_status: str) -> Verdict:
+    """Whether a plan can be flown; who comes closest, when, and what is proven."""
+    found = shown.plan.certificate
+    reasons = list(shown.faults)
+    if found.min_separation_pair and found.min_separation_bound is not None and shown.safe:
+        i, j = found.min_separation_pair
+        reasons.append(
+            f"Craft {i} and {j} come closest, {found.min_separation:.4f} m at "
+            f"{found.min_separation_time:.1f} s. Proven: no two craft are ever closer than "
+            f"{_down(found.min_separation_bound)} m; r_col is {problem.collision_radius:g} m."
+        )
+    headline = "Unsafe" if not shown.safe else "Safe"
+    if shown.safe and shown.faults:
+        headline = "Not as claimed" if claimed_status == SOLVED else claimed_status.capitalize()
+    elif found.min_separation_pair is None:
+        headline, reasons = "Reaches its goal", ["There is no other craft to stay clear of."]
+    return Verdict(shown.safe and not shown.faults, headline, tuple(reasons))
+
+
+def certificate_rows(found: Certificate, status: str) -> Rows:
+    """The certificate: what is measured, and the number with its unit."""
+    # Where no plan keeps to the thrust limit, no optimum is there to be far from.
+    gap = MISSING if status == INFEASIBLE else f"{100 * found.optimality_gap:.2f} %"
+    return [
+        ("Fuel Σ‖u‖₁ (Eq. 4)", f"{found.fuel:.6g} m/s²"),
+        ("Δv, fuel times time step", f"{found.delta_v:.6g} m/s"),
+        ("No plan needs less fuel than, by the file", f"{found.fuel_lower_bound:.6g} m/s²"),
+        ("Gap to that bound, at most", gap),
+        ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
+        *_separation_rows(found),
+        ("Goal missed by, position", f"{error(found.goal_error)} m"),
+        ("Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"),
+        ("Dynamics violated by, at most", f"{error(found.dynamics_error)} m"),
+    ]
+
+
+def _separation_rows(found: Certificate) -> Rows:
+    if found.min_separation_pair is None or found.min_separation_bound is None:
+        return [("Least separation", "one craft, no pair")]
+    i, j = found.min_separation_pair
+    return [
+        ("Least separation at any time", f"{found.min_separation:.4f} m"),
+        ("Between", f"craft {i} and {j}"),
+        ("When", f"{found.min_separation_time:.1f} s"),
+        ("Proven: no pair is ever closer than", f"{_down(found.min_separation_bound)} m"),
+        ("Pairs and nodes within r_col (Eq. 5)", str(found.node_collisions)),
+    ]
+
+
+def scenario_rows(scenario: Scenario) -> Rows:
+    """What was asked."""
+    problem = scenario.problem
+    steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
+    most = problem.max_acceleration
+    limit = "none" if most is None else f"{1000 * most:g} mm/s²"
+    altitude = (MU_EARTH / problem.mean_motion**2) ** (1 / 3) - R_EARTH
+    about = f", {number(altitude / 1000)} km above the Earth" if altitude > 0 else ""
+    return [
+        ("Craft", str(scenario.n)),
+        ("Transfer", f"{problem.duration:g} s in {steps}"),
+        ("Collision radius r_col", f"{problem.collision_radius:g} m"),
+        ("Limit on each component of thrust", limit),
+        ("Mean motion of the reference orbit", f"{problem.mean_motion:.6g} rad/s"),
+        ("Its period", f"{2 * math.pi / problem.mean_motion / 60:.1f} min{about}"),
+    ]
+
+
+def planner_rows(plan: Plan, claimed_status: str) -> Rows:
+    """Who planned it, as the file has it."""
+    rows = [
+        ("Planner", plan.planner),
+        ("Status in the file", claimed_status),
+        ("Joint convex programs", str(plan.convex_solves)),
+    ]
+    if "plan" in plan.timing:
+        rows.append(("Time from scenario to controls", f"{number(1000 * plan.timing['plan'])} ms"))
+    return rows
+
+
+def _down(bound: float) -> str:
+    """A proven bound with four decimals, never rounded up."""
+    return f"{math.floor(bound * 1e4) / 1e4:.4f}"

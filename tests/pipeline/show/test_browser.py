@@ -1,0 +1,207 @@
+"""The page in a real browser: what a person sees when the slider moves."""
+
+import json
+import shutil
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from clohessy import position
+
+from pipeline.expert import own_optima, solve
+from pipeline.orbit.problem import Problem
+from pipeline.plan import Made, planned
+from pipeline.scenario import draw
+from pipeline.show import write_page
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    # WebGL without a graphics card
+    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+)
+PATIENCE = 60  # s
+
+CENTRES = """
+    const balls = document.getElementById("space").data[0];
+    const n = arguments[0], many = balls.x.length / n;
+    const middle = (all, k) =>
+        all.slice(k * many, (k + 1) * many).reduce((sum, one) => sum + one, 0) / many;
+    return Array.from({length: n}, (_, k) => [balls.x, balls.y, balls.z].map((v) => middle(v, k)));
+"""
+"""Where the spheres are that Plotly has been given."""
+
+RADIUS = """
+    const balls = document.getElementById("space").data[0];
+    const z = balls.z.slice(0, balls.z.length / arguments[0]);
+    return (Math.max(...z) - Math.min(...z)) / 2;
+"""
+
+pytestmark = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="needs Debian's packages chromium and chromium-driver"
+)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    started = webdriver.Chrome(options=options, service=Service(DRIVER))
+    try:
+        yield started
+    finally:
+        started.quit()
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """Open the page of a plan; at the end nothing has gone wrong and nothing was asked for."""
+
+    def shown(plan, scenario, name="plan.json", width=1400, theme="light"):
+        media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        write_page(tmp_path / "page.html", plan, scenario, name)
+        browser.get("about:blank")
+        browser.get_log("performance")  # what the browser's own first page asks for
+        browser.get((tmp_path / "page.html").as_uri())
+        wait_for(browser, "return document.documentElement.dataset.drawn === 'yes'")
+
+    yield shown
+    wrong = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    assert wrong == []
+    events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    asked = {
+        event["params"]["request"]["url"]
+        for event in events
+        if event["method"] == "Network.requestWillBeSent"
+    }
+    assert (tmp_path / "page.html").as_uri() in asked, "requests are seen"
+    assert {url for url in asked if not url.startswith(("data:", "blob:"))} == {
+        (tmp_path / "page.html").as_uri()
+    }
+
+
+def wait_for(browser, question):
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if browser.execute_script(question):
+            return
+        time.sleep(0.1)
+    shown = browser.execute_script("return document.body.innerText")
+    raise AssertionError(f"expected {question} of:\n{shown}")
+
+
+def by(browser, selector):
+    from selenium.webdriver.common.by import By
+
+    return browser.find_element(By.CSS_SELECTOR, selector)
+
+
+def time_shown(browser):
+    return float(by(browser, "#now").text.split()[0])
+
+
+def truth(plan, scenario, when):
+    """Positions of all craft by the matrix exponential, m."""
+    problem = scenario.problem
+    told = zip(scenario.initial, plan.controls, strict=True)
+    return [position(s, u, problem.mean_motion, problem.time_step, when) for s, u in told]
+
+
+def assert_true_to(browser, plan, scenario, when):
+    """Within the half centimetre to which positions are rounded on each axis."""
+    wait_for(browser, "return !state.due")  # drawn with the next frame
+    found = browser.execute_script(CENTRES, scenario.n)
+    np.testing.assert_allclose(found, truth(plan, scenario, when), atol=0.006)
+
+
+def test_the_slider_and_play_move_thirty_craft_to_where_they_are(browser, opened):
+    from selenium.webdriver.common.keys import Keys
+
+    scenario = draw("rings", 0, 30, 0, Problem())
+    plan = solve(scenario)
+    opened(plan, scenario, width=390)  # software draws a small picture in reasonable time
+    assert_true_to(browser, plan, scenario, 0.0)
+    assert browser.execute_script(RADIUS, 30) == pytest.approx(7.5, abs=1e-6)
+    slider = by(browser, "#time")
+    for keys in ([Keys.ARROW_RIGHT] * 3, [Keys.PAGE_UP] * 2, [Keys.END]):
+        slider.send_keys(*keys)
+        times = browser.execute_script("return data.times")
+        when = times[int(slider.get_property("value"))]
+        assert time_shown(browser) == pytest.approx(when, abs=0.06)
+        assert_true_to(browser, plan, scenario, when)
+    assert when == 1200.0
+    by(browser, "#play").click()
+    wait_for(browser, "return Number(document.getElementById('time').value) > 3")
+    by(browser, "#play").click()
+    assert 0 < time_shown(browser) < 1200
+    assert by(browser, "#play").text == "Play"
+
+
+def test_the_closest_approach_is_seen_at_its_time_with_its_distance(browser, opened):
+    scenario = draw("rings", 0, 10, 0, Problem())
+    plan = solve(scenario)
+    found = plan.certificate
+    i, j = found.min_separation_pair
+    opened(plan, scenario)
+    by(browser, "[data-time]").click()
+    wait_for(browser, "return state.sample > 0")
+    when = browser.execute_script("return data.times[state.sample]")
+    assert when == pytest.approx(found.min_separation_time, abs=1e-3)
+    at = truth(plan, scenario, found.min_separation_time)
+    apart = np.linalg.norm(at[i] - at[j])
+    assert f"closest now {i} and {j}, {apart:.3f} m" in by(browser, "#now").text
+    assert_true_to(browser, plan, scenario, when)
+    curves = browser.execute_script(
+        "return document.getElementById('separation').data.map(({name, x, y}) => [name, x, y])"
+    )
+    (curve,) = [(x, y) for name, x, y in curves if name == f"{i} and {j}"]
+    assert min(curve[1]) == pytest.approx(apart, abs=1e-3)
+    assert curve[0][int(np.argmin(curve[1]))] == pytest.approx(when, abs=1e-3)
+    assert by(browser, "#marked option:checked").text == f"craft {i} and {j}, the closest"
+    shapes = browser.execute_script("return document.getElementById('separation').layout.shapes")
+    assert shapes[0]["x0"] == when
+    assert [shape["y0"] for shape in shapes[1:]] == [15.0, found.min_separation_bound]
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_few_craft_are_shown_on_a_phone_in_the_dark(browser, opened, n):
+    scenario = draw("rings", 0, n, 0, Problem())
+    plan = solve(scenario)
+    opened(plan, scenario, width=390, theme="dark")
+    by(browser, "#time").send_keys("\ue010")  # the key End
+    assert_true_to(browser, plan, scenario, 1200.0)
+    wide, ink, page = browser.execute_script(
+        "return [document.documentElement.scrollWidth, "
+        "document.getElementById('controls').layout.font.color, "
+        "getComputedStyle(document.body).backgroundColor]"
+    )
+    assert wide == 390
+    assert (ink, page) == ("#e8e8e8", "rgb(20, 23, 26)")
+
+
+def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, opened):
+    hostile = "</script><script>document.title = 'taken'</script><b onclick='x'>"
+    scenario = draw("rings", 0, 10, 3, Problem())
+    own = own_optima(scenario.initial, scenario.goal, scenario.problem)
+    plan = planned("own LP", scenario, Made(own.controls, float(own.lower_bound.sum())))
+    opened(replace(plan, planner=hostile), scenario, hostile, theme="dark")
+    assert by(browser, "h1").text == f"Transfer of 10 craft, planned by {hostile}"
+    assert browser.title.startswith(hostile)
+    top = by(browser, ".verdict").text
+    i, j = plan.certificate.min_separation_pair
+    assert top.startswith("Unsafe") and f"craft {i} and {j} come within" in top
+    titles = browser.execute_script(
+        "return [...document.querySelectorAll('.modebar-btn')].map((b) => b.dataset.title)"
+    )
+    assert titles and not any("hare" in title or "loud" in title for title in titles)

@@ -1,0 +1,133 @@
+"""What a page shows of the motion is exact at every time, and has the closest approaches."""
+
+import numpy as np
+import pytest
+from clohessy import position
+from scipy.optimize import minimize_scalar
+
+from pipeline.expert import own_optima, solve
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.scenario import draw
+from pipeline.show.data import page_data
+from pipeline.show.motion import orbits, positions_at, sample_times, steps_of
+from pipeline.show.pairs import closest_pairs, nearest
+
+PROBLEM = Problem()
+NONE = np.zeros(0)
+
+
+def own(n, index=0, problem=PROBLEM):
+    """States and controls of each craft's own optimum, which heed no other craft."""
+    scenario = draw("rings", 0, n, index, problem)
+    controls = own_optima(scenario.initial, scenario.goal, problem).controls
+    return scenario, fly(scenario.initial, controls, problem), controls
+
+
+def truth(scenario, controls, craft, time):
+    problem = scenario.problem
+    told = scenario.initial[craft], controls[craft], problem.mean_motion, problem.time_step
+    return position(*told, time)
+
+
+def test_positions_are_those_of_the_matrix_exponential_at_nodes_and_between():
+    scenario, states, controls = own(3)
+    times = np.array([0.0, 3.7, 119.9, 120.0, 640.1, 1199.99, 1200.0])
+    found = positions_at(times, states, controls, PROBLEM)
+    wanted = [[truth(scenario, controls, k, t) for t in times] for k in range(3)]
+    np.testing.assert_allclose(found, wanted, atol=1e-8)
+
+
+def test_an_orbit_of_free_drift_is_the_exponential_without_controls_and_closes():
+    scenario, _, _ = own(2)
+    found = orbits(scenario.goal, PROBLEM)
+    period = 2 * np.pi / PROBLEM.mean_motion
+    times = np.linspace(0, period, found.shape[1])
+    idle = (PROBLEM.mean_motion, period)
+    for k in range(2):
+        wanted = [position(scenario.goal[k], np.zeros((1, 3)), *idle, t) for t in times]
+        np.testing.assert_allclose(found[k], wanted, atol=1e-7)
+    np.testing.assert_allclose(found[:, 0], found[:, -1], atol=1e-6)
+
+
+@pytest.mark.parametrize(("n", "nodes"), [(1, 11), (30, 61), (100, 11), (300, 11), (5000, 11)])
+def test_samples_hold_the_nodes_and_grow_sparse_only_beyond_100_craft(n, nodes):
+    problem = Problem(nodes=nodes)
+    times = sample_times(n, problem, np.array([77.7]))
+    grid = np.arange(nodes) * problem.time_step
+    assert np.abs(times[:, None] - grid).min(axis=0).max() < 1e-9
+    assert 77.7 in times
+    assert np.all(np.diff(times) > 0)
+    assert steps_of(n, problem) * problem.intervals == (
+        240 if n <= 100 else max(240 * 100 // n, 10)
+    )
+
+
+@pytest.mark.parametrize("n", [2, 3, 20])
+def test_the_closest_pairs_are_those_of_a_search_by_the_exponential(n):
+    scenario, states, controls = own(n, index=1)
+    found = closest_pairs(states, controls, PROBLEM)
+    grid = np.linspace(0, 1200, 241)
+    paths = [[truth(scenario, controls, k, t) for t in grid] for k in range(n)]
+    paths = np.array(paths)
+
+    def least(i, j):
+        """The least distance of two craft: the best of a fine grid, then made exact."""
+
+        def apart(t):
+            return np.linalg.norm(truth(scenario, controls, i, t) - truth(scenario, controls, j, t))
+
+        rough = grid[np.linalg.norm(paths[i] - paths[j], axis=1).argmin()]
+        ends = (max(rough - 5, 0), min(rough + 5, 1200))
+        best = minimize_scalar(apart, bounds=ends, method="bounded", options={"xatol": 1e-6})
+        return min(best.fun, apart(ends[0]), apart(ends[1]))
+
+    sampled = {
+        (i, j): np.linalg.norm(paths[i] - paths[j], axis=1).min()
+        for i in range(n)
+        for j in range(i + 1, n)
+    }
+    near = sorted(sampled, key=sampled.get)[:10]
+    wanted = sorted((least(*pair), *pair) for pair in near)[:6]
+    assert [(p.first, p.second) for p in found] == [(i, j) for _, i, j in wanted]
+    for pair, (distance, i, j) in zip(found, wanted, strict=True):
+        assert pair.distance == pytest.approx(distance, abs=2e-4)
+        at = [truth(scenario, controls, k, pair.time) for k in (i, j)]
+        assert np.linalg.norm(at[0] - at[1]) == pytest.approx(distance, abs=2e-4)
+
+
+def test_the_nearest_two_at_each_time_are_those_of_all_pairs():
+    _, states, controls = own(12)
+    at = positions_at(sample_times(12, PROBLEM, NONE), states, controls, PROBLEM)
+    pairs, distance = nearest(at)
+    apart = np.linalg.norm(at[:, None] - at[None], axis=-1)
+    apart[np.arange(12), np.arange(12)] = np.inf
+    np.testing.assert_allclose(distance, apart.min(axis=(0, 1)), atol=1e-9)
+    where = apart[pairs[:, 0], pairs[:, 1], np.arange(at.shape[1])]
+    np.testing.assert_allclose(where, distance, atol=1e-9)
+
+
+def test_craft_in_one_place_are_two_craft():
+    pairs, distance = nearest(np.zeros((2, 3, 3)))
+    assert pairs.tolist() == [[0, 1]] * 3
+    assert distance.tolist() == [0.0] * 3
+
+
+def test_the_certificates_closest_approach_is_among_the_samples():
+    scenario = draw("rings", 0, 10, 0, PROBLEM)
+    plan = solve(scenario)
+    data, _ = page_data(plan, scenario)
+    k = data["times"].index(plan.certificate.min_separation_time)
+    closest = [mm[k] for mm in data["separations"]]
+    assert min(closest) / 1000 == pytest.approx(plan.certificate.min_separation, abs=1e-3)
+    assert data["nearest"]["pairs"][k] == list(plan.certificate.min_separation_pair)
+
+
+def test_all_that_is_drawn_is_in_the_box_whose_sides_are_never_too_unequal():
+    scenario = draw("rings", 0, 3, 0, PROBLEM)
+    data, _ = page_data(solve(scenario), scenario)
+    drawn = [data["positions"], data["orbits"]["initial"], data["orbits"]["goal"]]
+    points = np.concatenate([np.array(part).reshape(-1, 3) / 100 for part in drawn])
+    low, high = np.array(data["box"]).T
+    assert np.all(points - 7.5 >= low) and np.all(points + 7.5 <= high)
+    assert (high - low).min() > 0.29 * (high - low).max()

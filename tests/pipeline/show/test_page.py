@@ -1,0 +1,118 @@
+"""The page as a file: one, small, closed to the outside and to what a name may hold."""
+
+import hashlib
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
+from pipeline.show import page
+from pipeline.show.plotly import VENDOR, bundle
+
+HOSTILE = '</script><script>alert(1)</script><img src="x" onerror="alert(2)">{{ 7*7 }}'
+
+
+class Parts(HTMLParser):
+    """Tags with their attributes, and text as a person reads it."""
+
+    def __init__(self):
+        super().__init__()
+        self.tags, self.text = [], ""
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def parsed(text):
+    parts = Parts()
+    parts.feed(text)
+    return parts
+
+
+@pytest.fixture(scope="module")
+def planned_swarm():
+    """A scenario and its plan, of any size."""
+
+    def made(n):
+        scenario = draw("rings", 0, n, 0, Problem())
+        return solve(scenario), scenario
+
+    return made
+
+
+def test_a_page_of_30_craft_is_smaller_than_2_mb(planned_swarm):
+    text, _ = page(*planned_swarm(30), "plan.json")
+    assert len(text.encode()) < 2_000_000
+
+
+def test_the_page_refers_to_nothing_and_its_policy_forbids_all_but_its_own_scripts(planned_swarm):
+    parts = parsed(page(*planned_swarm(3), "plan.json")[0])
+    links = [v for _, a in parts.tags for k, v in a.items() if k in {"src", "href", "action"}]
+    assert links == ["data:,"]
+    assert {"iframe", "object", "form", "base"}.isdisjoint(tag for tag, _ in parts.tags)
+    (policy,) = (a["content"] for _, a in parts.tags if "http-equiv" in a)
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'none'"
+    assert re.fullmatch(r"('sha256-[A-Za-z0-9+/]{43}=' ?){2}", rules["script-src"])
+    assert not re.search(r"https?:|\*", policy)
+
+
+def test_words_from_the_file_stay_words(planned_swarm):
+    plan, scenario = planned_swarm(2)
+
+    def saying(words):
+        proof = replace(plan.certificate, fuel_lower_bound_proof=words)
+        said = replace(plan, planner=words, message=words, status="unsolved", certificate=proof)
+        return parsed(page(said, scenario, words)[0])
+
+    parts = saying(HOSTILE)
+    assert parts.text.count(HOSTILE) >= 6, "title, heading, name, reason, proof, planner"
+    assert [tag for tag, _ in parts.tags] == [tag for tag, _ in saying("words").tags]
+
+
+def test_the_same_plan_gives_the_same_bytes(planned_swarm):
+    plan, scenario = planned_swarm(2)
+    assert page(plan, scenario, "a")[0] == page(plan, scenario, "a")[0]
+
+
+def test_plotlys_bundle_is_the_recorded_one_with_its_licence():
+    record = (VENDOR / "README.md").read_text()
+    assert hashlib.sha256(bundle()).hexdigest() in record
+    (version,) = re.findall(r"version \| ([0-9.]+) \|", record)
+    assert f"v{version}\n" in bundle()[:100].decode()
+    assert (VENDOR / "LICENSE").read_text().startswith("MIT License")
+    assert (VENDOR / "LICENSE").read_text() in page_of_one()
+
+
+def page_of_one():
+    scenario = draw("rings", 0, 1, 0, Problem())
+    return page(solve(scenario), scenario, "plan.json")[0]
+
+
+def test_of_what_is_not_ours_only_the_recorded_files_are_there():
+    assert {p.name for p in VENDOR.iterdir()} == {"LICENSE", "README.md", "plotly-gl3d.min.js"}
+    ours = [p for p in VENDOR.parent.iterdir() if p.is_file()]
+    assert max(p.stat().st_size for p in ours) < 20_000, "no bundle lies among our own files"
+
+
+def test_showing_needs_no_network_library_no_solver_and_no_drawing_library():
+    heavy = {"torch", "cvxpy", "clarabel", "highspy", "mlflow", "matplotlib", "pandas"}
+    code = f"import sys, pipeline.show; print(*({heavy!r} & set(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[3],
+    )
+    assert done.stdout.strip() == ""
