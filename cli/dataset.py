@@ -114,6 +114,7 @@ def solve(
 
 
 def make(
+    context: typer.Context,
     preset: Annotated[Literal["demo", "paper"], typer.Option(help="Which dataset.")] = "paper",
     out: Annotated[
         str | None, typer.Option(help="Dataset folder or URL; data/PRESET by default.")
@@ -133,6 +134,9 @@ def make(
         prolearn dataset --preset demo --out data/demo
         prolearn dataset --preset paper
     """
+    if context.invoked_subcommand:
+        _refuse_options(context)
+        return
     from pipeline.dataset.stages.presets import PRESETS
     from pipeline.dataset.stages.sample import sample as run
     from pipeline.expert import Settings
@@ -181,6 +185,17 @@ def verify(
         typer.echo(f"{where} is mended: {many}.")
     else:
         typer.echo(f"{where} is sound: {rows} rows.")
+
+
+def _refuse_options(context: typer.Context) -> None:
+    """Options of `prolearn dataset` say nothing to a command below it."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is not None and source.name == "COMMANDLINE":
+            raise InputError(
+                f"{parameter.opts[0]} is of `prolearn dataset` alone; expected none of its options "
+                f"before {context.invoked_subcommand}."
+            )
 
 
 def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":

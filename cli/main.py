@@ -4,19 +4,37 @@ Commands import what they need when they run, so that help is instant.
 """
 
 import os
+from typing import Any
 
 import typer
 
-from cli import convert, dataset, experiments, models, plan, scenario, show, tradeoff, train, tune
+from cli import card, convert, dataset, experiments, models, plan, scenario, show, tradeoff, train, tune
 from cli.app import Group
 
 # Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
 # wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+FIRST = ("sample", "solve", "dataset")
+"""Commands that the help begins with; Typer puts those that have subcommands last."""
+
+
+class Line(Group):
+    """All commands, in the order of the work."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names, FIRST first and the others as they were added."""
+        names = super().list_commands(ctx)
+        return [*FIRST, *(name for name in names if name not in FIRST)]
+
+
+datasets = typer.Typer(cls=Group, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown")
+datasets.callback(invoke_without_command=True)(dataset.make)
+datasets.command()(card.card)
+
 app = typer.Typer(
     name="prolearn",
-    cls=Group,
+    cls=Line,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",
@@ -34,7 +52,6 @@ app = typer.Typer(
 
 app.command()(dataset.sample)
 app.command()(dataset.solve)
-app.command(name="dataset")(dataset.make)
 app.command()(dataset.verify)
 app.command()(train.train)
 app.command()(tune.tune)
@@ -48,4 +65,5 @@ app.command()(plan.plan)
 app.command()(tradeoff.tradeoff)
 app.command()(convert.convert)
 app.command()(show.show)
+app.add_typer(datasets, name="dataset")
 app.add_typer(models.app, name="models")

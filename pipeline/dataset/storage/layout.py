@@ -7,6 +7,8 @@
     FOLDER/_stamps.json                           when each shard was last known to have it
     FOLDER/_foreign/                              what was there and did not belong there
     FOLDER/_lock, FOLDER/_writer                  held by the one who writes, and who that is
+    FOLDER/README.md                              the card, for people and dataset hubs
+    FOLDER/.git/, FOLDER/.gitattributes, ...      of tools that keep the folder; left alone
 
 Readers of Parquet folders pass over names that begin with an underscore.
 """
@@ -16,9 +18,10 @@ import re
 MANIFEST, STAMPS = "_manifest.json", "_stamps.json"
 LOCK, WRITER = "_lock", "_writer"
 FOREIGN = "_foreign/"
+CARD = "README.md"
 SCENARIOS, TIMINGS = "_scenarios/", "_timings/"
 
-BOOKS = re.compile(rf"{MANIFEST}|{STAMPS}|{LOCK}|{WRITER}|{FOREIGN}.*")
+BOOKS = re.compile(rf"{MANIFEST}|{STAMPS}|{LOCK}|{WRITER}|{FOREIGN}.*|{re.escape(CARD)}|\..*")
 """Names of files that a dataset may hold beside its shards."""
 
 OURS = re.compile(rf"{BOOKS.pattern}|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")
