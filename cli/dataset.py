@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cli.output import AsJson, beside, print_json
 from cli.progress import progress
 from pipeline.errors import InputError
 from pipeline.urls import public_url
@@ -155,6 +156,7 @@ def verify(
         typer.Option("--repair", help="Do damaged shards again; move foreign files to _foreign/."),
     ] = False,
     jobs: Jobs = -1,
+    as_json: AsJson = False,
 ) -> None:
     """Check the integrity of a dataset and the physics of every row.
 
@@ -164,16 +166,21 @@ def verify(
 
         prolearn verify data/paper
         prolearn verify data/paper --repair
+        prolearn verify data/paper --json
     """
     from pipeline.dataset.stages.verify import repair
     from pipeline.dataset.stages.verify import verify as run
     from pipeline.dataset.stages.workers import Workers
 
     workers = Workers(jobs)
-    with progress("mending" if mend else "verifying") as shown:
+    with beside(as_json), progress("mending" if mend else "verifying") as shown:
         found = repair if mend else run
         faults = list(found(folder, workers=workers, progress=shown))
         rows = shown.count
+    if as_json:
+        told = {"folder": public_url(folder), "repaired": mend, "faults": faults}
+        print_json(told if mend else {**told, "rows": rows})
+        raise typer.Exit(int(bool(faults) and not mend))
     for fault in faults:
         typer.echo(f"{fault.path}: {fault.what}", err=True)
     where = public_url(folder)

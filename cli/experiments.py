@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.app import float_list, int_list, name_list
+from cli.output import AsJson, beside, print_json
 from cli.progress import progress
 from pipeline.experiments.experiment3.rows import EXPERT, PLAIN
 
@@ -41,6 +42,7 @@ def evaluate(
     trials: Annotated[int | None, typer.Option(help="Most trials of each size.")] = None,
     timed: Annotated[int, typer.Option(help="Trials of each size that are timed.")] = 10,
     resume: Resume = False,
+    as_json: AsJson = False,
 ) -> None:
     """Experiments 1 and 2: collisions, fuel and time against swarm size.
 
@@ -54,7 +56,7 @@ def evaluate(
     from cli.stages.evaluate import evaluate as run
 
     sizes = None if n is None else int_list(n)
-    with progress("evaluating") as shown:
+    with beside(as_json), progress("evaluating") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -64,7 +66,7 @@ def evaluate(
             resume=resume,
             progress=shown,
         )
-    _done("Evaluated", outcome)
+    _done("Evaluated", outcome, as_json=as_json)
 
 
 class Optimizer(StrEnum):
@@ -97,6 +99,7 @@ def warmstart(
     ] = None,
     trials: Annotated[int, typer.Option(help="Trials of each size.")] = 100,
     resume: Resume = False,
+    as_json: AsJson = False,
 ) -> None:
     """Experiment 3: start an optimizer from each network's plan and from simple seeds.
 
@@ -111,7 +114,7 @@ def warmstart(
     from cli.stages.warmstart import warmstart as run
 
     sizes = int_list(SIZES[optimizer] if n is None else n)
-    with progress("warm starts") as shown:
+    with beside(as_json), progress("warm starts") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -121,7 +124,7 @@ def warmstart(
             resume=resume,
             progress=shown,
         )
-    _done("Warm starts done", outcome)
+    _done("Warm starts done", outcome, as_json=as_json)
 
 
 def transfer_times(
@@ -141,6 +144,7 @@ def transfer_times(
     ] = None,
     trials: Annotated[int, typer.Option(help="Most trials of each transfer time.")] = 100,
     resume: Resume = False,
+    as_json: AsJson = False,
 ) -> None:
     """Experiment 4: transfer times that no network was trained for.
 
@@ -156,7 +160,7 @@ def transfer_times(
 
     grids = int_list(nodes, "--nodes")
     steps = None if time_step is None else float_list(time_step, "--time-step")
-    with progress("transfer times") as shown:
+    with beside(as_json), progress("transfer times") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -167,7 +171,7 @@ def transfer_times(
             resume=resume,
             progress=shown,
         )
-    _done("Transfer times done", outcome)
+    _done("Transfer times done", outcome, as_json=as_json)
 
 
 def ablate(
@@ -187,6 +191,7 @@ def ablate(
     trials: Annotated[int | None, typer.Option(help="Most trials of each size.")] = None,
     timed: Annotated[int, typer.Option(help="Trials of each size that are timed.")] = 10,
     resume: Resume = False,
+    as_json: AsJson = False,
 ) -> None:
     """Ablations: refiners that lack one thing each, beside the rule without learning.
 
@@ -201,7 +206,7 @@ def ablate(
     from cli.stages.ablate import ablate as run
 
     sizes, counts = int_list(n), int_list(rounds, "--rounds", least=0)
-    with progress("ablations") as shown:
+    with beside(as_json), progress("ablations") as shown:
         outcome = run(
             name_list(models),
             data,
@@ -212,7 +217,7 @@ def ablate(
             resume=resume,
             progress=shown,
         )
-    _done("Ablations done", outcome)
+    _done("Ablations done", outcome, as_json=as_json)
 
 
 def report(
@@ -221,6 +226,7 @@ def report(
         str | None,
         typer.Option(help="Run of the evaluation; the newest by default.", show_default=False),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write tables, figures and the report of an evaluation.
 
@@ -235,10 +241,21 @@ def report(
     """
     from cli.stages.report import report as run
 
-    files = run(out, evaluation)
+    with beside(as_json):
+        files = run(out, evaluation)
+    if as_json:
+        print_json(files)
+        return
     typer.echo(f"The report is {files.html} (and {files.markdown}).")
 
 
-def _done(what: str, outcome: "Done") -> None:
+def _done(what: str, outcome: "Done", *, as_json: bool) -> None:
+    if as_json:
+        from cli.stages.averages import averages
+
+        with beside(as_json):
+            rows = averages(outcome.run_id)
+        print_json({**vars(outcome), "averages": rows})
+        return
     when = " before" if outcome.earlier else ""
     typer.echo(f"{what}{when}; MLflow run {outcome.run_id}. Next: prolearn report")

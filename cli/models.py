@@ -5,13 +5,14 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from cli.app import Group
+from cli.output import AsJson, beside, print_json
 from cli.progress import each
 from pipeline.errors import InputError
 
@@ -59,17 +60,32 @@ AGES = ((86400, "d"), (3600, "h"), (60, "min"))
 
 
 @app.command(name="list")
-def list_models() -> None:
+def list_models(as_json: AsJson = False) -> None:
     """All versions: alias, validation error, collisions and fuel when flown, dataset, age.
 
     Collisions and fuel are there once `prolearn evaluate` has measured them.
 
-    Example:
+    Examples:
 
         prolearn models list
+        prolearn models list --json
     """
     from registry.models import list_versions
 
+    with beside(as_json):
+        versions = list_versions()
+    if as_json:
+        print_json([told(version) for version in versions])
+        return
+    Console().print(_table(versions))
+
+
+def told(version: "ModelVersion") -> dict[str, Any]:
+    """A version as programs are told it."""
+    return {"uri": version.uri, **vars(version)}
+
+
+def _table(versions: "Sequence[ModelVersion]") -> Table:
     table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
     for heading in ("model", "v.", "alias", "recipe"):
         table.add_column(heading, justify="right" if heading == "v." else "left", no_wrap=True)
@@ -77,7 +93,7 @@ def list_models() -> None:
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("dataset", max_width=14, no_wrap=True)
     table.add_column("age", justify="right", no_wrap=True)
-    for version in list_versions():
+    for version in versions:
         numbers = [version.metrics.get(name) for name in COLUMNS]
         table.add_row(
             version.name,
@@ -88,7 +104,7 @@ def list_models() -> None:
             _dataset(version),
             _age(version.created),
         )
-    Console().print(table)
+    return table
 
 
 def _dataset(version: "ModelVersion") -> str:
@@ -108,6 +124,7 @@ def _age(created: datetime) -> str:
 @app.command()
 def show(
     model: ModelArgument,
+    as_json: AsJson = False,
 ) -> None:
     """One version in full: parameters, metrics, dataset, environment.
 
@@ -121,7 +138,11 @@ def show(
     """
     from registry.models import resolve
 
-    version = resolve(model)
+    with beside(as_json):
+        version = resolve(model)
+    if as_json:
+        print_json(told(version))
+        return
     table = Table(box=None, show_header=False)
     head = {
         "model": version.name,

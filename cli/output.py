@@ -1,8 +1,8 @@
 """What commands print on standard output: tables for people, JSON for programs."""
 
-import json
-import math
-from collections.abc import Collection, Sequence
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
 from typing import Annotated, Any
 
 import typer
@@ -10,7 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document, and all else on stderr.")
+]
 
 WIDE = 1000
 """Columns that a table may take where no terminal cuts it."""
@@ -48,14 +50,23 @@ def print_table(
     Console(width=width).print(table)
 
 
-def print_json(value: Any) -> None:
-    """Print a value as JSON; what is no finite number becomes null."""
-    typer.echo(json.dumps(_finite(value), indent=2, ensure_ascii=False))
+@contextmanager
+def beside(as_json: bool) -> Iterator[None]:
+    """In the block, whatever prints does so on stderr where stdout is for a document."""
+    if not as_json:
+        yield
+        return
+    with redirect_stdout(sys.stderr):
+        yield
 
 
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def print_json(document: Any) -> None:
+    """Print strict JSON: what is not a finite number is null, times are as in ISO 8601.
+
+    Args:
+        document: dataclasses, mappings, sequences, paths, times, and numbers of numpy's, too.
+    """
+    from pydantic_core import to_json
+
+    text = to_json(document, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist())
+    typer.echo(text.decode())

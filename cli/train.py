@@ -1,15 +1,18 @@
 """The command that trains networks."""
 
 from itertools import product
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cli.app import int_list, name_list
+from cli.models import told
+from cli.output import AsJson, beside, print_json
 from cli.progress import progress
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
+    from cli.stages.train import TrainingSettings
     from registry.version import ModelVersion
 
 
@@ -57,6 +60,7 @@ def train(
         bool,
         typer.Option("--resume", help="Leave out what was trained before on the same data."),
     ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Train networks and register them: on the expert's plans, the refiner on scenarios alone.
 
@@ -71,7 +75,7 @@ def train(
     names = name_list(arch)
     if not names:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from cli.stages.train import TrainingSettings, train_model, trained_before
+    from cli.stages.train import TrainingSettings
 
     seeds = int_list(seed, "--seed", least=0)
     changes = {
@@ -90,18 +94,31 @@ def train(
     ]
     for how in asked:
         how.followed  # noqa: B018  (a name that is wrong stops all of them)
-    for how in asked:
-        title = f"training {how.arch} ({recipe})" + (f", seed {how.seed}" if len(seeds) > 1 else "")
-        with progress(title) as shown:
-            earlier = trained_before(how, data, shown) if resume else None
-            if earlier is not None:
-                typer.echo(f"Trained before: {_summary(earlier)}")
-                continue
-            version, held = train_model(
-                how, data, device=device, memory=memory * 1e9, progress=shown
-            )
-        typer.echo(_summary(version))
-        typer.echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
+    options: Any = {"resume": resume, "device": device, "memory": memory * 1e9}
+    several = len(seeds) > 1
+    with beside(as_json):
+        documents = [_trained(how, data, several=several, **options) for how in asked]
+    if as_json:
+        print_json(documents)
+
+
+def _trained(
+    how: "TrainingSettings", data: str, *, several: bool, resume: bool, device: str, memory: float
+) -> dict[str, Any]:
+    """Train a network, or find it trained before; say so, and tell what programs are told."""
+    from cli.stages.train import train_model, trained_before
+
+    title = f"training {how.arch} ({how.recipe})" + (f", seed {how.seed}" if several else "")
+    with progress(title) as shown:
+        earlier = trained_before(how, data, shown) if resume else None
+        if earlier is None:
+            version, held = train_model(how, data, device=device, memory=memory, progress=shown)
+    if earlier is not None:
+        typer.echo(f"Trained before: {_summary(earlier)}")
+        return {**told(earlier), "earlier": True}
+    typer.echo(_summary(version))
+    typer.echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
+    return {**told(version), "earlier": False, "champion": held.champion.version}
 
 
 def _summary(version: "ModelVersion") -> str:

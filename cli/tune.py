@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cli.output import AsJson, beside, print_json
 from cli.progress import progress
 from pipeline.urls import public_url
 
@@ -25,6 +26,7 @@ def tune(
         Path | None,
         typer.Option(help="Optuna's SQLite file; optuna.db beside mlflow.db by default."),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Search learning rate, batch size, dropout and input with Optuna.
 
@@ -40,7 +42,7 @@ def tune(
     """
     from cli.stages.tune import tune as run
 
-    with progress(f"tuning {arch}") as shown:
+    with beside(as_json), progress(f"tuning {arch}") as shown:
         found = run(
             arch,
             recipe,
@@ -53,6 +55,9 @@ def tune(
             storage=storage,
             progress=shown,
         )
+    if as_json:
+        print_json(found)
+        return
     typer.echo(_summary(found, arch, recipe, data, n))
 
 

@@ -165,6 +165,18 @@ def evaluation(run_id: str | None = None) -> Run:
     )
 
 
+def table_of(run_id: str) -> tuple[str, pd.DataFrame]:
+    """The experiment that a run is of, and the run's table: a row for each trial.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        run = store.client.get_run(run_id)
+        names = {number: name for name, number in store.experiments.items()}
+        return names[run.info.experiment_id], _read(store, run).table
+
+
 def _read(store: Store, run: Any) -> Run:
     """A run with its table."""
     with TemporaryDirectory(prefix="prolearn-") as scratch:

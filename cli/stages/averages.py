@@ -1,0 +1,33 @@
+"""What an experiment comes to, in numbers: the averages that its table in the report has."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pandas as pd
+
+from pipeline.experiments.ablations.summary import summarize_ablations
+from pipeline.experiments.experiment3.summary import summarize_warmstarts
+from pipeline.experiments.experiment4.summary import summarize_times
+from pipeline.experiments.summary import summarize
+from registry.results import table_of
+from registry.store import ABLATIONS, EVALUATION, TRANSFER_TIMES, WARMSTART
+
+SUMMARIES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
+    EVALUATION: summarize,
+    WARMSTART: summarize_warmstarts,
+    TRANSFER_TIMES: summarize_times,
+    ABLATIONS: summarize_ablations,
+}
+"""How the trials of an experiment are summed up, by its name in MLflow."""
+
+
+def averages(run_id: str) -> list[dict[str, Any]]:
+    """The averages of a run of an experiment, a row each planner or seed and setting.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    experiment, trials = table_of(run_id)
+    rows = SUMMARIES[experiment](trials)
+    plain = rows.astype(object).where(rows.notna(), None)  # no number of pandas' own kinds
+    return [dict(zip(rows.columns, row, strict=True)) for row in plain.itertuples(index=False)]

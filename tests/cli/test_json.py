@@ -1,0 +1,216 @@
+"""--json: stdout is one strict JSON document and nothing else, whatever a command has to say."""
+
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import mlflow
+import numpy as np
+import pandas as pd
+import pytest
+from typer.main import get_command
+
+from cli.main import app
+from cli.output import print_json
+
+CRAFT = ["--data", "data", "--n", "3"]
+FF1 = ["train", "--arch", "ff1", *CRAFT, "--epochs", "2"]
+EVALUATE = ["evaluate", *CRAFT, "--trials", "2", "--timed", "1"]
+
+COMMANDS = {
+    "sample": ["sample", "--n", "3", "--count", "24", "--shares", "0.5,0.25,0.25", "--out", "data"],
+    "solve": ["solve", "data", "--jobs", "1"],
+    "train": [*FF1, "--seed", "0,1", "--json"],
+    "train again": [*FF1, "--resume", "--json"],
+    "evaluate": [*EVALUATE, "--json"],
+    "evaluate again": [*EVALUATE, "--resume", "--json"],
+    "warmstart": ["warmstart", *CRAFT, "--trials", "1", "--json"],
+    "transfer-times": ["transfer-times", *CRAFT, "--nodes", "6,11", "--trials", "1", "--json"],
+    "report": ["report", "--out", "reports", "--json"],
+    "list": ["models", "list", "--json"],
+    "show": ["models", "show", "prolearn-ff1/2", "--json"],
+    "tune": ["tune", "--arch", "ff1", "--trials", "1", "--epochs", "1", *CRAFT, "--json"],
+    "refiner": ["train", "--arch", "refiner", *CRAFT, "--epochs", "1", "--crowded", "4", "--json"],
+    "ablate": ["ablate", *CRAFT, "--rounds", "0,1", "--trials", "1", "--timed", "0", "--json"],
+    "no dataset": ["verify", "nowhere", "--json"],
+    "no model": ["models", "show", "ff9", "--json"],
+    "no run": ["report", "--evaluation", "x", "--json"],
+}
+"""By name, in the order in which they are given."""
+
+GIVE = """
+import json, os, sys
+from cli.main import app
+for name, command in json.loads(sys.argv[1]).items():
+    for number, kind in ((1, "out"), (2, "err")):
+        os.dup2(os.open(f"{name}.{kind}", os.O_CREAT | os.O_WRONLY), number)
+    try:
+        app(command)
+    except SystemExit as end:
+        sys.stdout.flush()
+        open(f"{name}.status", "w").write(str(end.code))
+"""
+"""Each command has files of its own for what the process writes, by whatever library."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What came of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where the commands were given, one after another in one process."""
+    here = tmp_path_factory.mktemp("line")
+    environment = {k: v for k, v in os.environ.items() if k != "MLFLOW_TRACKING_URI"}
+    command = [sys.executable, "-c", GIVE, json.dumps(COMMANDS)]
+    subprocess.run(command, cwd=here, env=environment, check=True, timeout=600)
+    return here
+
+
+@pytest.fixture(scope="module")
+def given(folder):
+    """What came of a command, by its name."""
+
+    def of(name):
+        files = (folder / f"{name}.{kind}" for kind in ("status", "out", "err"))
+        status, out, err = (file.read_text(encoding="utf-8") for file in files)
+        return Given(int(status), out, err)
+
+    return of
+
+
+def strict(done, status=0):
+    """The document on stdout; NaN and infinities, which are no JSON, are refused."""
+    assert done.returncode == status, done.stderr
+
+    def refuse(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(done.stdout, parse_constant=refuse)
+
+
+def trials_of(folder, told):
+    """The trials of a run, from its artifacts."""
+    (path,) = folder.rglob(f"{told['run_id']}/artifacts/tables/table.parquet")
+    return pd.read_parquet(path)
+
+
+def test_train_tells_each_model_and_says_the_rest_on_stderr(given):
+    first, second = strict(given("train"))
+    assert [one["uri"] for one in (first, second)] == [
+        "models:/prolearn-ff1/1",
+        "models:/prolearn-ff1/2",
+    ]
+    assert [one["params"]["seed"] for one in (first, second)] == ["0", "1"]
+    assert first["champion"] == 1 and not first["earlier"]
+    assert "prolearn-ff1 version 1 (tuned): best epoch" in given("train").stderr
+    again = strict(given("train again"))
+    assert [(one["uri"], one["earlier"]) for one in again] == [("models:/prolearn-ff1/1", True)]
+
+
+def test_models_list_and_show_tell_what_mlflow_has(given, folder):
+    listed, shown = strict(given("list")), strict(given("show"))
+    assert shown == listed[1]
+    client = mlflow.MlflowClient(f"sqlite:///{folder / 'mlflow.db'}")
+    run = client.get_run(client.get_model_version("prolearn-ff1", "2").run_id)
+    assert shown["run_id"] == run.info.run_id
+    assert shown["metrics"] == run.data.metrics
+    assert shown["params"] == run.data.params
+
+
+def test_evaluate_tells_the_averages_of_the_trials_in_its_run(given, folder):
+    told = strict(given("evaluate"))
+    assert "evaluating" in given("evaluate").stderr
+    by = ["planner", "reading", "n"]
+    means = trials_of(folder, told).groupby(by)["fuel"].mean()
+    found = {tuple(row[name] for name in by): row["fuel_mean"] for row in told["averages"]}
+    assert found == {key: pytest.approx(mean) for key, mean in means.items()}
+    predicted = [row for row in told["averages"] if row["reading"] == "predicted"]
+    assert [row["safe_share"] for row in predicted] == [None], "not a number is null"
+    assert strict(given("evaluate again")) == {**told, "earlier": True}
+
+
+@pytest.mark.parametrize(
+    ("command", "by"),
+    [
+        ("warmstart", ["seed", "rule"]),
+        ("transfer-times", ["planner", "reading", "nodes", "time_step", "varied"]),
+    ],
+)
+def test_other_experiments_tell_their_averages(given, folder, command, by):
+    told = strict(given(command))
+    means = trials_of(folder, told).groupby(by)["fuel"].mean()
+    found = {tuple(row[name] for name in by): row["fuel_mean"] for row in told["averages"]}
+    assert found == {key: pytest.approx(mean) for key, mean in means.items()}
+
+
+def test_ablate_and_tune_tell_theirs(given, folder):
+    assert strict(given("refiner"))[0]["arch"] == "refiner"
+    told = strict(given("ablate"))
+    rounds = set(trials_of(folder, told)["rounds"])
+    assert len(rounds) > 1 and {row["rounds"] for row in told["averages"]} == rounds
+    told = strict(given("tune"))
+    assert told["trials"] == 1 and Path(told["storage"]).name == "optuna.db"
+    assert math.isfinite(told["value"]) and told["best"]
+
+
+def test_report_tells_its_files(given, folder):
+    files = strict(given("report"))
+    assert files["html"] == "reports/report.html"
+    for path in (files["html"], files["markdown"], *files["tables"], *files["figures"]):
+        assert (folder / path).is_file()
+
+
+@pytest.mark.parametrize("name", ["no dataset", "no model", "no run"])
+def test_bad_input_leaves_stdout_empty(given, name):
+    done = given(name)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("prolearn: ")
+
+
+def test_verify_tells_rows_and_faults(prolearn, tmp_path):
+    prolearn(*COMMANDS["sample"], "--jobs", 1)
+    done = prolearn("verify", "data", "--jobs", 1, "--json")
+    assert strict(done) == {"folder": "data", "repaired": False, "faults": [], "rows": 24}
+    assert "verifying: 24/24" in done.stderr
+    (tmp_path / "data/notes.txt").write_text("mine")
+    fault = {"path": "notes.txt", "what": "does not belong to this dataset", "foreign": True}
+    told = strict(prolearn("verify", "data", "--jobs", 1, "--json"), status=1)
+    assert told["faults"] == [fault]
+    told = strict(prolearn("verify", "data", "--jobs", 1, "--repair", "--json"))
+    assert told == {"folder": "data", "repaired": True, "faults": [fault]}
+
+
+def test_numbers_that_json_has_not_are_null(capsys):
+    print_json(
+        {
+            "a": float("nan"),
+            "b": [np.inf, np.float64(0.1), np.int64(3)],
+            "c": np.array([1.0, np.nan]),
+        }
+    )
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": [None, 0.1, 3], "c": [1.0, None]}
+
+
+def test_the_documentation_names_exactly_the_commands_that_have_it():
+    page = (Path(__file__).parents[2] / "docs/cli.md").read_text(encoding="utf-8")
+    section = page.partition("## For programs")[2].partition("\n## ")[0]
+    said = set(re.findall(r"^\| `prolearn ([a-z -]+)` \|", section, re.MULTILINE))
+
+    def walk(command, path=()):
+        if any("--json" in parameter.opts for parameter in command.params):
+            yield " ".join(path)
+        for name, one in getattr(command, "commands", {}).items():
+            yield from walk(one, (*path, name))
+
+    assert said == set(walk(get_command(app)))
