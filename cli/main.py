@@ -4,7 +4,9 @@ Commands import what they need when they run, so that help is instant.
 """
 
 import os
-from typing import Any
+import platform
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
 
@@ -36,7 +38,6 @@ app = typer.Typer(
     name="prolearn",
     cls=Line,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help="""Learned transfer planning for spacecraft swarms.
@@ -48,7 +49,28 @@ app = typer.Typer(
 
         prolearn dataset --preset demo --out data/demo
     """,
+    epilog="Exit status: 0 done, 1 failed, 2 bad usage or input, 130 interrupted.",
 )
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        where = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+        typer.echo(f"prolearn {version('prolearn')} ({where})")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Show the version and exit.", callback=_tell_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """What all commands have in common."""
+
 
 app.command()(dataset.sample)
 app.command()(dataset.solve)

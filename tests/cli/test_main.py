@@ -1,0 +1,72 @@
+"""What all commands have in common: the version, exit statuses, completion."""
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from cli.app import BAD_INPUT, FAILED, INTERRUPTED
+
+PAGE = (Path(__file__).parents[2] / "docs/cli.md").read_text(encoding="utf-8")
+
+
+def test_the_version_is_one_line_with_what_it_runs_on(prolearn):
+    done = prolearn("--version")
+    system = f"{platform.system()} {platform.machine()}"
+    line = f"prolearn {version('prolearn')} (Python {platform.python_version()}, {system})\n"
+    assert (done.returncode, done.stdout, done.stderr) == (0, line, "")
+
+
+def test_exit_statuses_are_the_same_in_help_documentation_and_code(prolearn):
+    (line,) = (one for one in prolearn("--help").stdout.splitlines() if "Exit status" in one)
+    told = [int(number) for number in re.findall(r"\d+", line)]
+    assert told == [0, FAILED, BAD_INPUT, INTERRUPTED]
+    section = PAGE.partition("## Exit status")[2].partition("\n## ")[0]
+    assert [int(k) for k in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)] == told
+
+
+def test_usage_that_is_wrong_is_status_2(prolearn):
+    assert prolearn("verify").returncode == 2
+    assert prolearn("--versions").returncode == 2
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="asks bash")
+def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(tmp_path):
+    program = tmp_path / "bin/prolearn"
+    program.parent.mkdir()
+    program.write_text(
+        f"#!/bin/sh\nexec {sys.executable} -c "
+        '"from cli.main import app; app(prog_name=\'prolearn\')" "$@"\n'
+    )
+    program.chmod(0o755)
+    path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
+
+    def bash(script):
+        done = subprocess.run(
+            ["bash", "--norc", "-c", f"{script}; true"],  # else bash makes way for a sole command
+            env=os.environ | {"HOME": str(tmp_path), "PATH": path},
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def completed(*words):
+        asked = " ".join(f"'{word}'" for word in words)
+        return bash(
+            f'. "$HOME/.bashrc"; COMP_WORDS=({asked}); COMP_CWORD={len(words) - 1}; '
+            '$(complete -p prolearn | sed "s/.*-F //; s/ .*//") prolearn; echo "${COMPREPLY[@]}"'
+        ).split()
+
+    bash("prolearn --install-completion")
+    assert completed("prolearn", "tra") == ["train", "transfer-times"]
+    assert completed("prolearn", "dataset", "c") == ["card"]
+    assert completed("prolearn", "dataset", "--preset", "") == ["demo", "paper"]
+    assert completed("prolearn", "verify", "--j") == ["--jobs", "--json"]
