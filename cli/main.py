@@ -10,24 +10,48 @@ from typing import Annotated, Any
 
 import typer
 
-from cli import card, convert, dataset, experiments, models, plan, scenario, show, tradeoff, train, tune
+from cli import (
+    card,
+    convert,
+    dataset,
+    experiments,
+    models,
+    plan,
+    scenario,
+    show,
+    tradeoff,
+    train,
+    tune,
+)
 from cli.app import Group
 
 # Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
 # wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-FIRST = ("sample", "solve", "dataset")
-"""Commands that the help begins with; Typer puts those that have subcommands last."""
+SWARM, DATASETS, NETWORKS, EXPERIMENTS = (
+    "A swarm of your own",
+    "Datasets",
+    "Networks",
+    "Experiments",
+)
+"""Groups of commands in the help."""
+
+ORDER = (
+    *("scenario", "plan", "tradeoff", "show", "convert"),
+    *("sample", "solve", "dataset", "verify"),
+    *("train", "tune", "models"),
+    *("evaluate", "warmstart", "transfer-times", "ablate", "report"),
+)
+"""Commands as the help has them; Typer would put those that have subcommands last."""
 
 
 class Line(Group):
     """All commands, in the order of the work."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names, FIRST first and the others as they were added."""
-        names = super().list_commands(ctx)
-        return [*FIRST, *(name for name in names if name not in FIRST)]
+        """Names in ORDER."""
+        return sorted(super().list_commands(ctx), key=ORDER.index)
 
 
 datasets = typer.Typer(cls=Group, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown")
@@ -42,11 +66,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="""Learned transfer planning for spacecraft swarms.
 
-    Sample scenarios, solve them with the convex expert, train networks on its plans, compare
-    them, and report. Each stage is a command; `prolearn COMMAND --help` has examples.
+    Plan the transfer of a swarm of your own; or sample scenarios, solve them with the convex
+    expert, train networks on its plans, compare them, and report. Each stage is a command;
+    `prolearn COMMAND --help` has examples.
 
-    Example:
+    Examples:
 
+        prolearn plan scenario.json --out plan.json
         prolearn dataset --preset demo --out data/demo
     """,
     epilog="Exit status: 0 done, 1 failed, 2 bad usage or input, 130 interrupted.",
@@ -72,20 +98,20 @@ def _options(
     """What all commands have in common."""
 
 
-app.command()(dataset.sample)
-app.command()(dataset.solve)
-app.command()(dataset.verify)
-app.command()(train.train)
-app.command()(tune.tune)
-app.command()(experiments.evaluate)
-app.command()(experiments.warmstart)
-app.command(name="transfer-times")(experiments.transfer_times)
-app.command()(experiments.ablate)
-app.command()(experiments.report)
-app.add_typer(scenario.app, name="scenario")
-app.command()(plan.plan)
-app.command()(tradeoff.tradeoff)
-app.command()(convert.convert)
-app.command()(show.show)
-app.add_typer(datasets, name="dataset")
-app.add_typer(models.app, name="models")
+app.add_typer(scenario.app, name="scenario", rich_help_panel=SWARM)
+app.command(rich_help_panel=SWARM)(plan.plan)
+app.command(rich_help_panel=SWARM)(tradeoff.tradeoff)
+app.command(rich_help_panel=SWARM)(show.show)
+app.command(rich_help_panel=SWARM)(convert.convert)
+app.command(rich_help_panel=DATASETS)(dataset.sample)
+app.command(rich_help_panel=DATASETS)(dataset.solve)
+app.add_typer(datasets, name="dataset", rich_help_panel=DATASETS)
+app.command(rich_help_panel=DATASETS)(dataset.verify)
+app.command(rich_help_panel=NETWORKS)(train.train)
+app.command(rich_help_panel=NETWORKS)(tune.tune)
+app.add_typer(models.app, name="models", rich_help_panel=NETWORKS)
+app.command(rich_help_panel=EXPERIMENTS)(experiments.evaluate)
+app.command(rich_help_panel=EXPERIMENTS)(experiments.warmstart)
+app.command(name="transfer-times", rich_help_panel=EXPERIMENTS)(experiments.transfer_times)
+app.command(rich_help_panel=EXPERIMENTS)(experiments.ablate)
+app.command(rich_help_panel=EXPERIMENTS)(experiments.report)

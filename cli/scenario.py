@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cli.app import FAILED, Group
+from cli.output import AsJson, print_json
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -192,9 +193,7 @@ def _about(scenario: "Scenario") -> str:
 @app.command()
 def check(
     scenario: Annotated[Path, typer.Argument(help="Scenario file.", show_default=False)],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="For programs: all faults with their numbers.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Say all that is wrong with a scenario, by how much, and what is fine.
 
@@ -216,8 +215,7 @@ def check(
     fine = all(finding.fine for finding in found)
     if as_json:
         told = [{**asdict(finding), "fine": finding.fine} for finding in found]
-        document = {"scenario": str(scenario), "fine": fine, "findings": told}
-        typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
+        print_json({"scenario": scenario, "fine": fine, "findings": told})
     else:
         typer.echo(f"{scenario}: {_about(asked)}\n")
         _show(found)
