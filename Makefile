@@ -13,7 +13,7 @@ REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart transfer-times ablate report paper ui test lint bench clean
+.PHONY: help demo dataset train train-all evaluate warmstart transfer-times ablate report paper ui test lint bench docs clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -104,6 +104,11 @@ bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside t
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
 	$(BIN)/python -m benchmarks.ladder --out reports/bench
+
+docs: $(BIN)/pytest ## the documentation as pages, in build/docs
+	$(BIN)/typer cli.main utils docs --name prolearn --title Commands --output docs/commands.md
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs build/docs
+	@echo "Documentation: build/docs/index.html"
 
 clean: ## remove what make made, datasets and results included
 	rm -rf $(VENV) data reports mlruns mlflow.db* optuna.db* unregistered *.egg-info build

@@ -30,7 +30,7 @@ class ClohessyWiltshire:
     def most_acceleration(
         self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"], time: float
     ) -> Float[Array, "*batch"]:
-        """A bound on |p̈| for so long after an interval's start, m/s²; ÿ = u - 2e ẋ."""
+        """A bound on ‖p̈‖ for so long after an interval's start, m/s²; ÿ = u - 2e ẋ."""
         e = self.mean_motion
         in_plane, cross = self._amplitudes(start, control)
         along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
@@ -39,9 +39,9 @@ class ClohessyWiltshire:
     def most_fourth_derivative(
         self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
     ) -> Float[Array, "*batch"]:
-        """A bound on |p⁗| for all times, m/s⁴.
+        """A bound on ‖p⁗‖ for all times, m/s⁴.
 
-        x⁗ = -e² ẍ, |y⁗| ≤ 2e² times the amplitude of ẍ, and z⁗ = -e² z̈.
+        x⁗ = -e² ẍ, ‖y⁗‖ ≤ 2e² times the amplitude of ẍ, and z⁗ = -e² z̈.
         """
         in_plane, cross = self._amplitudes(start, control)
         return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)

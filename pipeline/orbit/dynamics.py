@@ -24,11 +24,11 @@ class Dynamics(Protocol):
     def most_acceleration(
         self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"], time: float
     ) -> Float[Array, "*batch"]:
-        """A bound on |p̈| for so long after an interval's start, m/s²."""
+        """A bound on ‖p̈‖ for so long after an interval's start, m/s²."""
         ...
 
     def most_fourth_derivative(
         self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
     ) -> Float[Array, "*batch"]:
-        """A bound on |p⁗| for all times, m/s⁴: how far positions may be from a cubic."""
+        """A bound on ‖p⁗‖ for all times, m/s⁴: how far positions may be from a cubic."""
         ...

@@ -18,7 +18,9 @@ from pipeline.orbit.problem import Problem
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/dataset.md").read_text()
-SNIPPETS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+SNIPPETS = re.findall(
+    r"```python\n(.*?)```", PAGE.split("## In other programs")[1].split("\n## ")[0], re.DOTALL
+)
 READERS = ("pyarrow", "pandas", "polars", "duckdb")
 
 

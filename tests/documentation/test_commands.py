@@ -1,0 +1,45 @@
+"""Every `prolearn` command that README and docs show is one: its options and values are read."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+
+from cli.main import app
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^(?:```|~~~)\w*\n(.*?)^(?:```|~~~)", re.DOTALL | re.MULTILINE)
+COMMANDS = sorted(
+    {
+        line.removeprefix("$ ").strip()
+        for page in PAGES
+        if page.name != "commands.md"
+        for block in BLOCK.findall(page.read_text(encoding="utf-8"))
+        for line in block.replace("\\\n", " ").splitlines()
+        if line.removeprefix("$ ").startswith("prolearn ") and "-completion" not in line
+    }
+)
+
+
+def parse(arguments):
+    """Read a command line as it would be read, and run nothing."""
+    command, parent = typer.main.get_command(app), None
+    while getattr(command, "commands", {}) and not arguments[0].startswith("-"):
+        parent = command.make_context(command.name, list(arguments), parent=parent)
+        _, command, arguments = command.resolve_command(parent, list(arguments))
+    command.make_context(command.name, list(arguments), parent=parent)
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_it_can_be_read(line):
+    words = shlex.split(line, comments=True)[1:]
+    ends = [k for k, word in enumerate(words) if word in (">", "|")]
+    parse(words[: ends[0]] if ends else words)
+
+
+def test_a_command_that_is_none_is_noticed():
+    with pytest.raises(Exception, match="No such option"):
+        parse(["train", "--architecture", "ff1"])

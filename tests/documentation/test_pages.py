@@ -1,0 +1,56 @@
+"""The pages that show how to work are run from top to bottom, and the site is built."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sybil import Sybil
+from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
+
+ROOT = Path(__file__).parents[2]
+PAGES = ("tutorial", "engineer", "researcher", "programmer", "api")
+MAKE = f'prolearn() {{ "{sys.executable}" -c "from cli.main import app; app()" "$@"; }}\n'
+
+
+def shell(example):
+    """Run the lines of a block in the folder of the test; each must succeed."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    script = "set -e\n" + MAKE + example.parsed
+    done = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, env=environment, timeout=300
+    )
+    assert done.returncode == 0, f"{example.parsed}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_shows_works_in_its_order(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    parsers = [PythonCodeBlockParser(), CodeBlockParser("bash", shell), SkipParser()]
+    document = Sybil(parsers, path=str(ROOT / "docs")).parse(ROOT / "docs" / f"{page}.md")
+    examples = list(document.examples())
+    assert examples
+    for example in examples:
+        example.evaluate()
+
+
+def test_the_site_is_built_without_a_warning(tmp_path):
+    source = tmp_path / "docs"
+    subprocess.run(["cp", "-r", ROOT / "docs", source], check=True)
+    (tmp_path / "pyproject.toml").write_bytes((ROOT / "pyproject.toml").read_bytes())
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    name = ("--name", "prolearn", "--title", "Commands")
+    commands = ("cli.main", "utils", "docs", *name, "--output", source / "commands.md")
+    build = ("--quiet", "--fail-on-warning", "--keep-going", source, tmp_path / "site")
+    for module, arguments in (("typer", commands), ("sphinx", build)):
+        done = subprocess.run(
+            [sys.executable, "-m", module, *arguments],
+            capture_output=True,
+            text=True,
+            env=environment,
+        )
+        assert done.returncode == 0, done.stderr
+    page = (tmp_path / "site" / "mathematics.html").read_text(encoding="utf-8")
+    assert "<math" in page
+    assert "http" not in "".join(part.partition(">")[0] for part in page.split("<script")[1:])
