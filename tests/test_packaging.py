@@ -23,7 +23,10 @@ def test_the_console_script_is_the_application():
 
 @pytest.mark.parametrize(
     "command",
-    [[], ["train"], ["evaluate"], ["plan"], ["convert"], ["scenario", "check"], ["models", "list"]],
+    [
+        *([], ["train"], ["evaluate"], ["plan"], ["tradeoff"], ["show"], ["convert"]),
+        *(["scenario", "check"], ["dataset", "card"], ["models", "list"]),
+    ],
 )
 def test_help_imports_no_heavy_package(command):
     code = (
