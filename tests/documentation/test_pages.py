@@ -7,7 +7,12 @@ from pathlib import Path
 
 import pytest
 from sybil import Sybil
-from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
+from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
+
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.plan.document import write_plan
+from pipeline.scenario import draw
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("tutorial", "engineer", "researcher", "programmer", "api")
@@ -27,10 +32,21 @@ def shell(example):
 @pytest.mark.parametrize("page", PAGES)
 def test_what_a_page_shows_works_in_its_order(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    parsers = [PythonCodeBlockParser(), CodeBlockParser("bash", shell), SkipParser()]
+    parsers = [PythonCodeBlockParser(), CodeBlockParser("bash", shell)]
     document = Sybil(parsers, path=str(ROOT / "docs")).parse(ROOT / "docs" / f"{page}.md")
     examples = list(document.examples())
     assert examples
+    for example in examples:
+        example.evaluate()
+
+
+def test_what_the_readme_shows_in_python_works(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scenario = draw("rings", 0, 4, 0, Problem())
+    write_plan(tmp_path / "plan.json", solve(scenario), scenario)
+    document = Sybil([PythonCodeBlockParser()], path=str(ROOT)).parse(ROOT / "README.md")
+    examples = list(document.examples())
+    assert len(examples) == 2
     for example in examples:
         example.evaluate()
 
