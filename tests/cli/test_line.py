@@ -2,8 +2,6 @@
 
 import json
 
-import pytest
-
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
@@ -59,13 +57,3 @@ def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
     assert row.split()[-4:-1] == [f"{i},{j}", f"{at:.0f}", f"{apart:.2f}"]
     assert said.endswith("The plan is p.json.\n")
     assert "prolearn-lstm1" in run("models", "list")
-
-
-@pytest.mark.parametrize("scenario", ["README"])
-def test_the_scenario_in_the_readme_can_be_planned(scenario, prolearn, tmp_path, request):
-    text = (request.config.rootpath / f"{scenario}.md").read_text()
-    document = text.split("```json\n")[1].split("```")[0]
-    (tmp_path / "scenario.json").write_text(document)
-    done = prolearn("plan", "scenario.json", "--out", "plan.json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads((tmp_path / "plan.json").read_text())["status"] == "solved"

@@ -66,7 +66,7 @@ def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(tm
         ).split()
 
     bash("prolearn --install-completion")
-    assert completed("prolearn", "tra") == ["train", "transfer-times"]
+    assert completed("prolearn", "tra") == ["tradeoff", "train", "transfer-times"]
     assert completed("prolearn", "dataset", "c") == ["card"]
     assert completed("prolearn", "dataset", "--preset", "") == ["demo", "paper"]
     assert completed("prolearn", "verify", "--j") == ["--jobs", "--json"]
