@@ -34,5 +34,6 @@ nitpicky = False  # shapes such as "n T 6" are no names
 html_theme = "furo"
 html_title = f"prolearn {release}"
 html_math_renderer = "mathml"
+html_show_copyright = False
 html_show_sphinx = False
 copybutton_prompt_text = "$ "
