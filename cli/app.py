@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from errno import EPIPE
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -39,6 +40,19 @@ class Group(TyperGroup):
 def _stop(message: str, status: int) -> None:
     typer.echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
     raise typer.Exit(status)
+
+
+def not_over(source: Path, target: Path) -> None:
+    """Refuse to write what is made of a file in that file's place.
+
+    Raises:
+        InputError: where both are the same file.
+    """
+    if source.exists() and target.exists() and target.samefile(source):
+        raise InputError(
+            f"{target} is what is read, and would be written over; expected another name for what "
+            "is made of it: give --out."
+        )
 
 
 def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from cli.app import FAILED
+from cli.app import FAILED, not_over
 from pipeline.errors import InputError
 
 
@@ -42,12 +42,11 @@ def convert(
     """
     from pipeline.handover import write_csv, write_ephemerides, write_parquet
     from pipeline.plan import SOLVED
-    from pipeline.plan.document import read_plan
+    from pipeline.plan.document import read_whole_plan
 
-    made, scenario = read_plan(plan)
-    if scenario is None:
-        raise InputError(f"{plan} does not hold its scenario; expected a plan of schema 2.")
+    made, scenario = read_whole_plan(plan)
     target = out or (plan.with_suffix("") if to == Form.OEM else plan.with_suffix(f".{to}"))
+    not_over(plan, target)
     if target.is_dir() != (to == Form.OEM) and target.exists():
         kind = "a folder" if to == Form.OEM else "a file"
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")

@@ -5,6 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cli.output import AsJson, beside, print_json
+from cli.problem import (
+    Altitude,
+    CollisionRadius,
+    MaxAcceleration,
+    Nodes,
+    TimeStep,
+    problem_at,
+)
 from cli.progress import progress
 from pipeline.errors import InputError
 from pipeline.urls import public_url
@@ -49,13 +57,11 @@ def sample(
     shares: Annotated[
         str, typer.Option(help="Shares of the train, valid and test split.")
     ] = "0.8,0.1,0.1",
-    altitude: Annotated[float, typer.Option(help="Of the reference orbit, m.")] = 500e3,
-    time_step: Annotated[float, typer.Option(help="Length of an interval, s.")] = 120.0,
-    nodes: Annotated[int, typer.Option(help="Time nodes.")] = 11,
-    collision_radius: Annotated[float, typer.Option(help="r_col, m.")] = 15.0,
-    max_acceleration: Annotated[
-        float | None, typer.Option(help="Limit on each component, m/s².")
-    ] = None,
+    altitude: Altitude = 500e3,
+    time_step: TimeStep = 120.0,
+    nodes: Nodes = 11,
+    collision_radius: CollisionRadius = 15.0,
+    max_acceleration: MaxAcceleration = None,
     jobs: Jobs = -1,
 ) -> None:
     """Draw scenarios into a dataset folder.
@@ -68,14 +74,8 @@ def sample(
     """
     from pipeline.dataset.stages.sample import sample as run
     from pipeline.dataset.storage.samples import Sample
-    from pipeline.orbit.problem import Problem
-    from pipeline.orbit.reference import mean_motion_at
 
-    if not altitude > 0:
-        raise InputError(f"--altitude is {altitude}; expected a positive number of metres.")
-    problem = Problem(
-        mean_motion_at(altitude), time_step, nodes, collision_radius, max_acceleration
-    )
+    problem = problem_at(altitude, time_step, nodes, collision_radius, max_acceleration)
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
     with progress("sampling") as shown:
         run(out, {n: one}, problem, jobs=jobs, progress=shown)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from enum import StrEnum
-from itertools import groupby, islice
+from itertools import groupby, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
+from cli.app import not_over
 from cli.dataset import Separation
 from cli.output import AsJson, print_json
 from cli.plan_table import print_plans
@@ -93,16 +94,12 @@ def plan(
     """
     from pipeline.plan import SOLVED, summary
     from pipeline.plan.document import write_plan
-    from pipeline.scenario import check
-    from pipeline.scenario.document import read_scenario
+    from pipeline.scenario.document import read_checked
 
     targets = _targets(scenarios, out)
-    asked = [read_scenario(path) for path in scenarios]
-    for path, scenario in zip(scenarios, asked, strict=True):
-        try:
-            check(scenario, allow_drift=allow_drift)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+    for path, target in product(scenarios, targets):
+        not_over(path, target)
+    asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
     chosen = planner_of(planner, separation, effort, raw=raw, assignment=assignment)
     rows: list[dict[str, Any]] = []
     with progress("planning") as shown:

@@ -14,6 +14,14 @@ from rich.text import Text
 
 from cli.app import FAILED, Group
 from cli.output import AsJson, print_json
+from cli.problem import (
+    Altitude,
+    CollisionRadius,
+    MaxAcceleration,
+    Nodes,
+    TimeStep,
+    problem_at,
+)
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,13 +88,11 @@ def new(
         list[str] | None,
         typer.Option(metavar="RING", help="Where they go, likewise.", show_default=False),
     ] = None,
-    altitude: Annotated[float, typer.Option(help="Of the reference orbit, m.")] = 500e3,
-    time_step: Annotated[float, typer.Option(help="Length of an interval, s.")] = 120.0,
-    nodes: Annotated[int, typer.Option(help="Time nodes.")] = 11,
-    collision_radius: Annotated[float, typer.Option(help="r_col, m.")] = 15.0,
-    max_acceleration: Annotated[
-        float | None, typer.Option(help="Limit on each component, m/s².")
-    ] = None,
+    altitude: Altitude = 500e3,
+    time_step: TimeStep = 120.0,
+    nodes: Nodes = 11,
+    collision_radius: CollisionRadius = 15.0,
+    max_acceleration: MaxAcceleration = None,
     epoch: Annotated[
         str | None,
         typer.Option(
@@ -169,16 +175,9 @@ def _drawn(
     fields: Mapping[str, Any], family: str, n: int | None, seed: int, index: int, split: str
 ) -> Mapping[str, Any]:
     """Both ends of a draw for the problem in the fields of a file."""
-    from pipeline.orbit.problem import Problem
-    from pipeline.orbit.reference import mean_motion_at
     from pipeline.scenario import draw
 
-    altitude = fields["altitude"]
-    if not altitude > 0:
-        raise InputError(f"--altitude is {altitude}; expected a positive number of metres.")
-    rest = {name: value for name, value in fields.items() if name != "altitude"}
-    problem = Problem(mean_motion=mean_motion_at(altitude), **rest)
-    drawn = draw(family, seed, 10 if n is None else n, index, problem, split)
+    drawn = draw(family, seed, 10 if n is None else n, index, problem_at(**fields), split)
     return {"initial": drawn.initial.tolist(), "goal": drawn.goal.tolist()}
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from cli.app import not_over
 from pipeline.errors import InputError
 
 
@@ -29,19 +30,14 @@ def show(
         prolearn show plan.json
         prolearn show plan.json --out plan.html
     """
-    from pipeline.plan.document import read_plan
+    from pipeline.plan.document import read_whole_plan
     from pipeline.show import write_page
 
     target = out or plan.with_suffix(".html")
-    if target.is_dir() or (target.exists() and plan.exists() and target.samefile(plan)):
-        what = "a folder" if target.is_dir() else "the plan itself"
-        raise InputError(f"--out is {target}, {what}; expected the name of a page, as plan.html.")
-    claimed, scenario = read_plan(plan)
-    if scenario is None:
-        raise InputError(
-            f"{plan} has schema prolearn.plan/1, which leaves out the scenario that the page is "
-            "to show; expected prolearn.plan/2: plan again with `prolearn plan`."
-        )
+    not_over(plan, target)
+    if target.is_dir():
+        raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
+    claimed, scenario = read_whole_plan(plan)
     try:
         shown = write_page(target, claimed, scenario, plan.name)
     except InputError as error:

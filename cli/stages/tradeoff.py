@@ -15,8 +15,7 @@ from pipeline.plan import summary
 from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
-from pipeline.scenario import Scenario, check
-from pipeline.scenario.document import read_scenario
+from pipeline.scenario.document import read_checked
 from pipeline.tradeoff import Point, arcs_between, knee, tradeoff
 from pipeline.tradeoff.curve import Goal
 from pipeline.tradeoff.figure import tradeoff_figure
@@ -78,7 +77,7 @@ def trade(
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
-    scenario = _checked(path, allow_drift=allow_drift)
+    scenario = read_checked(path, allow_drift=allow_drift)
     arcs = arcs_between(first, last, scenario.problem.time_step, steps)
     points = tradeoff(scenario, arcs, planner, goal, progress)
     bend = _bend(points)
@@ -95,15 +94,6 @@ def trade(
     title = f"{scenario.name}: n = {scenario.n}, {arc}, {goal} goals"
     save(tradeoff_figure(points, bend, title), out / "tradeoff")
     return Traded(rows, out)
-
-
-def _checked(path: Path, *, allow_drift: bool) -> Scenario:
-    scenario = read_scenario(path)
-    try:
-        check(scenario, allow_drift=allow_drift)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    return scenario
 
 
 def _bend(points: Sequence[Point]) -> int | None:

@@ -143,6 +143,21 @@ def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
         raise InputError(f"{path}: {error}") from error
 
 
+def read_whole_plan(path: Path) -> tuple[Plan, Scenario]:
+    """The plan in a file and its scenario.
+
+    Raises:
+        InputError: as ``read_plan``, or where the file does not hold the scenario.
+    """
+    plan, scenario = read_plan(path)
+    if scenario is None:
+        raise InputError(
+            f"{path} has schema prolearn.plan/1, which leaves out the scenario; expected {SCHEMA}: "
+            "plan again with `prolearn plan`."
+        )
+    return plan, scenario
+
+
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of plan files."""
     made = {"$schema": DIALECT, **PlanDocument.model_json_schema()}

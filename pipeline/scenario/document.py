@@ -21,6 +21,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.scenario.ends import End, Positive, craft_of, end_states
 from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.soundness import check
 
 SCHEMA = "prolearn.scenario/1"
 
@@ -140,6 +141,20 @@ def read_scenario(path: Path) -> Scenario:
         return document.scenario(path.stem)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
+    """The scenario in a file, as ``read_scenario`` and ``check`` let it pass.
+
+    Raises:
+        InputError: as they do, with the file's name.
+    """
+    scenario = read_scenario(path)
+    try:
+        check(scenario, allow_drift=allow_drift)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return scenario
 
 
 def document_of(scenario: Scenario) -> dict[str, Any]:

@@ -83,3 +83,17 @@ def test_what_is_there_already_and_of_the_other_kind_is_left_alone(prolearn, pla
     (tmp_path / "folder").mkdir()
     done = prolearn("convert", "p.json", "--to", "csv", "--out", "folder")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    before = (tmp_path / "p.json").read_bytes()
+    done = prolearn("convert", "p.json", "--to", "csv", "--out", "p.json")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert (tmp_path / "p.json").read_bytes() == before
+
+
+def test_a_plan_without_its_scenario_is_refused_in_a_sentence(prolearn, planned, tmp_path):
+    planned(WHERE)
+    document = json.loads((tmp_path / "p.json").read_text()) | {"schema": "prolearn.plan/1"}
+    del document["scenario"]
+    (tmp_path / "p.json").write_text(json.dumps(document))
+    done = prolearn("convert", "p.json", "--to", "csv")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "prolearn.plan/1, which leaves out the scenario" in done.stderr
