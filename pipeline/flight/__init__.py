@@ -1,0 +1,1 @@
+"""What becomes of a plan when it is flown: other dynamics, errors, replanning."""
