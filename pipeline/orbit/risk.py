@@ -226,11 +226,14 @@ def _crossings(
     """Pairs, and expected down-crossings of g on parts of the time; what may be missed included.
 
     Panels are halved until that changes the sum by no more than its share, and the changes of the
-    last halving are added.
+    last halving are added. Those that all together hold no more than FAR stay whole, and count
+    twice.
     """
     panels = _near(stretches, problem)
     coarse = _expected(panels, stretches, problem)
-    pair, value, summed = [], [], 0.0
+    quiet = coarse * max(1, len(coarse)) <= FAR
+    pair, value, summed = [stretches.pair[panels.stretch[quiet]]], [2 * coarse[quiet]], 0.0
+    panels, coarse = panels.where(~quiet), coarse[~quiet]
     for halving in range(MOST_HALVINGS):
         many = len(coarse)
         if many == 0:
@@ -247,8 +250,7 @@ def _crossings(
         summed += float(both[settled].sum())
         rest = np.tile(~settled, 2)
         panels, coarse = halves.where(rest), fine[rest]
-    none: list[Array] = [np.zeros(0)]
-    return np.concatenate([*none, *pair]).astype(int), np.concatenate([*none, *value])
+    return np.concatenate(pair), np.concatenate(value)
 
 
 def _expected(panels: _Panels, stretches: _Stretches, problem: Problem) -> Float[Array, "q"]:
