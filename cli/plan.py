@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
+    from pipeline.plan import RiskLimit
     from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
@@ -65,6 +66,38 @@ def plan(
         bool, typer.Option("--allow-drift", help="Accept states that are not energy-matched.")
     ] = False,
     assignment: Assigned = "given",
+    risk: Annotated[
+        float | None,
+        typer.Option(
+            help="Most probability that any pair ever comes within the collision radius, flown in "
+            "open loop with the errors that the sigmas say; with a planner that ends in the "
+            "expert.",
+            show_default=False,
+        ),
+    ] = None,
+    navigation_sigma: Annotated[
+        float | None,
+        typer.Option(
+            help="With --risk: standard deviation of each component of the initial positions, m.",
+            show_default=False,
+        ),
+    ] = None,
+    thrust_sigma: Annotated[
+        float | None,
+        typer.Option(
+            help="With --risk: standard deviation of each burn's size, as a share of it, and of "
+            "its direction about each axis across it, rad.",
+            show_default=False,
+        ),
+    ] = None,
+    velocity_sigma: Annotated[
+        float | None,
+        typer.Option(
+            help="With --risk: standard deviation of each component of the initial velocities, "
+            "m/s; by default the mean motion times --navigation-sigma.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
@@ -83,6 +116,10 @@ def plan(
     all. The gap is then to the least fuel of any assignment, and the plan file says who takes
     which goal and what that saves at least against any plan in the order given.
 
+    With `--risk` pairs are kept so far apart that, flown in open loop with Gaussian errors in the
+    linear model, they come within the collision radius with at most that probability, at any time
+    from the first node to the last. The certificate has the bound, and the fuel without it.
+
     Examples:
 
         prolearn plan scenario.json --planner expert --out plan.json
@@ -90,6 +127,8 @@ def plan(
         prolearn plan a.json b.json --planner lstm2 --out plans/
         prolearn plan scenario.json --effort best --out plan.json
         prolearn plan scenario.json --assignment optimal --out plan.json
+        prolearn plan s.json --risk 1e-3 --navigation-sigma 0.2 --out p.json
+        prolearn plan s.json --risk 0.01 --thrust-sigma 0.01 --out p.json
         prolearn plan a.json b.json --json --out plans/
     """
     from pipeline.plan import SOLVED, summary
@@ -100,7 +139,8 @@ def plan(
     for path, target in product(scenarios, targets):
         not_over(path, target)
     asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
-    chosen = planner_of(planner, separation, effort, raw=raw, assignment=assignment)
+    limit = _risk_limit(risk, navigation_sigma, thrust_sigma, velocity_sigma)
+    chosen = planner_of(planner, separation, effort, raw=raw, assignment=assignment, limit=limit)
     rows: list[dict[str, Any]] = []
     with progress("planning") as shown:
         shown.expect(len(asked) if len(asked) > 1 else 0)
@@ -112,6 +152,31 @@ def plan(
                 shown.done()
     print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
+
+
+def _risk_limit(
+    risk: float | None, navigation: float | None, thrust: float | None, velocity: float | None
+) -> "RiskLimit | None":
+    """What --risk and the sigmas say, or None where none is given.
+
+    Raises:
+        InputError: where one is given without the other.
+    """
+    from pipeline.plan import RiskLimit
+
+    if navigation is thrust is velocity is None:
+        if risk is None:
+            return None
+        raise InputError(
+            f"--risk is {risk:g} and no error is given; expected --navigation-sigma, "
+            "--thrust-sigma, --velocity-sigma or several of them with it."
+        )
+    if risk is None:
+        raise InputError(
+            "a sigma is given without --risk; expected the probability that craft may come too "
+            "close with it, such as --risk 1e-3."
+        )
+    return RiskLimit(risk, navigation or 0.0, thrust or 0.0, velocity)
 
 
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
@@ -140,6 +205,7 @@ def planner_of(
     *,
     raw: bool = False,
     assignment: Assigned = "given",
+    limit: "RiskLimit | None" = None,
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
     from pipeline.planners.interchangeable import Interchangeable
@@ -151,4 +217,8 @@ def planner_of(
         from cli.stages.plan import model_planner
 
         found = model_planner(name, **told)
+    if limit is not None:
+        from pipeline.planners.at_risk import with_risk
+
+        found = with_risk(found, limit, separation)
     return Interchangeable(found) if assignment == "optimal" else found

@@ -38,6 +38,10 @@ def print_plans(rows: Sequence[Row]) -> None:
     assigned = [row["assignment"] for row in rows if row["assignment"]]
     headings = ["scenario", "planner", *HEADINGS]
     lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
+    if any(row["risk"] for row in rows):
+        headings += ["risk\n≤", "safety\ncosts"]
+        for row, line in zip(rows, lines, strict=True):
+            line += _risk(row)
     if assigned:
         headings.append("saved\n≥")
         for row, line in zip(rows, lines, strict=True):
@@ -72,6 +76,15 @@ def _saved(assignment: Row | None) -> str:
     if assignment is None or assignment["saving"] is None:
         return MISSING
     return f"{assignment['saving']:.1%}".replace("-0.0%", "0.0%")
+
+
+def _risk(row: Row) -> list[str]:
+    """The bound on the risk, and the fuel that keeping it costs, of that without it."""
+    risk = row["risk"]
+    if risk is None:
+        return [MISSING] * 2
+    bare = risk["fuel_without"]
+    return [number(risk["bound"]), f"{row['fuel'] / bare - 1:.2%}" if bare else MISSING]
 
 
 def _remarks(row: Row) -> list[str]:

@@ -38,6 +38,8 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
         raise InputError(f"{path} is not JSON: {error}; expected {what}.") from error
     except ValidationError as error:
         raise InputError(f"{path}: {faults(error)}; expected {what}.") from error
+    except InputError as error:  # of a value that refuses what it is made of
+        raise InputError(f"{path}: {error}") from error
 
 
 def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:

@@ -2,6 +2,7 @@
 
 from pipeline.expert.expert import solve, solve_many
 from pipeline.expert.own import own_optima
+from pipeline.expert.risk import within_risk
 from pipeline.expert.seeds import SEEDS
 from pipeline.expert.settings import BEST, EFFORTS, FIRST_SAFE, Settings
 
@@ -14,4 +15,5 @@ __all__ = [
     "own_optima",
     "solve",
     "solve_many",
+    "within_risk",
 ]

@@ -137,7 +137,7 @@ def half_spaces(
     states: Float[Array, "n T 6"],
     controls: Float[Array, "n intervals 3"],
     problem: Problem,
-    separation: float,
+    separation: Float[Array, "k"] | float,
     shift: Float[Array, "k 3"] | float = 0.0,
 ) -> HalfSpaces:
     """Aim cuts from a trajectory: n̂ is the direction between the pair there and then.
@@ -147,7 +147,7 @@ def half_spaces(
         states: node states of the trajectory, m and m/s.
         controls: its controls, m/s².
         problem: the problem.
-        separation: what to ask for, m.
+        separation: what to ask for, of all or of each, m.
         shift: added to each gap before its direction is taken, m: passes on another side.
     """
     gap = gaps(cuts, states, controls) + shift
@@ -170,7 +170,7 @@ def half_spaces_along(
         normal: direction of each cut.
         initial: initial states, m and m/s.
         problem: the problem.
-        separation: what to ask for, m.
+        separation: what to ask for, of all or of each, m.
     """
     maps = transfer_maps(problem)
     i, j, k = cuts.first, cuts.second, cuts.interval

@@ -13,6 +13,7 @@ from pipeline.expert.own import OwnOptima, own_optima
 from pipeline.expert.scp import Search
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.settings import Settings
+from pipeline.expert.spread import Spread
 from pipeline.expert.standing import Found
 from pipeline.expert.starts import best_of_starts
 from pipeline.orbit.transfer import project_to_flyable
@@ -20,7 +21,12 @@ from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, planned_all
 from pipeline.scenario import Scenario
 
 
-def solve(scenario: Scenario, seed: Seed | None = None, settings: Settings | None = None) -> Plan:
+def solve(
+    scenario: Scenario,
+    seed: Seed | None = None,
+    settings: Settings | None = None,
+    spread: Spread | None = None,
+) -> Plan:
     """The expert's plan for a scenario.
 
     Args:
@@ -28,17 +34,19 @@ def solve(scenario: Scenario, seed: Seed | None = None, settings: Settings | Non
         seed: node states (n, T, 6) to aim the first cuts from, m and m/s; they need neither be
             safe nor obey the dynamics. Without one the own optima are aimed from.
         settings: how to work.
+        spread: separation to ask for because craft err; without one, the collision radius alone.
 
     Raises:
         InputError: for a seed of another shape or with values that are not finite.
     """
-    return solve_many([scenario], None if seed is None else [seed], settings)[0]
+    return solve_many([scenario], None if seed is None else [seed], settings, spread)[0]
 
 
 def solve_many(
     scenarios: Sequence[Scenario],
     seeds: Sequence[Float[Array, "_ T 6"] | None] | None = None,
     settings: Settings | None = None,
+    spread: Spread | None = None,
 ) -> list[Plan]:
     """The expert's plans for scenarios of one problem, with what they share computed once.
 
@@ -46,6 +54,7 @@ def solve_many(
         scenarios: what swarms are to do; sizes may differ.
         seeds: for each, as in ``solve``, or None.
         settings: how to work.
+        spread: as in ``solve``.
 
     Raises:
         InputError: for a seed of another shape or with values that are not finite.
@@ -57,7 +66,7 @@ def solve_many(
     aims = None if seeds is None else [*map(_seed_controls, scenarios, seeds)]
     own = own_optima(batch.initial, batch.goal, batch.problem)
     searched = perf_counter()
-    found = _search(batch, own, aims, settings)
+    found = _search(batch, own, aims, settings, spread)
     done = perf_counter()
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
@@ -95,6 +104,7 @@ def _search(
     own: OwnOptima,
     seeds: Sequence[Float[Array, "_ intervals 3"] | None] | None,
     settings: Settings,
+    spread: Spread | None,
 ) -> list[Found]:
     """Search where every craft has a transfer of its own; the others are what they are."""
     parts = zip(batch.split(own.controls), batch.split(own.feasible), strict=True)
@@ -103,8 +113,9 @@ def _search(
     if left:
         part, theirs = batch.part(left), own.of(np.isin(batch.swarms.label, left))
         aims = None if seeds is None else [seeds[k] for k in left]
-        first = Search(part, theirs, settings, aims).run()
-        for k, one in zip(left, best_of_starts(part, theirs, first, settings), strict=True):
+        first = Search(part, theirs, settings, aims, spread=spread).run()
+        best = best_of_starts(part, theirs, first, settings, spread)
+        for k, one in zip(left, best, strict=True):
             found[k] = one
     return found
 

@@ -24,9 +24,10 @@ from pipeline.arrays import Array
 from pipeline.expert import interior_point, simplex
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import Cluster, cluster_labels, members
-from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, conflicts, gaps, half_spaces
+from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces
 from pipeline.expert.own import OwnOptima, control_limit
 from pipeline.expert.settings import Settings
+from pipeline.expert.spread import Spread, conflicts_less
 from pipeline.expert.standing import Found, Standing
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
@@ -59,8 +60,9 @@ class Search:
         settings: Settings,
         seeds: Sequence[Float[Array, "_ intervals 3"] | None] | None = None,
         start: int = 0,
+        spread: Spread | None = None,
     ) -> None:
-        self.batch, self.own, self.settings = batch, own, settings
+        self.batch, self.own, self.settings, self.spread = batch, own, settings, spread
         self.problem, self.radius = batch.problem, batch.problem.collision_radius
         self.swarm, count = batch.swarms.label, len(batch.scenarios)
         everyone = np.ones(len(self.swarm), dtype=bool)
@@ -73,6 +75,7 @@ class Search:
         in_conflict = np.isin(np.arange(count), self.swarm[cuts.first])
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
+        self.wider = np.zeros(0)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
         self.shift: Float[Array, "k 3"] | float = 0.0
@@ -144,19 +147,30 @@ class Search:
         *,
         beside: float = 0.0,
     ) -> tuple[Cuts, Float[Array, "k"]]:
-        return conflicts(
+        return conflicts_less(
+            self.spread,
             states,
             controls,
             self.problem,
             within,
             moved,
+            margin=self.settings.margin,
             at_nodes=self.settings.separation == "nodes",
             swarms=self.batch.swarms,
             beside=beside,
         )
 
+    def _widths(
+        self, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
+    ) -> Float[Array, "k"] | float:
+        """What a trajectory's errors ask of each cut besides the collision radius, m."""
+        if self.spread is None:
+            return 0.0
+        return self.spread.widths(self.cuts, states, controls, self.problem, self.settings.margin)
+
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
+        self.wider = np.append(self.wider, np.zeros(len(cuts) - len(self.wider)))
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
         self.cuts_of = {
             int(self.labels[cuts.first[one[0]]]): one for one in members(self.labels[cuts.first])
@@ -172,8 +186,8 @@ class Search:
     def _distances(
         self, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
     ) -> Float[Array, "k"]:
-        """Separation of each cut's pair in a trajectory, m."""
-        return norm(gaps(self.cuts, states, controls))
+        """Separation of each cut's pair in a trajectory, less its width, m."""
+        return norm(gaps(self.cuts, states, controls)) - self._widths(states, controls)
 
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
         """Solve each cluster's program, with every cut aimed from the same trajectory.
@@ -182,12 +196,14 @@ class Search:
             The clusters that moved. Where the solver fails, or where a safe iterate is known and
             the program's is no cheaper, the cluster is done and goes back to what it has.
         """
+        # Never less than before: burns, and so errors, that take turns would cycle.
+        self.wider = np.maximum(self.wider, self._widths(self.aim_states, self.aim_controls))
         aimed = half_spaces(
             self.cuts,
             self.aim_states,
             self.aim_controls,
             self.problem,
-            self.radius + self.settings.margin,
+            self.radius + self.settings.margin + self.wider,
             self.shift,
         )
         self.shift = 0.0  # for the first program alone
@@ -269,6 +285,7 @@ class Search:
         if broken.any():
             again = np.isin(self.swarm[found.first], self.swarm[found.first[broken]])
             self._set_cuts(self.cuts + found.where(again & (self.active[found.first] | broken)))
+            self.wider = np.maximum(self.wider, self._widths(self.states, self.controls))
             self._choose_aim(unsafe)
 
     def _promised_gains(self) -> Float[Array, "n"]:

@@ -7,10 +7,10 @@ import numpy as np
 
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import cluster_labels
-from pipeline.expert.cuts import conflicts
 from pipeline.expert.own import OwnOptima
 from pipeline.expert.scp import Search
 from pipeline.expert.settings import Settings
+from pipeline.expert.spread import Spread, conflicts_less
 from pipeline.expert.standing import Found
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.transfer import fly
@@ -19,7 +19,11 @@ from pipeline.scenario import Scenario
 
 
 def best_of_starts(
-    batch: Batch, own: OwnOptima, first: Sequence[Found], settings: Settings
+    batch: Batch,
+    own: OwnOptima,
+    first: Sequence[Found],
+    settings: Settings,
+    spread: Spread | None = None,
 ) -> list[Found]:
     """What first searches found, bettered by ``settings.starts`` - 1 further ones.
 
@@ -36,15 +40,17 @@ def best_of_starts(
         if not left:
             break
         theirs = own.of(np.isin(batch.swarms.label, left))
-        others = Search(batch.part(left), theirs, settings, None, start).run()
+        others = Search(batch.part(left), theirs, settings, None, start, spread).run()
         for k, other in zip(left, others, strict=True):
             solves = best[k].convex_solves + other.convex_solves
-            better = _better(batch.scenarios[k], best[k], other, settings)
+            better = _better(batch.scenarios[k], best[k], other, settings, spread)
             best[k] = replace(better, convex_solves=solves)
     return best
 
 
-def _better(scenario: Scenario, best: Found, other: Found, settings: Settings) -> Found:
+def _better(
+    scenario: Scenario, best: Found, other: Found, settings: Settings, spread: Spread | None
+) -> Found:
     """The cheaper of both in every cluster, where that is safe; else the cheaper of both."""
     if not (best.settled and other.settled):
         return best if best.settled else other
@@ -57,7 +63,16 @@ def _better(scenario: Scenario, best: Found, other: Found, settings: Settings) -
     radius = scenario.problem.collision_radius + PROVABLE
     at_nodes = settings.separation == "nodes"
     everyone = np.ones(scenario.n, dtype=bool)
-    found, _ = conflicts(states, controls, scenario.problem, radius, everyone, at_nodes=at_nodes)
+    found, _ = conflicts_less(
+        spread,
+        states,
+        controls,
+        scenario.problem,
+        radius,
+        everyone,
+        margin=settings.margin,
+        at_nodes=at_nodes,
+    )
     if len(found) == 0:
         return replace(best, controls=controls, joined=both)
     return other if saved.sum() > 0 else best

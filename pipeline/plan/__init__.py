@@ -4,6 +4,7 @@ from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate, certify, gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.planned import Made, is_safe, planned, planned_all
+from pipeline.plan.risk import Risk, RiskLimit
 from pipeline.plan.summary import summary
 
 __all__ = [
@@ -15,6 +16,8 @@ __all__ = [
     "Certificate",
     "Made",
     "Plan",
+    "Risk",
+    "RiskLimit",
     "certify",
     "gap_of",
     "is_safe",

@@ -10,6 +10,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import side_by_side
 from pipeline.orbit.separation import least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
+from pipeline.plan.risk import Risk
 from pipeline.scenario import Scenario
 
 NO_FUEL = 1e-9
@@ -34,6 +35,7 @@ class Certificate:
         goal_velocity_error: largest miss of any component of a goal velocity, m/s.
         dynamics_error: largest violation of Eq. 2 in position between two nodes, m.
         fuel_lower_bound_proof: how the bound is proven, in words.
+        risk: what is claimed of errors in open loop, where that was asked for, or None.
     """
 
     fuel: float
@@ -49,6 +51,7 @@ class Certificate:
     goal_velocity_error: float
     dynamics_error: float
     fuel_lower_bound_proof: str = ""
+    risk: Risk | None = None
 
 
 def certify(

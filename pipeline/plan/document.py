@@ -115,7 +115,7 @@ def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
         "times": (np.arange(problem.nodes) * problem.time_step).tolist(),
         "states": plan.states.tolist(),
         "controls": plan.controls.tolist(),
-        "certificate": {k: _plain(v) for k, v in vars(plan.certificate).items()},
+        "certificate": _certificate(plan.certificate),
         "convex_solves": plan.convex_solves,
         "timing": dict(plan.timing),
         **chosen,
@@ -166,6 +166,12 @@ def json_schema() -> dict[str, Any]:
     gap["anyOf"] = [{"type": gap.pop("type")}, {"type": "null"}]
     certificate["required"].remove("goal_velocity_error")
     return made
+
+
+def _certificate(certificate: Certificate) -> dict[str, Any]:
+    """Its fields; those of a risk only where one was asked for."""
+    fields = {k: _plain(v) for k, v in vars(certificate).items() if k != "risk"}
+    return fields if certificate.risk is None else fields | {"risk": asdict(certificate.risk)}
 
 
 def _plain(value: Any) -> Any:

@@ -28,11 +28,13 @@ def summary(plan: Plan) -> dict[str, Any]:
     if plan.status == INFEASIBLE:
         claims["optimality_gap"] = None
     taken = plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0)
+    risk = plan.certificate.risk
     return {
         "planner": plan.planner,
         "status": plan.status,
         "message": plan.message,
         **claims,
         "seconds": taken,
+        "risk": None if risk is None else asdict(risk),
         "assignment": None if plan.assignment is None else asdict(plan.assignment),
     }

@@ -6,7 +6,9 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE
-from pipeline.plan import SOLVED, Certificate, Made, Plan, is_safe, planned
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.risk import FAR, collision_risk
+from pipeline.plan import SOLVED, Certificate, Made, Plan, Risk, is_safe, planned
 from pipeline.plan.certificate import NO_FUEL
 from pipeline.plan.planned import POSITION_TOLERANCE
 from pipeline.scenario import Scenario
@@ -16,6 +18,10 @@ FURTHEST = 1e9
 
 RELATIVE = 1e-6
 """Share by which a claimed cost may differ from the one found anew."""
+
+
+SAME = 1e-2
+"""Share by which a claimed risk may be below the one found anew: its quadrature is so exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +49,7 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
     said = claimed.certificate
     made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
     _refuse_overflow(claimed, scenario)
-    found = planned(claimed.planner, scenario, made)
+    found = _with_risk(planned(claimed.planner, scenario, made), said.risk, scenario.problem)
     plan = replace(
         found, convex_solves=claimed.convex_solves, timing=claimed.timing, message=claimed.message
     )
@@ -59,6 +65,15 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
     faults += _false_claims(said, found.certificate)
     safe = is_safe(found.certificate, scenario.problem)
     return Judged(plan, safe, tuple(fault.rstrip(".") + "." for fault in faults))
+
+
+def _with_risk(plan: Plan, said: Risk | None, problem: Problem) -> Plan:
+    """The plan with the risk of its controls, by the errors that the file says, where it does."""
+    if said is None:
+        return plan
+    found = collision_risk(plan.states, plan.controls, problem, said.uncertainty)
+    risk = replace(said, bound=found.total)
+    return replace(plan, certificate=replace(plan.certificate, risk=risk))
 
 
 def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
@@ -85,6 +100,8 @@ def _false_claims(said: Certificate, found: Certificate) -> list[str]:
             wrong.append((name, theirs, ours, " m"))
     if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + NO_FUEL:
         wrong.append(("fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"))
+    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
+        wrong.append(("risk.bound", said.risk.bound, found.risk.bound, ""))
     return [
         f"The file claims {name} {theirs:.6g}{unit.removesuffix(' at most')}, its controls give "
         f"{ours:.6g}{unit}"

@@ -58,6 +58,7 @@ def certificate_rows(found: Certificate, status: str) -> Rows:
         ("Gap to that bound, at most", gap),
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_separation_rows(found),
+        *_risk_rows(found),
         ("Goal missed by, position", f"{error(found.goal_error)} m"),
         ("Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"),
         ("Dynamics violated by, at most", f"{error(found.dynamics_error)} m"),
@@ -74,6 +75,25 @@ def _separation_rows(found: Certificate) -> Rows:
         ("When", f"{found.min_separation_time:.1f} s"),
         ("Proven: no pair is ever closer than", f"{_down(found.min_separation_bound)} m"),
         ("Pairs and nodes within r_col (Eq. 5)", str(found.node_collisions)),
+    ]
+
+
+def _risk_rows(found: Certificate) -> Rows:
+    """The risk where one was asked for, and what it is a risk of."""
+    risk = found.risk
+    if risk is None:
+        return []
+    errors = risk.uncertainty
+    without = MISSING if risk.fuel_without is None else f"{risk.fuel_without:.6g} m/s²"
+    return [
+        ("Risk of a pair within r_col in open loop, at most", f"{risk.bound:.3g}"),
+        ("Asked for", f"{risk.asked:g}"),
+        (
+            "Standard deviations of errors",
+            f"position {errors.position:g} m, velocity {errors.velocity:.3g} m/s, thrust "
+            f"{errors.magnitude:g} in size and {errors.direction:g} rad",
+        ),
+        ("Fuel without that", without),
     ]
 
 

@@ -8,6 +8,8 @@ from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
+RISKY = ["plan", "good.json", "--out", "p.json", "--navigation-sigma", "0.2"]
+
 CASES = {
     "no spacecraft": (["sample", "--out", "x", "--n", "0"], "n is 0"),
     "a negative radius": (["sample", "--out", "x", "--collision-radius", "-1"], "-1"),
@@ -63,6 +65,21 @@ CASES = {
     "an unknown assignment": (
         ["plan", "good.json", "--out", "p.json", "--assignment", "best"],
         "best",
+    ),
+    "a risk that is none": ([*RISKY, "--risk", "2"], "risk is 2"),
+    "a risk of nothing": (["plan", "good.json", "--out", "p.json", "--risk", "0.1"], "no error is"),
+    "errors without a risk": (RISKY, "without --risk"),
+    "errors that are none": (
+        [*RISKY, "--risk", "0.1", "--thrust-sigma", "-1"],
+        "thrust_sigma is -1",
+    ),
+    "a risk without the expert": (
+        [*RISKY, "--risk", "0.1", "--planner", "own-LP"],
+        "the expert has no part",
+    ),
+    "a risk at the nodes": (
+        [*RISKY, "--risk", "0.1", "--separation", "nodes"],
+        "--separation is nodes",
     ),
     "a model where there is no store": (["models", "show", "hal"], "no tracking store"),
 }

@@ -212,6 +212,41 @@ def test_interchangeable_craft_take_the_goals_of_each_other(prolearn, tmp_path):
     assert "2.json: in the given order some craft cannot reach its goal" in done.stdout
 
 
+@pytest.mark.parametrize("planner", ["expert", "refiner"])
+def test_a_risk_that_was_asked_for_is_in_file_table_and_json(planner, prolearn, tmp_path):
+    """The second scenario's goals are too close together for such errors, whatever the plan."""
+    for k, index in enumerate((4, 90)):
+        write_scenario(tmp_path / f"{k}.json", draw("rings", 0, 10, index, Problem(), "valid"))
+    sigmas = ("--navigation-sigma", "0.2", "--thrust-sigma", "0.01")
+    asked = ("plan", "0.json", "1.json", "--planner", planner, "--risk", "1e-3", *sigmas)
+    done, told = prolearn(*asked, "--out", "plans"), prolearn(*asked, "--json", "--out", "plans")
+    assert (done.returncode, told.returncode) == (1, 1)
+    rows = json.loads(told.stdout)
+    assert [row["status"] for row in rows] == ["solved", "unsolved"]
+    for k, row in enumerate(rows):
+        plan = json.loads((tmp_path / row["plan"]).read_text())
+        assert judged(tmp_path / f"{k}.json", tmp_path / row["plan"]).wrong == ()
+        risk = plan["certificate"]["risk"]
+        assert risk == row["risk"]
+        assert (risk["asked"], risk["bound"] <= 1e-3) == (1e-3, k == 0)
+        errors = risk["uncertainty"]
+        assert errors["position"] == 0.2
+        assert errors["velocity"] == pytest.approx(0.2 * plan["scenario"]["mean_motion"])
+        assert errors["magnitude"] == errors["direction"] == 0.01
+        cost = plan["certificate"]["fuel"] / risk["fuel_without"] - 1
+        assert row_of(str(k), done.stdout).endswith(f" {cost:.2%}")
+        assert plan["planner"] == (planner if planner == "expert" else "refiner + expert")
+    assert "1.json: unsolved by " in done.stdout
+    assert "m apart at the goal" in done.stdout
+
+
+def test_a_plan_without_a_risk_says_nothing_of_one(prolearn, tmp_path):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
+    done = prolearn("plan", "s.json", "--out", "p.json")
+    assert "risk" not in done.stdout
+    assert "risk" not in json.loads((tmp_path / "p.json").read_text())["certificate"]
+
+
 def test_on_a_terminal_of_80_columns_thirty_rows_keep_every_number(tmp_path):
     names = [f"a-scenario-of-a-long-name-{k:06d}" for k in range(30)]
     for k, name in enumerate(names):

@@ -7,9 +7,9 @@ import pytest
 from judge import judge_plan
 
 from pipeline.errors import InputError
-from pipeline.expert import solve
+from pipeline.expert import solve, within_risk
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Made, planned
+from pipeline.plan import Made, RiskLimit, planned
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.expert import Expert
 from pipeline.planners.interchangeable import Interchangeable
@@ -62,6 +62,18 @@ def test_an_assignment_comes_back_with_the_scenario_that_is_flown(tmp_path):
 def test_a_plan_of_the_given_order_says_nothing_of_an_assignment(written):
     assert "assignment" not in json.loads(written[1].read_text())
     assert read_plan(written[1])[0].assignment is None
+
+
+def test_a_risk_comes_back(tmp_path):
+    plan = within_risk(SCENARIO, solve(SCENARIO), RiskLimit(1e-3, 0.05, 1e-3))
+    assert plan.certificate.risk.uncertainty.direction == 1e-3
+    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    assert read_plan(tmp_path / "plan.json")[0].certificate == plan.certificate
+    text = (tmp_path / "plan.json").read_text()
+    assert '"position": 0.05' in text
+    (tmp_path / "plan.json").write_text(text.replace('"position": 0.05', '"position": -1'))
+    with pytest.raises(InputError, match=r"plan\.json: position is -1"):
+        read_plan(tmp_path / "plan.json")
 
 
 def test_each_node_has_a_line(written):

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from pipeline.documents import document_from
 from pipeline.expert import solve
-from pipeline.plan import Certificate
+from pipeline.orbit.uncertainty import Uncertainty
+from pipeline.plan import Certificate, Risk
 from pipeline.plan.document import PlanDocument
 from pipeline.scenario import findings
 from pipeline.scenario.document import ReferenceDocument, ScenarioDocument
@@ -28,4 +29,5 @@ def test_every_field_has_its_row():
     shown = set(re.findall(r"`(\w+)`", PAGE))
     for model in (ScenarioDocument, RingDocument, ReferenceDocument, PlanDocument):
         assert {field.alias or name for name, field in model.model_fields.items()} <= shown
-    assert {field.name for field in fields(Certificate)} <= shown
+    for value in (Certificate, Risk, Uncertainty):
+        assert {field.name for field in fields(value)} <= shown

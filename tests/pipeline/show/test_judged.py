@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import own_optima, solve
+from pipeline.expert import own_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED, Made, planned
+from pipeline.plan import SOLVED, Made, RiskLimit, planned
 from pipeline.scenario import draw
 from pipeline.show.judged import judged
 from pipeline.show.tables import certificate_rows, verdict
@@ -109,3 +109,17 @@ def test_a_proven_bound_is_never_rounded_up(plan):
     rows = dict(certificate_rows(plan.certificate, plan.status))
     shown = float(rows["Proven: no pair is ever closer than"].removesuffix(" m"))
     assert 0 <= plan.certificate.min_separation_bound - shown < 1e-4
+
+
+def test_a_risk_is_found_anew_and_a_false_one_named(plan):
+    limit = RiskLimit(0.01, navigation_sigma=0.2, thrust_sigma=0.01)
+    careful = within_risk(SCENARIO, plan, limit)
+    shown = judged(careful, SCENARIO)
+    assert (shown.faults, careful.status) == ((), SOLVED)
+    risk = careful.certificate.risk
+    rows = dict(certificate_rows(shown.plan.certificate, SOLVED))
+    assert rows["Risk of a pair within r_col in open loop, at most"] == f"{risk.bound:.3g}"
+    assert rows["Asked for"] == "0.01"
+    less = replace(careful.certificate, risk=replace(risk, bound=risk.bound / 2))
+    (fault,) = judged(replace(careful, certificate=less), SCENARIO).faults
+    assert fault.startswith(f"The file claims risk.bound {risk.bound / 2:.6g}, its controls give")

@@ -1,0 +1,160 @@
+"""Plans of a risk that is at most what is asked for: how far apart the expert must keep craft."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from pipeline.expert.expert import solve
+from pipeline.expert.settings import Settings
+from pipeline.expert.spread import Spread
+from pipeline.orbit.risk import CollisionRisk, collision_risk
+from pipeline.orbit.uncertainty import Uncertainty
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, Risk, RiskLimit
+from pipeline.scenario import Scenario
+
+TRIES = 8
+"""Searches at most, each for another number of standard deviations."""
+
+ENOUGH = 0.5
+"""Share of the risk asked for from which a plan is not needlessly safe."""
+
+AIM = 0.75
+"""Share of it that is aimed for."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A plan, the standard deviations it was asked to keep, and the risk of flying it."""
+
+    plan: Plan
+    sigmas: float
+    risk: CollisionRisk
+
+
+def within_risk(
+    scenario: Scenario, plan: Plan, limit: RiskLimit, settings: Settings | None = None
+) -> Plan:
+    """The plan itself where its risk is small enough, or else the cheapest of some wider ones.
+
+    Every pair is kept so many standard deviations of its separation apart, the same number for
+    all. As pairs that are held there come within the radius with a probability proportional to the
+    normal distribution's tail, a few searches find the number. Each is seeded with the plan before.
+
+    Args:
+        scenario: what the swarm is to do.
+        plan: of any planner, for the collision radius alone.
+        limit: the risk, and the errors.
+        settings: how the expert works.
+
+    Returns:
+        A plan whose certificate has the risk. It is UNSOLVED where the bound stays above what was
+        asked for: then it is the least risky of all, and its message says who is in the way.
+    """
+    if plan.status == INFEASIBLE:
+        return plan
+    started, settings = perf_counter(), settings or Settings()
+    uncertainty = limit.uncertainty(scenario.problem)
+    tried = [_judged(scenario, plan, 0.0, uncertainty)]
+    if plan.status == SOLVED and tried[0].risk.total > limit.asked:
+        tried.extend(_wider(scenario, tried[0], limit.asked, uncertainty, settings))
+    best = min(tried, key=lambda one: _worth(one, limit.asked))
+    claim = Risk(
+        bound=best.risk.total,
+        asked=limit.asked,
+        uncertainty=uncertainty,
+        sigmas=best.sigmas,
+        fuel_without=plan.certificate.fuel if plan.status == SOLVED else None,
+    )
+    seconds = perf_counter() - started
+    found = replace(
+        best.plan,
+        planner=_name(plan, best.plan),
+        certificate=replace(best.plan.certificate, risk=claim),
+        convex_solves=sum(one.plan.convex_solves for one in tried),
+        timing={**plan.timing, "risk": seconds, "plan": plan.timing.get("plan", 0.0) + seconds},
+    )
+    if claim.kept or plan.status != SOLVED:
+        return found
+    return replace(found, status=UNSOLVED, message=_too_risky(scenario, best, limit.asked))
+
+
+def _wider(
+    scenario: Scenario,
+    first: _Tried,
+    asked: float,
+    uncertainty: Uncertainty,
+    settings: Settings,
+) -> Iterator[_Tried]:
+    """Search for ever better numbers of standard deviations, until one is good enough.
+
+    The risk is modelled as what the ends have, which no plan changes much, and a multiple of the
+    tail Q(k); the number is kept between the largest known to be too few and the least that is
+    enough.
+    """
+    held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
+    sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
+    for _ in range(TRIES):
+        made = solve(scenario, plan.states, settings, Spread(uncertainty, sigmas))
+        one = _judged(scenario, made, sigmas, uncertainty)
+        yield one
+        risk = one.risk.total
+        if made.status != SOLVED:
+            enough = sigmas  # too many: what follows is sought below
+            sigmas = (few + enough) / 2
+            continue
+        ends = float(one.risk.at_ends.sum())
+        if ENOUGH * asked <= risk <= asked or ends >= asked:
+            return
+        few, enough = (sigmas, enough) if risk > asked else (few, sigmas)
+        times = max(risk - ends, 0.0) / ndtr(-sigmas)
+        wanted = _tail(AIM * (asked - ends) / times) if times > 0 else 0.0
+        if not few < wanted < enough:
+            wanted = (few + enough) / 2 if np.isfinite(enough) else 1.1 * few
+        sigmas, plan = wanted, made
+
+
+def _tail(probability: float) -> float:
+    """Standard deviations that a normal variable exceeds with a probability, at least 0."""
+    return max(0.0, -float(ndtri(min(probability, 0.5))))
+
+
+def _judged(scenario: Scenario, plan: Plan, sigmas: float, uncertainty: Uncertainty) -> _Tried:
+    risk = collision_risk(plan.states, plan.controls, scenario.problem, uncertainty)
+    return _Tried(plan, sigmas, risk)
+
+
+def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
+    """The cheapest of those that keep the risk comes first; of the others the least risky."""
+    kept = tried.plan.status == SOLVED and tried.risk.total <= asked
+    return not kept, tried.plan.certificate.fuel if kept else tried.risk.total
+
+
+def _name(first: Plan, found: Plan) -> str:
+    """Whose plan it is: the planner's own, or the expert's after it."""
+    alone = found is first or first.planner.endswith(found.planner)
+    return first.planner if alone else f"{first.planner} + {found.planner}"
+
+
+def _too_risky(scenario: Scenario, tried: _Tried, asked: float) -> str:
+    """Why the risk is not kept: the pair that adds most, and whether the ends alone have it."""
+    risk, radius = tried.risk, scenario.problem.collision_radius
+    worst = int(risk.of_pair.argmax())
+    said = (
+        f"the risk that a pair comes within {radius:g} m is bounded by {risk.total:.3g}, asked for "
+        f"was {asked:g}; craft {risk.first[worst]} and {risk.second[worst]} add "
+        f"{risk.of_pair[worst]:.3g}"
+    )
+    if risk.at_ends.sum() <= asked:
+        return said
+    worst = int(risk.at_ends.argmax())
+    i, j = int(risk.first[worst]), int(risk.second[worst])
+    ends = {"start": scenario.initial, "goal": scenario.goal}
+    apart = {name: float(np.linalg.norm(s[i, :3] - s[j, :3])) for name, s in ends.items()}
+    where = min(apart, key=lambda name: apart[name])
+    return (
+        f"{said}, and the ends alone have {risk.at_ends.sum():.3g}: craft {i} and {j} are "
+        f"{apart[where]:.4g} m apart at the {where}"
+    )

@@ -1,0 +1,109 @@
+"""How far craft may be from where they are planned to be: covariances through the linear model."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import transfer_maps
+from pipeline.orbit.uncertainty import Uncertainty
+
+
+@dataclass(frozen=True, eq=False)
+class Dispersion:
+    """What errors make of each craft's motion, in open loop.
+
+    A craft's error is a linear map of J = 6 + 3(T-1) independent standard normals: the six
+    components of its initial state and the three of each burn. Craft err independently, so that
+    covariances of a pair's difference are the sums of both craft's.
+
+    Attributes:
+        state: of those normals on each node's state, (n, T, 6, J), m and m/s.
+        burn: of an interval's three on its control, (n, T-1, 3, 3), m/s².
+    """
+
+    state: Float[Array, "n T 6 J"]
+    burn: Float[Array, "n intervals 3 3"]
+
+    @cached_property
+    def state_covariance(self) -> Float[Array, "n T 6 6"]:
+        """Of each craft's state at each node."""
+        return self.state @ self.state.mT
+
+    @cached_property
+    def burn_covariance(self) -> Float[Array, "n intervals 3 3"]:
+        """Of each craft's control in each interval; that of its state at the start is apart."""
+        return self.burn @ self.burn.mT
+
+    def of_pairs(
+        self, first: Int[Array, "k"], second: Int[Array, "k"], interval: Int[Array, "k"]
+    ) -> tuple[Float[Array, "k 6 6"], Float[Array, "k 3 3"]]:
+        """Covariances of the difference of two craft: state at an interval's start, and control."""
+        state, burn = self.state_covariance, self.burn_covariance
+        i, j, k = first, second, interval
+        return state[i, k] + state[j, k], burn[i, k] + burn[j, k]
+
+    def most_deviation(self, problem: Problem) -> Float[Array, "n intervals"]:
+        """A bound on the root mean square distance of a craft from its plan in each interval, m.
+
+        Between its ends a column of the map to positions is within h²/8 max|p̈| of its chord, and
+        the Frobenius norm, whose square is the mean square distance, obeys the triangle inequality.
+        """
+        n, T, _, J = self.state.shape
+        columns = np.zeros((n, T - 1, J + 3, 6))
+        columns[:, :, :J] = self.state[:, :-1].mT
+        push = np.zeros((n, T - 1, J + 3, 3))
+        push[:, :, J:] = self.burn.mT
+        h = problem.time_step
+        bend = norm(problem.dynamics.most_acceleration(columns, push, h)) * h**2 / 8
+        at_nodes = np.sqrt(np.square(self.state[:, :, :3]).sum(axis=(2, 3)))
+        return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
+
+
+def dispersion(
+    controls: Float[Array, "n intervals 3"], problem: Problem, uncertainty: Uncertainty
+) -> Dispersion:
+    """The dispersion of craft that fly some controls, m/s², whatever states they start from."""
+    maps, n, (T, m) = transfer_maps(problem), len(controls), (problem.nodes, problem.intervals)
+    known = np.repeat([uncertainty.position, uncertainty.velocity], 3)
+    burn = burn_deviation(controls, uncertainty)
+    state = np.empty((n, T, 6, 6 + 3 * m))
+    state[..., :6] = maps.drift * known
+    reach = maps.reach.reshape(T, 6, m, 3).transpose(0, 2, 1, 3)
+    state[..., 6:] = (reach @ burn[:, None]).swapaxes(2, 3).reshape(n, T, 6, 3 * m)
+    return Dispersion(state, burn)
+
+
+def burn_deviation(
+    controls: Float[Array, "*batch 3"], uncertainty: Uncertainty
+) -> Float[Array, "*batch 3 3"]:
+    """The symmetric square root of a burn's covariance, by Gates's proportional model, m/s².
+
+    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖.
+    """
+    size = norm(controls)[..., None, None]
+    along = controls[..., :, None] * controls[..., None, :] / np.where(size > 0, size, 1.0)
+    across = uncertainty.direction
+    return across * size * np.eye(3) + (uncertainty.magnitude - across) * along
+
+
+def deviation_along(
+    normal: Float[Array, "k 3"],
+    maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
+    covariances: tuple[Float[Array, "k 6 6"], Float[Array, "k 3 3"]],
+) -> Float[Array, "k"]:
+    """Standard deviation of a relative position along a direction, m.
+
+    Args:
+        normal: unit vectors.
+        maps: to the position, from the state at the interval's start and from the control.
+        covariances: of that state and that control.
+    """
+    rows = [np.vecmat(normal, one) for one in maps]
+    return np.sqrt(
+        sum(np.vecdot(np.vecmat(row, one), row) for row, one in zip(rows, covariances, strict=True))
+    )

@@ -1,0 +1,129 @@
+"""Plans of an asked risk: the claim holds in trials that share no code with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judge import Case
+from trials import Errors, frequency, wilson
+
+from pipeline.expert import EFFORTS, solve, within_risk
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import least_separation
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, RiskLimit
+from pipeline.scenario import Scenario, draw
+
+PROBLEM = Problem()
+CASE = Case(PROBLEM.mean_motion, PROBLEM.time_step, PROBLEM.nodes, PROBLEM.collision_radius)
+USUAL = 0.2, 0.01
+"""Errors of navigation, m, and of thrust, as a share."""
+
+TRIALS = 4000
+
+
+def limit(asked, errors=USUAL):
+    return RiskLimit(asked, *errors)
+
+
+def hits(plan, scenario, errors=USUAL):
+    position, thrust = errors
+    told = Errors(position, position * PROBLEM.mean_motion, thrust)
+    return frequency(CASE, scenario.initial, plan.controls, told, TRIALS)
+
+
+@pytest.mark.parametrize(
+    ("family", "index", "asked", "errors"),
+    [
+        ("rings", 1, 0.05, USUAL),
+        ("rings", 4, 0.05, USUAL),
+        ("rings", 6, 0.01, USUAL),
+        ("rings", 2, 0.01, USUAL),
+        ("dense", 5, 0.05, (0.05, 0.001)),
+    ],
+)
+def test_craft_come_too_close_no_more_often_than_asked_for(family, index, asked, errors):
+    """The plan for the collision radius alone is seen to fail by the same trials."""
+    scenario = draw(family, 0, 10, index, PROBLEM, "valid")
+    bare = solve(scenario)
+    plan = within_risk(scenario, bare, limit(asked, errors))
+    claim = plan.certificate.risk
+    assert plan.status == SOLVED
+    assert asked / 2 <= claim.bound <= asked, "and not needlessly safe"
+    lower, upper = wilson(hits(plan, scenario, errors), TRIALS)
+    assert lower <= claim.bound
+    assert upper >= claim.bound / 3
+    lower, _ = wilson(hits(bare, scenario, errors), TRIALS)
+    assert lower > asked
+    assert claim.fuel_without == bare.certificate.fuel
+    assert claim.fuel_without < plan.certificate.fuel < 1.05 * claim.fuel_without
+
+
+def test_a_plan_that_is_safe_enough_is_left_as_it_is():
+    scenario = draw("rings", 0, 10, 0, PROBLEM, "valid")
+    bare = solve(scenario)
+    plan = within_risk(scenario, bare, limit(1e-3))
+    assert (plan.controls == bare.controls).all()
+    assert plan.certificate.risk.sigmas == 0
+    assert 0 < plan.certificate.risk.bound <= 1e-3
+    assert replace(plan.certificate, risk=None) == bare.certificate
+
+
+def test_without_errors_nothing_changes():
+    scenario = draw("rings", 0, 10, 4, PROBLEM, "valid")
+    bare = solve(scenario)
+    plan = within_risk(scenario, bare, RiskLimit(1e-3))
+    assert plan.status == SOLVED
+    assert (plan.controls == bare.controls).all()
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_every_effort_keeps_the_risk(effort):
+    scenario = draw("rings", 0, 10, 4, PROBLEM, "valid")
+    settings = EFFORTS[effort]
+    plan = within_risk(scenario, solve(scenario, settings=settings), limit(1e-3), settings)
+    assert plan.status == SOLVED
+    assert plan.certificate.risk.bound <= 1e-3
+    assert plan.certificate.risk.sigmas > 2
+
+
+def test_craft_that_are_too_close_where_they_must_be_are_named():
+    scenario = draw("rings", 0, 10, 90, PROBLEM, "valid")
+    plan = within_risk(scenario, solve(scenario), limit(1e-3))
+    i, j = np.triu_indices(10, 1)
+    apart = np.linalg.norm(scenario.goal[i, :3] - scenario.goal[j, :3], axis=1)
+    assert plan.status == UNSOLVED
+    assert plan.certificate.risk.bound > 1e-3
+    assert "asked for was 0.001" in plan.message
+    first, second = i[apart.argmin()], j[apart.argmin()]
+    assert f"craft {first} and {second} are {apart.min():.4g} m apart at the goal" in plan.message
+    assert least_separation(plan.states, plan.controls, PROBLEM).bound > 15, "flown exactly"
+    assert wilson(hits(plan, scenario), TRIALS)[0] > 1e-3, "it is no mere weakness of the bound"
+
+
+def test_a_proof_that_there_is_no_plan_stands():
+    scenario = draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6))
+    plan = within_risk(scenario, solve(scenario), limit(0.1))
+    assert plan.status == INFEASIBLE
+    assert plan.certificate.risk is None
+
+
+def test_a_craft_alone_has_no_risk():
+    scenario = draw("rings", 0, 1, 0, PROBLEM)
+    plan = within_risk(scenario, solve(scenario), limit(1e-9))
+    assert plan.status == SOLVED
+    assert plan.certificate.risk.bound == 0
+
+
+def test_a_thrust_limit_that_leaves_no_room_for_safety_is_said():
+    """Two craft drift through one point; thrust keeps them 15 m apart, and not much more."""
+    problem = Problem(time_step=60.0, nodes=11, max_acceleration=1.2e-2)
+    start = np.zeros((2, 6))
+    start[1, 1], start[1, 4] = 40.0, -1.0
+    goal = start.copy()
+    goal[1, 1] = -40.0
+    scenario = Scenario(problem, start, goal)
+    bare = solve(scenario)
+    plan = within_risk(scenario, bare, RiskLimit(1e-3, navigation_sigma=12.0))
+    assert bare.status == SOLVED
+    assert plan.status == UNSOLVED
+    assert "is bounded by" in plan.message
