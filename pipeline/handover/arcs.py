@@ -7,7 +7,9 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.inertial import inertial_states
+from pipeline.orbit.elements import Elements
+from pipeline.orbit.inertial import lvlh_frame
+from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import Plan
 from pipeline.plan.planned import POSITION_TOLERANCE
@@ -67,5 +69,16 @@ def thrust_arcs(plan: Plan, scenario: Scenario) -> Arcs:
     time = microseconds * 1e-6
     A, B = problem.dynamics.step(time - start)
     relative = np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
-    states = inertial_states(relative, time[None], reference, problem.mean_motion)
-    return Arcs(microseconds.astype(int), states)
+    origin = _circle(time, reference, problem.mean_motion)
+    frame = lvlh_frame(origin, np.zeros((*time.shape, 3)))  # two-body: the plane stays
+    return Arcs(microseconds.astype(int), origin + frame.to_inertial(relative))
+
+
+def _circle(
+    time: Float[Array, "intervals q"], reference: Reference, mean_motion: float
+) -> Float[Array, "intervals q 6"]:
+    """States of the reference orbit in EME2000, so long after its epoch, s."""
+    i, raan, start = np.deg2rad(
+        [reference.inclination_deg, reference.raan_deg, reference.argument_of_latitude_deg]
+    ).tolist()
+    return Elements(radius_at(mean_motion), i, raan).states(start + mean_motion * time)

@@ -1,0 +1,107 @@
+"""What moves a craft beside the attraction of a point: the Earth's oblateness and its air."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.reference import MU_EARTH, R_EARTH
+
+J2 = 1.0826266836e-3
+"""Second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀."""
+
+EARTH_RATE = 7.292115e-5
+"""Of the Earth's rotation, about the inertial z axis, rad/s."""
+
+AIR = (
+    (150e3, 2.070e-9, 22.523e3),
+    (180e3, 5.464e-10, 29.740e3),
+    (200e3, 2.789e-10, 37.105e3),
+    (250e3, 7.248e-11, 45.546e3),
+    (300e3, 2.418e-11, 53.628e3),
+    (350e3, 9.518e-12, 53.298e3),
+    (400e3, 3.725e-12, 58.515e3),
+    (450e3, 1.585e-12, 60.828e3),
+    (500e3, 6.967e-13, 63.822e3),
+    (600e3, 1.454e-13, 71.835e3),
+    (700e3, 3.614e-14, 88.667e3),
+    (800e3, 1.170e-14, 124.64e3),
+    (900e3, 5.245e-15, 181.05e3),
+    (1000e3, 3.019e-15, 268.00e3),
+)
+"""Base height in m, density there in kg/m³, scale height in m, of mean solar activity (Vallado,
+"Fundamentals of Astrodynamics and Applications", exponential atmospheric model, after Wertz
+1978)."""
+
+
+@dataclass(frozen=True)
+class Atmosphere:
+    """Air that thins exponentially with height and turns with the Earth.
+
+    Attributes:
+        base: height of a known density, m.
+        density: there, kg/m³.
+        scale: height in which it falls to 1/e, m.
+    """
+
+    base: float
+    density: float
+    scale: float
+
+    def density_at(self, height: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+        """Density in kg/m³ at heights in m."""
+        return self.density * np.exp((self.base - height) / self.scale)
+
+
+def atmosphere_near(height: float) -> Atmosphere:
+    """The layer of AIR in which a height in m is, continued to both sides.
+
+    Raises:
+        InputError: where the height is below all of them.
+    """
+    below = [layer for layer in AIR if layer[0] <= height]
+    if not below:
+        raise InputError(
+            f"the reference orbit is {height / 1e3:.0f} km high; expected at least "
+            f"{AIR[0][0] / 1e3:.0f} km for drag: leave drag out."
+        )
+    return Atmosphere(*below[-1])
+
+
+def point_mass(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+    """Attraction of the Earth as a point, -μ r/r³, m/s²."""
+    r = np.sqrt(np.vecdot(position, position))[..., None]
+    return -MU_EARTH / r**3 * position
+
+
+def oblateness(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+    """What J2 adds to it, m/s² (Curtis, "Orbital Mechanics for Engineering Students", ch. 10).
+
+    -(3/2) J2 μ R²/r⁵ ((1 - 5 z²/r²) x, (1 - 5 z²/r²) y, (3 - 5 z²/r²) z), with z towards the
+    north pole.
+    """
+    square = np.vecdot(position, position)[..., None]
+    pull = -1.5 * J2 * MU_EARTH * R_EARTH**2 / square**2.5
+    added: Float[Array, "*batch 3"] = pull * (1 - 5 * position[..., 2:] ** 2 / square) * position
+    added[..., 2:] += 2 * pull * position[..., 2:]
+    return added
+
+
+def drag(
+    states: Float[Array, "*batch 6"], ballistic: Float[Array, "*batch"], air: Atmosphere
+) -> Float[Array, "*batch 3"]:
+    """Drag, -½ ρ B |v| v with v against the turning air, m/s².
+
+    Args:
+        states: inertial, m and m/s.
+        ballistic: B = C_D A/m, m²/kg.
+        air: its density by height above a sphere of the Earth's equatorial radius.
+    """
+    position, velocity = states[..., :3], states[..., 3:].copy()
+    velocity[..., 0] += EARTH_RATE * position[..., 1]
+    velocity[..., 1] -= EARTH_RATE * position[..., 0]
+    height = np.sqrt(np.vecdot(position, position)) - R_EARTH
+    speed = np.sqrt(np.vecdot(velocity, velocity))
+    return (-0.5 * air.density_at(height) * ballistic * speed)[..., None] * velocity
