@@ -82,10 +82,10 @@ def with_margin(
     apart = min(float(_apart(end[None])[0]) for end in (scenario.initial, scenario.goal))
     for share in MARGIN_SHARES:
         if margin > 0 and radius + share * margin < apart:
-            wider = replace(scenario.problem, collision_radius=radius + share * margin)
+            wider = replace(scenario.problem, collision_radius=float(radius + share * margin))
             (plan,) = planner.plan([replace(scenario, problem=wider)])
             if plan.status == SOLVED:
-                return plan.controls, share * margin
+                return plan.controls, float(share * margin)
     return controls, 0.0
 
 
