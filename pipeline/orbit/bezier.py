@@ -38,6 +38,13 @@ def hermite_bezier(
     return np.stack([p0, p0 + third * start[:, 3:], p3 - third * end[:, 3:], p3], axis=1)
 
 
+def point_on(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 3"]:
+    """The point of each cubic at a share of it, by its Bernstein polynomials."""
+    t, rest = at[:, None], 1 - at[:, None]
+    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
+    return rest**3 * p0 + 3 * t * rest**2 * p1 + 3 * t**2 * rest * p2 + t**3 * p3
+
+
 def chord_distance(
     p0: Float[Array, "*batch 3"], p1: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch"]:

@@ -1,0 +1,174 @@
+"""How close craft come between the states of flown arcs, in many trials at once."""
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import TOLERANCE, pairs
+from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
+from pipeline.orbit.separation import Separation
+
+SPACING = 1 / 64
+"""Angle in rad by which the reference orbit turns in a piece: cubics are then micrometres off."""
+
+WIDEST = 0.05
+"""Widest such angle for which derivatives are bounded here."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """The least separation of any pair of each trial over some time.
+
+    Attributes:
+        distance: the separation attained, m; infinite where there is no pair.
+        bound: no pair is ever closer than this, m; about TOLERANCE below ``distance``.
+        first: first craft of that pair, the one with the lower index; -1 where there is none.
+        second: second craft.
+        time: when, s since the plan's first node.
+    """
+
+    distance: Float[Array, "trials"]
+    bound: Float[Array, "trials"]
+    first: Int[Array, "trials"]
+    second: Int[Array, "trials"]
+    time: Float[Array, "trials"]
+
+    def separation(self, trial: int = 0) -> Separation:
+        """That of one trial."""
+        if self.first[trial] < 0:
+            return Separation(np.inf, np.inf, None, None)
+        pair = int(self.first[trial]), int(self.second[trial])
+        distance, bound = float(self.distance[trial]), float(self.bound[trial])
+        return Separation(distance, bound, pair, float(self.time[trial]))
+
+
+def pieces_for(duration: float, mean_motion: float) -> int:
+    """Pieces of an arc, in s, that are short enough for ``nearest``."""
+    return max(1, ceil(mean_motion * duration / SPACING))
+
+
+def nearest(
+    states: Float[Array, "trials n _ 6"], start: float, duration: float, mean_motion: float
+) -> Nearest:
+    """The least separation at any time of an arc, from states at its pieces' ends.
+
+    Between those a pair's relative position is its cubic Hermite interpolant, up to h⁴/384
+    max‖p⁗‖; the cubic's least distance is found by branch and bound. Nothing is sampled: states
+    only say which pairs and pieces need not be looked at. Memory is some 50 bytes for each trial,
+    pair and piece.
+
+    Args:
+        states: LVLH, at equally spaced times from the arc's start to its end, m and m/s.
+        start: of the arc, s since the plan's first node.
+        duration: of the arc, s.
+        mean_motion: of the reference orbit, rad/s.
+
+    Raises:
+        InputError: where pieces are too long for the bound on what cubics leave out.
+    """
+    trials, n, ends, _ = states.shape
+    if n < 2:
+        return _nobody(trials)
+    h = duration / (ends - 1)
+    if not mean_motion * h <= WIDEST:
+        raise InputError(
+            f"an arc of {duration:g} s is cut into {ends - 1} pieces; expected at least "
+            f"{pieces_for(duration, mean_motion)}."
+        )
+    within, trial, pair, piece = _candidates(states, h, mean_motion)
+    i, j = (one[pair] for one in pairs(n))
+    begin = states[trial, i, piece] - states[trial, j, piece]
+    end = states[trial, i, piece + 1] - states[trial, j, piece + 1]
+    remainder = h**4 / 384 * _most_fourth_derivative(begin, end, h, mean_motion)
+    curve, reach = hermite_bezier(begin, end, h), within[trial]
+    near = np.flatnonzero(chord_bound(curve) - remainder <= reach)
+    curve, remainder, reach = curve[near], remainder[near], reach[near]
+    alone, whole = np.arange(len(near)), (np.zeros(len(near)), np.ones(len(near)))
+    when, low = branch_and_bound(curve, remainder, alone, whole, reach, TOLERANCE)
+    distance = np.maximum(norm(point_on(curve, when)), low)
+    bound = within.copy()
+    np.minimum.at(bound, trial[near], low)
+    order = np.lexsort((distance, trial[near]))
+    best = order[np.unique(trial[near][order], return_index=True)[1]]
+    at = near[best]
+    time = start + h * (piece[at] + when[best])
+    return Nearest(distance[best], bound, i[at], j[at], time)
+
+
+def nearer(one: Nearest, other: Nearest) -> Nearest:
+    """Of two times, each trial's least separation in both."""
+    first = one.distance <= other.distance
+    return Nearest(
+        np.where(first, one.distance, other.distance),
+        np.minimum(one.bound, other.bound),
+        np.where(first, one.first, other.first),
+        np.where(first, one.second, other.second),
+        np.where(first, one.time, other.time),
+    )
+
+
+def _nobody(trials: int) -> Nearest:
+    """Of trials without a pair."""
+    never, none = np.full(trials, np.inf), np.full(trials, -1)
+    return Nearest(never, never, none, none, np.full(trials, np.nan))
+
+
+def _candidates(
+    states: Float[Array, "trials n _ 6"], h: float, mean_motion: float
+) -> tuple[Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
+    """The least separation in the states of each trial; trial, pair and piece that may be under it.
+
+    A craft on its way from one end of a piece to the other is, from both together, at most its
+    chord away, and twice what it strays from that. A pair that is a and b apart at the ends of a
+    piece, on ways ℓ₁ and ℓ₂ long in that sense, is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
+    """
+    i, j = pairs(states.shape[1])
+    position, begin, end = states[..., :3], states[:, :, :-1], states[:, :, 1:]
+    apart = norm(position[:, i] - position[:, j])
+    within: Float[Array, trials] = apart.min(axis=(1, 2))
+    stray = h**2 / 8 * _most_acceleration(begin, end, h, mean_motion)
+    way = norm(end[..., :3] - begin[..., :3]) + 2 * stray
+    least = (apart[..., :-1] + apart[..., 1:] - way[:, i] - way[:, j]) / 2
+    trial, pair, piece = np.nonzero(least <= within[:, None, None])
+    return within, trial, pair, piece
+
+
+def _most_acceleration(
+    begin: Float[Array, "*k 6"], end: Float[Array, "*k 6"], h: float, mean_motion: float
+) -> Float[Array, "*k"]:
+    """A bound on ‖p̈‖ under constant thrust in a piece of h seconds, e h ≤ 0.05, m/s².
+
+    By Eq. 1, p̈ = K p + G ṗ + u with K = e² diag(3, 0, -1) and ‖G‖ = 2e. So the third derivative is
+    at most 3e² ‖ṗ‖ + 2e ‖p̈‖, and p̈ is off its mean, Δṗ/h, by no more than that times h/2. The
+    terms of e² p are for what the reference orbit's eccentricity, up to 0.01, and J2 add.
+    """
+    e = mean_motion
+    far, fast = _most(begin, end)
+    return 1.1 * norm(end[..., 3:] - begin[..., 3:]) / h + 0.1 * e * fast + 0.01 * e**2 * far
+
+
+def _most_fourth_derivative(
+    begin: Float[Array, "*k 6"], end: Float[Array, "*k 6"], h: float, mean_motion: float
+) -> Float[Array, "*k"]:
+    """A bound on ‖p⁗‖ there, m/s⁴.
+
+    By Eq. 1, p⁗ = (K + G²) p̈ + G K ṗ, at most 4e² ‖p̈‖ + 6e³ ‖ṗ‖. Eccentricities up to 0.01, J2 and
+    distances up to 1 % of the radius change these coefficients by less than a quarter and add less
+    than e⁴ ‖p‖.
+    """
+    e = mean_motion
+    far, fast = _most(begin, end)
+    most = _most_acceleration(begin, end, h, e)
+    return 5 * e**2 * most + 8 * e**3 * fast + e**4 * far
+
+
+def _most(
+    begin: Float[Array, "*k 6"], end: Float[Array, "*k 6"]
+) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
+    """Distance and speed at the end of a piece where they are larger, m and m/s."""
+    position = np.maximum(norm(begin[..., :3]), norm(end[..., :3]))
+    return position, np.maximum(norm(begin[..., 3:]), norm(end[..., 3:]))
