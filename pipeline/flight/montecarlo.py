@@ -271,8 +271,8 @@ def _flown(portion: Portion, _: bytes) -> Shard:
 
 
 def _columns(trials: range, flown: Flown) -> dict[str, Any]:
-    least = flown.least
-    alone = ~np.isfinite(least.distance)
+    least = flown.nearest
+    alone = least.first < 0
     pair = {
         "min_separation": least.distance,
         "first_craft": least.first,

@@ -1,6 +1,7 @@
 """Trials of one transfer, side by side: what is commanded, and what comes of it."""
 
 from dataclasses import dataclass
+from functools import reduce
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -8,7 +9,7 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.flight.errors import Draws, Errors, burnt, navigation_error
-from pipeline.flight.least import Least, least_of_arcs
+from pipeline.flight.nearest import Nearest, nearer, nearest, pieces_for
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.scenario import Scenario
@@ -48,14 +49,14 @@ class Flown:
     """What became of K trials.
 
     Attributes:
-        least: the least separation at any time.
+        nearest: the least separation of any pair of each trial at any time.
         goal_error: furthest that a craft ends from its goal, m.
         goal_velocity_error: furthest that a craft's velocity ends from its goal's, m/s.
         delta_v: of all craft, Σ‖u‖₁Δt of what was burnt, m/s.
         missed: burns that were not made.
     """
 
-    least: Least
+    nearest: Nearest
     goal_error: Float[Array, "K"]
     goal_velocity_error: Float[Array, "K"]
     delta_v: Float[Array, "K"]
@@ -78,24 +79,26 @@ def fly_trials(
         drawn: what chance gives the trials.
         errors: to scale.
     """
-    problem, trials = scenario.problem, len(drawn.bias)
-    h, shape = problem.time_step, (trials, scenario.n)
+    problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
+    h, e, shape = problem.time_step, problem.mean_motion, (trials, n)
     state = scenario.initial - navigation_error(drawn, 0, errors)
-    least = Least.none(trials)
+    pieces, closest = pieces_for(h, e), []
     used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
     late = np.zeros((*shape, 3))
     for node in range(problem.intervals):
         known = state + navigation_error(drawn, node, errors) if node else scenario.initial
         estimate = np.broadcast_to(known, (*shape, 6))
         burns = burnt(guidance.commanded(node, estimate), drawn, node, errors, h)
-        start = _pushed(state, late - burns.late)
-        end, closest = least_of_arcs(world, start, burns.held, node * h, problem)
-        least, state, late = least.or_less(closest), end, burns.late
+        start = _pushed(state, late - burns.late).reshape(-1, 6)
+        arc = world.arc(start, burns.held.reshape(-1, 3), node * h, h, pieces)
+        arcs = arc.reshape(*shape, pieces + 1, 6)
+        closest.append(nearest(arcs, node * h, h, e))
+        state, late = arcs[:, :, -1], burns.late
         used += np.abs(burns.held).sum(axis=(1, 2)) * h
         missed += burns.missed
     miss = _pushed(state, late) - scenario.goal
     position, velocity = norm(miss[..., :3]).max(axis=1), norm(miss[..., 3:]).max(axis=1)
-    return Flown(least, position, velocity, used, missed)
+    return Flown(reduce(nearer, closest), position, velocity, used, missed)
 
 
 def _pushed(state: Float[Array, "K n 6"], impulse: Float[Array, "K n 3"]) -> Float[Array, "K n 6"]:
