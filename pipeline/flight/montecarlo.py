@@ -1,11 +1,12 @@
 """A Monte Carlo of one transfer: trials in portions, portions into shards of a folder.
 
     FOLDER/loop=open/part-00000.parquet            a row a trial
-    FOLDER/_timings/loop=open/part-00000.parquet   how long its plans took
+    FOLDER/_timings/loop=open/part-00000.parquet   how long its plans took, and its digest
     FOLDER/_lock, FOLDER/_writer                   held by the one who writes, and who that is
 
-A shard says in its schema's metadata all that decides its bytes. One that is there, whole and of
-the same settings is kept, so that a run that was killed goes on, and more trials come on top.
+A shard says in its schema's metadata all that decides its bytes. One that is there, has its digest
+and is of the same settings is kept, so that a run that was killed goes on, and more trials come on
+top.
 """
 
 import hashlib
@@ -26,7 +27,7 @@ from pipeline.dataset.stages.workers import Workers
 from pipeline.dataset.storage.folder import Folder, Where, open_folder
 from pipeline.dataset.storage.lock import sole_writer
 from pipeline.dataset.storage.schema import METADATA_KEY, has_metadata
-from pipeline.dataset.storage.shards import decode, encode, read_shard
+from pipeline.dataset.storage.shards import decode, digest_of, encode, read_shard
 from pipeline.errors import InputError
 from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import Errors, draws
@@ -67,6 +68,9 @@ TIMING_FIELDS = [
     pa.field("trial", pa.int64(), nullable=False),
     pa.field("replan_seconds", pa.list_(pa.field("element", pa.float64(), nullable=False))),
 ]
+
+DIGEST_KEY = b"prolearn_shard"
+"""In the metadata of timings: the SHA-256 digest of the shard that they belong to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,9 +236,11 @@ def _is_done(folder: Folder, portion: Portion) -> bool:
     if not (folder.exists(portion.path) and folder.exists(portion.timings)):
         return False
     try:
-        table = decode(folder.read(portion.path))
-        decode(folder.read(portion.timings))
+        content = folder.read(portion.path)
+        table, timings = decode(content), decode(folder.read(portion.timings))
     except (OSError, InputError):
+        return False
+    if (timings.schema.metadata or {}).get(DIGEST_KEY) != digest_of(content).encode():
         return False
     if not has_metadata(table, portion.of.metadata(portion.loop)):
         _refuse(folder, table, portion)
@@ -264,10 +270,12 @@ def _flown(portion: Portion, _: bytes) -> Shard:
     columns = _columns(trials, flown) | {"unsafe_replans": unsafe}
     table = pa.table(columns, schema=pa.schema(FIELDS, metadata=of.metadata(loop)))
     made = [row[np.isfinite(row)] for row in seconds]
+    content = encode(table)
     timings = pa.table(
-        {"trial": np.array(trials), "replan_seconds": made}, schema=pa.schema(TIMING_FIELDS)
+        {"trial": np.array(trials), "replan_seconds": made},
+        schema=pa.schema(TIMING_FIELDS, metadata={DIGEST_KEY: digest_of(content)}),
     )
-    return Shard(encode(table), encode(timings))
+    return Shard(content, encode(timings))
 
 
 def _columns(trials: range, flown: Flown) -> dict[str, Any]:
