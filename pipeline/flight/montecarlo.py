@@ -1,8 +1,8 @@
 """A Monte Carlo of one transfer: trials in portions, portions into shards of a folder.
 
-    FOLDER/loop=open/part-00000.parquet            a row a trial
-    FOLDER/_timings/loop=open/part-00000.parquet   how long its plans took, and its digest
-    FOLDER/_lock, FOLDER/_writer                   held by the one who writes, and who that is
+    FOLDER/loop=open-loop/part-00000.parquet            a row a trial
+    FOLDER/_timings/loop=open-loop/part-00000.parquet   how long its plans took, and its digest
+    FOLDER/_lock, FOLDER/_writer                        held by the one who writes, and who that is
 
 A shard says in its schema's metadata all that decides its bytes. One that is there, has its digest
 and is of the same settings is kept, so that a run that was killed goes on, and more trials come on
@@ -162,7 +162,8 @@ class Portion:
     @property
     def path(self) -> str:
         """Of its shard inside the folder."""
-        return f"loop={self.loop.name}/part-{self.number:05d}.parquet"
+        loop = self.loop.name.replace(" ", "-")
+        return f"loop={loop}/part-{self.number:05d}.parquet"
 
     @property
     def timings(self) -> str:
