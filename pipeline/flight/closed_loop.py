@@ -24,7 +24,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan import SOLVED, Plan
-from pipeline.plan.planned import LIMIT_TOLERANCE
+from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
@@ -175,7 +175,7 @@ class Choice:
     def __init__(
         self, problem: Problem, estimate: Float[Array, "K n 6"], under_way: SomeControls
     ) -> None:
-        """Begin with what is under way."""
+        """Begin with what is under way, corrected for the goal."""
         self._problem, self._estimate = problem, estimate
         self.controls = self._within_limit(under_way)
         self.separation = self._separation(slice(None), self.controls)
@@ -185,7 +185,8 @@ class Choice:
     def offer(self, which: Int[Array, "k"], plans: Sequence[Plan], radius: float) -> None:
         """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
 
-        Where neither is, the one remains that keeps craft further apart.
+        Where neither is, the one remains that keeps craft further apart; but one that misses the
+        goal does not take the place of one that meets it.
 
         Args:
             which: trials, all of them open.
@@ -194,15 +195,16 @@ class Choice:
         """
         controls = self._within_limit(np.stack([plan.controls for plan in plans]))
         separation = self._separation(which, controls)
-        solved = np.array([plan.status == SOLVED for plan in plans])
+        to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
+        safe = to_goal & (separation > radius)
         kept = self._to_goal[which] & (self.separation[which] > radius)
         cheaper = _fuel(controls) < _fuel(self.controls[which])
-        further = separation > self.separation[which]
-        better = np.where(solved & kept, cheaper, np.where(solved == kept, further, solved))
+        further = (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
+        better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
         taken = which[better]
         self.controls[taken], self.separation[taken] = controls[better], separation[better]
-        self._to_goal[taken] = solved[better]
-        self.open[which] = ~(solved | kept)
+        self._to_goal[taken] = to_goal[better]
+        self.open[which] = ~(safe | kept)
 
     def offer_end(self, controls: SomeControls) -> None:
         """Take controls of the last interval where they are safe, or no less so than others."""
@@ -262,6 +264,14 @@ def _apart(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
     """Least distance of any pair, m; infinite without a pair."""
     i, j = pairs(states.shape[1])
     return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
+
+
+def _is_at_goal(plan: Plan, problem: Problem) -> bool:
+    """Whether a plan, safe or not, meets the goal and keeps to the thrust limit."""
+    missed = plan.certificate.goal_error, plan.certificate.goal_velocity_error
+    limit = np.inf if problem.max_acceleration is None else problem.max_acceleration
+    within = float(np.abs(plan.controls).max()) <= limit + LIMIT_TOLERANCE
+    return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
 
 
 def _fuel(controls: SomeControls) -> Float[Array, "K"]:
