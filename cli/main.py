@@ -15,6 +15,7 @@ from cli import (
     convert,
     dataset,
     experiments,
+    fly,
     models,
     plan,
     scenario,
@@ -38,7 +39,7 @@ SWARM, DATASETS, NETWORKS, EXPERIMENTS = (
 """Groups of commands in the help."""
 
 ORDER = (
-    *("scenario", "plan", "tradeoff", "show", "convert"),
+    *("scenario", "plan", "fly", "tradeoff", "show", "convert"),
     *("sample", "solve", "dataset", "verify"),
     *("train", "tune", "models"),
     *("evaluate", "warmstart", "transfer-times", "ablate", "report"),
@@ -100,6 +101,7 @@ def _options(
 
 app.add_typer(scenario.app, name="scenario", rich_help_panel=SWARM)
 app.command(rich_help_panel=SWARM)(plan.plan)
+app.command(rich_help_panel=SWARM)(fly.fly)
 app.command(rich_help_panel=SWARM)(tradeoff.tradeoff)
 app.command(rich_help_panel=SWARM)(show.show)
 app.command(rich_help_panel=SWARM)(convert.convert)

@@ -9,6 +9,7 @@ import typer
 
 from cli.app import given_options
 from cli.output import print_table
+from cli.plan import Effort
 from pipeline.errors import InputError
 from pipeline.exhibits.numbers import MISSING, number, percents, share
 
@@ -47,7 +48,10 @@ Replan = Annotated[
     Literal["none", "every-node"],
     _option("Compare with craft that are planned anew at every node."),
 ]
-Planner = Annotated[str, _option("Who plans anew, as for `prolearn plan`.")]
+Replanner = Annotated[str, _option("Who plans anew, as for `prolearn plan`.")]
+ReplanEffort = Annotated[
+    Effort | None, _option("Of the expert then, as for `prolearn plan`.", show_default=False)
+]
 Margin = Annotated[
     float | None,
     _option(
@@ -58,6 +62,18 @@ Margin = Annotated[
 Size = Annotated[float, _option("Distance of two craft's centres at which they may touch, m.")]
 Out = Annotated[Path | None, _option("Folder; PLAN-flown by default.", show_default=False)]
 Jobs = Annotated[int, _option("Processes; -1 for all cores.")]
+
+
+OF_REPLANNING = ("planner", "effort", "margin")
+OF_TRIALS = (
+    *("seed", "errors", "error", "world", "replan", "size", "out", "jobs"),
+    *OF_REPLANNING,
+)
+CONDITIONS = (
+    *("eccentricity", "inclination", "raan", "argument_of_perigee", "argument_of_latitude"),
+    *("no_j2", "drag", "drag_spread"),
+)
+"""Parameters that say nothing without others: a planner, trials, the nonlinear world."""
 
 
 def errors_of(preset: str, changes: Sequence[str]) -> "Errors":

@@ -11,6 +11,7 @@ from pipeline.errors import InputError
 from pipeline.exhibits.style import save
 from pipeline.files import published
 from pipeline.flight.closed_loop import default_margin, with_margin
+from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
 from pipeline.flight.figure import trials_figure
 from pipeline.flight.montecarlo import PORTION, Loop, MonteCarlo, fly_all
@@ -83,6 +84,7 @@ def fly_trials(
     for name, given in (("size", size), ("margin", margin or 0.0)):
         if not 0 <= given < float("inf"):
             raise InputError(f"--{name} is {given}; expected a number of metres, 0 or more.")
+    refuse_distance(scenario, plan.controls)
     of = MonteCarlo(scenario, world, errors, seed, portion)
     loops = list(_loops(plan, scenario, errors, planner, margin))
     tables = fly_all(out, of, loops, trials, workers=Workers(jobs), progress=progress)

@@ -1,0 +1,127 @@
+"""prolearn fly: what a person reads, what a program reads, and what is refused."""
+
+import json
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+
+import pytest
+
+from pipeline.expert import own_optima, solve
+from pipeline.flight.conditions import Conditions
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import Reference
+from pipeline.plan import Made, planned
+from pipeline.plan.document import plan_document, write_plan
+from pipeline.scenario import draw
+
+SCENARIO = draw("rings", 0, 10, 3, Problem())
+
+REFERENCE = Reference(datetime(2026, 3, 1, tzinfo=UTC), 51.6, 40.0, 10.0)
+
+
+@pytest.fixture
+def flown(prolearn, tmp_path):
+    """Fly the expert's plan with options."""
+    write_plan(tmp_path / "plan.json", solve(SCENARIO), SCENARIO)
+    return lambda *options: prolearn("fly", "plan.json", *options)
+
+
+def test_the_table_fits_80_columns_and_says_what_the_document_says(flown):
+    table, told = flown("--drag", "0.01"), flown("--drag", "0.01", "--json")
+    assert table.stderr == "" and told.stderr == ""
+    lines = table.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    report = json.loads(told.stdout)
+    assert table.returncode == told.returncode == (0 if report["safe"] else 1)
+    assert [row["effect"] for row in report["effects"]] == [
+        *("plan", "curvature", "eccentricity", "J2", "drag")
+    ]
+    last = report["effects"][-1]
+    assert report["goal_error"] == last["goal_error"] > 0.1
+    (row,) = [line for line in lines if line.startswith("+ drag")]
+    i, j = report["min_separation_pair"]
+    apart = f"{report['min_separation']:.2f}"
+    assert row.split()[2] == f"{last['goal_error']:#.3g}"
+    assert row.split()[-3:] == [f"{i},{j}", f"{report['min_separation_time']:.0f}", apart]
+    assert f"Δv is {report['delta_v']:#.3g} m/s, as planned." in lines
+    miss = report["goal_errors"][report["goal_error_craft"]][:3]
+    assert sum(one**2 for one in miss) ** 0.5 == pytest.approx(report["goal_error"])
+
+
+def test_defaults_are_those_of_the_conditions(flown):
+    said = json.loads(flown("--json").stdout)["conditions"]
+    assert said == asdict(Conditions())
+
+
+def test_the_scenarios_reference_orbit_is_flown_unless_options_say_otherwise(prolearn, tmp_path):
+    write_plan(tmp_path / "plan.json", solve(SCENARIO), replace(SCENARIO, reference=REFERENCE))
+    said = json.loads(prolearn("fly", "plan.json", "--raan", "7", "--json").stdout)["conditions"]
+    assert said == asdict(Conditions(0.001, 51.6, 7.0, 90.0, 10.0))
+
+
+def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_path):
+    own = own_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
+    plan = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    i, j = plan.certificate.min_separation_pair
+    assert plan.certificate.min_separation < 14
+    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    done = prolearn("fly", "plan.json")
+    assert done.returncode == 1
+    assert f"Not safe: craft {i} and {j} come within " in done.stdout.replace("\n", " ")
+
+
+def test_a_craft_alone_is_safe(prolearn, tmp_path):
+    scenario = draw("rings", 0, 1, 0, Problem())
+    write_plan(tmp_path / "plan.json", solve(scenario), scenario)
+    done = prolearn("fly", "plan.json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(prolearn("fly", "plan.json", "--json").stdout)
+    assert told["safe"] and told["min_separation"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--eccentricity", "0.02"), "eccentricity is 0.02; expected a number from 0 to 0.01"),
+        (("--eccentricity", "-0.001"), "eccentricity is -0.001"),
+        (("--inclination", "nan"), "inclination_deg is nan"),
+        (("--drag", "-1"), "ballistic is -1.0; expected a positive C_D A/m"),
+        (("--drag-spread", "0.2"), "--drag-spread is 0.2 without --drag"),
+        (("--drag", "0.01", "--drag-spread", "2"), "spread is 2; expected"),
+    ],
+    ids=" ".join,
+)
+def test_conditions_that_make_no_sense_are_answered_in_a_sentence(flown, options, words):
+    done = flown(*options)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert words in done.stderr
+
+
+def version_1(document):
+    document["schema"] = "prolearn.plan/1"
+    del document["scenario"]
+
+
+def overflow(document):
+    document["controls"][2][3][0] = 1e300
+
+
+def low(document):
+    document["scenario"]["mean_motion"] = 1.22e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (version_1, "leaves out the scenario"),
+        (overflow, "plan.json: the controls lead craft 2 "),
+        (low, "plan.json: the reference orbit is 68 km high; expected at least 150 km for drag"),
+    ],
+)
+def test_a_plan_that_cannot_be_flown_is_answered_in_a_sentence(prolearn, tmp_path, change, words):
+    document = json.loads(json.dumps(plan_document(solve(SCENARIO), SCENARIO)))
+    change(document)
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    done = prolearn("fly", "plan.json", "--drag", "0.01")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert words in done.stderr
