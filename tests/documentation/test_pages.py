@@ -15,7 +15,7 @@ from pipeline.plan.document import write_plan
 from pipeline.scenario import draw
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("tutorial", "engineer", "researcher", "programmer", "api")
+PAGES = ("tutorial", "engineer", "flight", "researcher", "programmer", "api")
 MAKE = f'prolearn() {{ "{sys.executable}" -c "from cli.main import app; app()" "$@"; }}\n'
 
 
