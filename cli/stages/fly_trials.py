@@ -14,7 +14,7 @@ from pipeline.flight.closed_loop import default_margin, with_margin
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
 from pipeline.flight.figure import trials_figure
-from pipeline.flight.montecarlo import PORTION, Loop, MonteCarlo, fly_all
+from pipeline.flight.montecarlo import Loop, MonteCarlo, fly_all, portion_of
 from pipeline.flight.summary import Summary, summarize
 from pipeline.flight.world import World
 from pipeline.plan import Plan
@@ -54,7 +54,6 @@ def fly_trials(
     seed: int = 0,
     planner: Planner | None = None,
     margin: float | None = None,
-    portion: int = PORTION,
     jobs: int = -1,
     progress: Progress = SILENT,
 ) -> Trials:
@@ -71,7 +70,6 @@ def fly_trials(
         seed: root seed.
         planner: plans anew at every node, in further loops beside the open one; or None.
         margin: asked for beyond r_col in the last loop, m; ``default_margin`` where None is given.
-        portion: trials in a shard.
         jobs: processes; -1 for one a core.
         progress: told of each portion.
 
@@ -85,7 +83,7 @@ def fly_trials(
         if not 0 <= given < float("inf"):
             raise InputError(f"--{name} is {given}; expected a number of metres, 0 or more.")
     refuse_distance(scenario, plan.controls)
-    of = MonteCarlo(scenario, world, errors, seed, portion)
+    of = MonteCarlo(scenario, world, errors, seed, portion_of(scenario.n))
     loops = list(_loops(plan, scenario, errors, planner, margin))
     tables = fly_all(out, of, loops, trials, workers=Workers(jobs), progress=progress)
     radius = scenario.problem.collision_radius

@@ -33,6 +33,7 @@ from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import Errors, draws
 from pipeline.flight.trials import Flown, OpenLoop, fly_trials
 from pipeline.flight.world import World
+from pipeline.orbit.approaches import MOST_PAIRS
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_other_versions
@@ -42,7 +43,7 @@ from pipeline.scenario.families import SEEDS
 SCHEMA = "prolearn.flight/1"
 
 PORTION = 50
-"""Trials that are flown side by side, and rows of a shard."""
+"""Most trials that are flown side by side, and rows of a shard."""
 
 MADE_BY: DecidedBy = (
     ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight"),
@@ -177,6 +178,11 @@ class Shard:
 
     content: bytes
     timings: bytes
+
+
+def portion_of(n: int) -> int:
+    """Trials of n craft that are flown side by side: so few that their pairs fit in memory."""
+    return max(1, min(PORTION, 2 * MOST_PAIRS // n**2))
 
 
 def fly_all(
