@@ -1,6 +1,6 @@
 """The options that say how a plan is flown many times, and the table of what comes of it."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,7 +11,7 @@ from cli.app import given_options
 from cli.output import print_table
 from cli.plan import Effort
 from pipeline.errors import InputError
-from pipeline.exhibits.numbers import MISSING, number, percents, share
+from pipeline.exhibits.numbers import MISSING, error, number, percents, share
 
 if TYPE_CHECKING:
     from pipeline.flight.errors import Errors
@@ -124,33 +124,35 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
     """Print a column for each way to fly, a row for each quantity, in 80 columns for three."""
     shares = {f"within r_col, {radius:g} m": "within_radius", f"within {size:g} m": "within_size"}
     lines = [[label, *(_shared(one, name) for one in summaries)] for label, name in shares.items()]
-    for label, name, scale in QUANTITIES:
-        if any(getattr(one, name) is not None for one in summaries):
-            lines.append([label, *(_number(getattr(one, name), scale) for one in summaries)])
+    for label, name, text in QUANTITIES:
+        values = [getattr(one, name) for one in summaries]
+        if any(value is not None for value in values):
+            lines.append([label, *(MISSING if v is None else text(v) for v in values)])
     print_table([f"{summaries[0].trials} trials", *(one.loop for one in summaries)], lines)
 
 
-QUANTITIES: Sequence[tuple[str, str, float]] = (
-    ("least separation, m: median", "separation_median", 1.0),
-    ("  least of all", "least_separation", 1.0),
-    ("error at goal, m: median", "goal_error_median", 1.0),
-    ("  95 %", "goal_error_high", 1.0),
-    ("  mm/s: median", "goal_velocity_error_median", 1e3),
-    ("  95 %", "goal_velocity_error_high", 1e3),
-    ("Δv, m/s: median", "delta_v_median", 1.0),
-    ("  95 %", "delta_v_high", 1.0),
-    ("missed burns a trial", "missed_burns", 1.0),
-    ("margin, m", "margin", 1.0),
-    ("nodes without a safe plan", "unsafe_replans", 1.0),
-    ("time a replan, ms: median", "replan_seconds", 1e3),
+def _thousandth(text: Callable[[float], str]) -> Callable[[float], str]:
+    """Written in a unit that is a thousandth of SI's."""
+    return lambda value: text(1e3 * value)
+
+
+QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
+    ("least separation, m: median", "separation_median", number),
+    ("  least of all", "least_separation", number),
+    ("error at goal, m: median", "goal_error_median", error),
+    ("  95 %", "goal_error_high", error),
+    ("  mm/s: median", "goal_velocity_error_median", _thousandth(error)),
+    ("  95 %", "goal_velocity_error_high", _thousandth(error)),
+    ("Δv, m/s: median", "delta_v_median", number),
+    ("  95 %", "delta_v_high", number),
+    ("missed burns a trial", "missed_burns", number),
+    ("margin, m", "margin", number),
+    ("nodes without a safe plan", "unsafe_replans", number),
+    ("time a replan, ms: median", "replan_seconds", _thousandth(number)),
 )
-"""Label, field of a summary, and what its unit is multiplied by."""
+"""Label, field of a summary, and how it is written."""
 
 
 def _shared(one: "Summary", name: str) -> str:
     value, interval = getattr(one, name), getattr(one, f"{name}_interval")
     return MISSING if value is None else f"{share(value)} {percents(*interval)}"
-
-
-def _number(value: float | None, scale: float) -> str:
-    return MISSING if value is None else number(scale * value)

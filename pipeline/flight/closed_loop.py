@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.flight.errors import Errors
@@ -30,6 +30,9 @@ from pipeline.scenario import Scenario
 
 SIGMAS = 3.0
 """Standard deviations of a relative position that the default margin covers."""
+
+DETERMINED = 2
+"""Intervals left in which the goal determines all controls, so that nobody need be asked."""
 
 GRAIN = 1 / 60
 """Share of r_col to which separations asked for are rounded down, so that many trials share one."""
@@ -96,7 +99,7 @@ class ClosedLoop:
         unsafe: nodes of each trial at which no plan to the goal was found that is safe from the
             estimate, so that the least unsafe one was flown, (K,).
         seconds: what each trial's plan took at each node, (K, intervals); not a number where no
-            planner was asked: at the first node, and with one interval left.
+            planner was asked: at the first node, and with one or two intervals left.
     """
 
     def __init__(
@@ -137,6 +140,15 @@ class ClosedLoop:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
         choice = Choice(problem, estimate, corrected)
+        if problem.intervals > DETERMINED:
+            self._ask(choice, node, estimate, problem)
+        self._ahead = choice.controls
+        self.unsafe += ~choice.safe(problem.collision_radius)
+
+    def _ask(
+        self, choice: "Choice", node: int, estimate: Float[Array, "K n 6"], problem: Problem
+    ) -> None:
+        """Ask the planner, for less separation each time where it finds nothing safe."""
         self.seconds[:, node] = 0.0
         for asked in _asked(problem, _apart(estimate), self._margin):
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
@@ -147,8 +159,6 @@ class ClosedLoop:
                 )
                 choice.offer(which, plans, radius)
                 self.seconds[which, node] += [_seconds(plan) for plan in plans]
-        self._ahead = choice.controls
-        self.unsafe += choice.open | (choice.separation <= problem.collision_radius)
 
     def _end(self, estimate: Float[Array, "K n 6"]) -> None:
         """With one interval left, the nearest to the goal; or as planned, where that is safer."""
@@ -206,6 +216,10 @@ class Choice:
         self._to_goal[taken] = to_goal[better]
         self.open[which] = ~(safe | kept)
 
+    def safe(self, radius: float) -> Bool[Array, "K"]:
+        """Whether what is flown meets the goal and is safe from the estimate, m."""
+        return self._to_goal & (self.separation > radius)
+
     def offer_end(self, controls: SomeControls) -> None:
         """Take controls of the last interval where they are safe, or no less so than others."""
         limited = self._within_limit(controls)
@@ -244,16 +258,12 @@ def _asked(
 ) -> Iterator[Float[Array, "K"]]:
     """Separations to ask for in turn, m, of each trial; 0 where there is nothing more to ask.
 
-    No more than craft have already. Then r_col alone, then less; but where two intervals are left
-    the goal determines the plan, and asking once is enough.
+    No more than craft have already; then r_col alone; then less.
     """
     radius = problem.collision_radius
     grains = np.floor((np.minimum(apart, 2 * radius + margin) - 2 * TOLERANCE) / (GRAIN * radius))
     most = np.minimum(radius + margin, radius * (grains * GRAIN))
     least = np.minimum(most, radius)
-    if problem.intervals == 2:
-        yield least
-        return
     yield most
     yield np.where(least < most, least, 0.0)
     for share in LESS:

@@ -1,6 +1,7 @@
 """The picture of a Monte Carlo: how trials spread in separation, error at the goal and Δv."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -20,9 +21,12 @@ from pipeline.exhibits.style import (
 HEIGHT = 3.1
 """Of the figure, inches."""
 
-COLOURS = (CONFLICT_COLOUR, INITIAL_COLOUR, GOAL_COLOUR)
-LINES = ("--", "-.", "-")
-"""Of loops, in their order."""
+LINES: Sequence[Mapping[str, Any]] = (
+    {"color": CONFLICT_COLOUR, "linestyle": "--", "zorder": 3},
+    {"color": INITIAL_COLOUR, "linestyle": "-.", "zorder": 4},
+    {"color": GOAL_COLOUR, "linewidth": 3.0, "alpha": 0.5, "zorder": 2},
+)
+"""Of loops, in their order; the last is wide and below, since the one before may run along it."""
 
 PANELS = {
     "min_separation": "least separation (m)",
@@ -63,9 +67,9 @@ def _finite(table: pa.Table, column: str) -> "np.ndarray[tuple[int], np.dtype[np
 
 
 def _spread(ax: Axes, values: "Mapping[str, np.ndarray[tuple[int], np.dtype[np.float64]]]") -> None:
-    for (loop, found), colour, line in zip(values.items(), COLOURS, LINES, strict=False):
+    for (loop, found), line in zip(values.items(), LINES, strict=False):
         if len(found):
-            ax.ecdf(found, label=loop, color=colour, linestyle=line)
+            ax.ecdf(found, label=loop, **line)
     fit_scale(ax, "x", [v for found in values.values() for v in found])
     ax.set_ylim(-0.02, 1.02)
 
