@@ -40,7 +40,7 @@ GRAIN = 1 / 60
 LESS = (0.02, 0.1, 0.3)
 """Shares of r_col by which less is asked for, in turn, where no safe plan is found."""
 
-MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25)
+MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
 """Shares of a margin that are tried in turn at the first node, until there is a safe plan."""
 
 Controls = Float[Array, "n intervals 3"]
@@ -78,17 +78,17 @@ def with_margin(
 ) -> tuple[Controls, float]:
     """Controls with more separation than r_col, m/s², and how much more, m.
 
-    The largest share of the margin that both formations and the planner allow; where there is
-    none, the controls that are given.
+    As much of the margin as both formations leave room for, or the largest share of that with
+    which the planner finds a safe plan; where there is none, the controls that are given.
     """
     radius = scenario.problem.collision_radius
-    apart = min(float(_apart(end[None])[0]) for end in (scenario.initial, scenario.goal))
-    for share in MARGIN_SHARES:
-        if margin > 0 and radius + share * margin < apart:
-            wider = replace(scenario.problem, collision_radius=float(radius + share * margin))
-            (plan,) = planner.plan([replace(scenario, problem=wider)])
-            if plan.status == SOLVED:
-                return plan.controls, float(share * margin)
+    room = min(float(_apart(end[None])[0]) for end in (scenario.initial, scenario.goal)) - radius
+    most = min(margin, room - 2 * TOLERANCE)
+    for share in MARGIN_SHARES if most > 0 else ():
+        wider = replace(scenario.problem, collision_radius=radius + share * most)
+        (plan,) = planner.plan([replace(scenario, problem=wider)])
+        if plan.status == SOLVED:
+            return plan.controls, share * most
     return controls, 0.0
 
 

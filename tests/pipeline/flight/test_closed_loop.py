@@ -123,9 +123,20 @@ def test_no_more_margin_is_asked_for_than_formations_allow(tight):
         for i in range(12)
         for j in range(i)
     )
-    _, allowed = with_margin(scenario, plan.controls, Expert(), 2 * (nearest - 15))
-    assert 0 < allowed < nearest - 15
-    controls, allowed = with_margin(scenario, plan.controls, Expert(), 1e4)
+    for margin in (float(nearest - 15) / 2, 1e4):
+        controls, allowed = with_margin(scenario, plan.controls, Expert(), margin)
+        assert 0 < allowed <= margin
+        assert allowed < nearest - 15
+        wider = fly_trials(
+            scenario,
+            LinearWorld(scenario.problem.dynamics),
+            OpenLoop(controls),
+            draws(0, range(1), 12, 10),
+            Errors(),
+        )
+        assert wider.nearest.distance > 15 + allowed
+    touching = replace(scenario, problem=replace(scenario.problem, collision_radius=float(nearest)))
+    controls, allowed = with_margin(touching, plan.controls, Expert(), 1.0)
     assert allowed == 0
     assert np.array_equal(controls, plan.controls)
 
