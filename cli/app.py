@@ -55,6 +55,16 @@ def not_over(source: Path, target: Path) -> None:
         )
 
 
+def given_options(context: typer.Context) -> dict[str, str]:
+    """Options on the command line, as they are written there, by the name of their parameter."""
+    found = {}
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name and source is not None and source.name == "COMMANDLINE":
+            found[parameter.name] = parameter.opts[0]
+    return found
+
+
 def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
     """Whole numbers written as 10, 2,10,30 or 2..30, ascending.
 

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cli.app import given_options
 from cli.output import AsJson, beside, print_json
 from cli.problem import (
     Altitude,
@@ -196,13 +197,11 @@ def verify(
 
 def _refuse_options(context: typer.Context) -> None:
     """Options of `prolearn dataset` say nothing to a command below it."""
-    for parameter in context.command.params:
-        source = context.get_parameter_source(parameter.name or "")
-        if source is not None and source.name == "COMMANDLINE":
-            raise InputError(
-                f"{parameter.opts[0]} is of `prolearn dataset` alone; expected none of its options "
-                f"before {context.invoked_subcommand}."
-            )
+    for option in given_options(context).values():
+        raise InputError(
+            f"{option} is of `prolearn dataset` alone; expected none of its options before "
+            f"{context.invoked_subcommand}."
+        )
 
 
 def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":

@@ -2,9 +2,14 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from pipeline.flight.conditions import Conditions
+    from pipeline.plan import Plan
+    from pipeline.scenario import Scenario
 
 from cli.app import FAILED
 from cli.conditions import (
@@ -19,11 +24,34 @@ from cli.conditions import (
     conditions_of,
 )
 from cli.output import AsJson, print_json, print_table
+from cli.plan import planner_of
+from cli.progress import progress
+from cli.trials import (
+    CONDITIONS,
+    OF_REPLANNING,
+    OF_TRIALS,
+    Changed,
+    Jobs,
+    Margin,
+    Out,
+    Preset,
+    Replan,
+    ReplanEffort,
+    Replanner,
+    Seed,
+    Size,
+    Trials,
+    WorldKind,
+    errors_of,
+    print_trials,
+    refuse,
+)
 from pipeline.errors import InputError
 from pipeline.exhibits.numbers import MISSING, error, number
 
 
 def fly(
+    context: typer.Context,
     plan: Annotated[Path, typer.Argument(help="Plan file.", show_default=False)],
     eccentricity: Eccentricity = 0.001,
     inclination: Inclination = None,
@@ -33,6 +61,18 @@ def fly(
     no_j2: NoJ2 = False,
     drag: DragOn = None,
     drag_spread: DragSpread = None,
+    trials: Trials = None,
+    seed: Seed = 0,
+    errors: Preset = "cold-gas",
+    error: Changed = None,
+    world: WorldKind = "nonlinear",
+    replan: Replan = "none",
+    planner: Replanner = "expert",
+    effort: ReplanEffort = None,
+    margin: Margin = None,
+    size: Size = 0.35,
+    out: Out = None,
+    jobs: Jobs = -1,
     as_json: AsJson = False,
 ) -> None:
     """Fly a plan's controls about an oblate Earth, and say how far off they lead.
@@ -43,16 +83,29 @@ def fly(
     the effect added at most, its share of the final error, and which pair comes closest when.
     Exit status 0: no pair comes within r_col at any time; 1: one does; 2: bad input.
 
+    With `--trials` it is flown so many times with errors of thrust, timing and navigation, and
+    with `--replan every-node` also planned anew from where craft seem to be, without and with a
+    margin. The table has how often a pair comes within r_col, with Wilson's intervals, errors
+    at the goal and Δv; into the folder go the trials, the table and a figure. Killed or
+    interrupted, the same command goes on; the exit status is 0 when all is flown.
+
     Examples:
 
         prolearn fly plan.json
         prolearn fly plan.json --eccentricity 0.005 --inclination 51.6
         prolearn fly plan.json --drag 0.01 --drag-spread 0.2
         prolearn fly plan.json --eccentricity 0 --no-j2 --json
+        prolearn fly plan.json --trials 1000 --replan every-node
+        prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
     """
-    from pipeline.flight.effects import effects
-    from pipeline.flight.report import flight_report
     from pipeline.plan.document import read_whole_plan
+
+    if trials is None:
+        refuse(context, OF_TRIALS, "without --trials; expected both: add --trials 1000.")
+    elif replan == "none":
+        refuse(context, OF_REPLANNING, "and nobody plans anew; add --replan every-node.")
+    if world == "linear":
+        refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
 
     made, scenario = read_whole_plan(plan)
     conditions = conditions_of(
@@ -66,11 +119,51 @@ def fly(
         drag=drag,
         drag_spread=drag_spread,
     )
+    if trials is None:
+        _fly_once(plan, made, scenario, conditions, as_json=as_json)
+        return
+    from cli.stages.fly_trials import fly_trials
+    from pipeline.flight.world import LinearWorld
+
+    problem = scenario.problem
+    linear = world == "linear"
+    flown_in = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
+    told = errors_of(errors, error or [])
+    replanner = None if replan == "none" else planner_of(planner, "continuous", effort)
+    with progress("flying") as shown:
+        done = fly_trials(
+            made,
+            scenario,
+            flown_in,
+            told,
+            out or Path(f"{plan.stem.removesuffix('.plan')}-flown"),
+            trials=trials,
+            size=size,
+            seed=seed,
+            planner=replanner,
+            margin=margin,
+            jobs=jobs,
+            progress=shown,
+        )
+    if as_json:
+        print_json({"plan": str(plan), "folder": str(done.folder), "loops": done.summaries})
+        return
+    print_trials(done.summaries, problem.collision_radius, size)
+    typer.echo(f"The trials, trials.csv and the figure are in {done.folder}/.")
+
+
+def _fly_once(
+    path: Path, plan: "Plan", scenario: "Scenario", conditions: "Conditions", *, as_json: bool
+) -> None:
+    """Fly it without errors, with one effect more each time."""
+    from pipeline.flight.effects import effects
+    from pipeline.flight.report import flight_report
+
     try:
-        found = effects(scenario, made.controls, conditions)
+        found = effects(scenario, plan.controls, conditions)
     except InputError as wrong:
-        raise InputError(f"{plan}: {wrong}") from wrong
-    report = {"plan": str(plan), **flight_report(made, scenario, conditions, found)}
+        raise InputError(f"{path}: {wrong}") from wrong
+    report = {"plan": str(path), **flight_report(plan, scenario, conditions, found)}
     print_json(report) if as_json else print_flight(report)
     raise typer.Exit(0 if report["safe"] else FAILED)
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from pipeline.exhibits.intervals import Interval, share_interval
 from pipeline.exhibits.numbers import number, percents, ratio, share
 from pipeline.exhibits.planners import name_of
-from pipeline.experiments.compare import Interval, mean_interval, share_interval
+from pipeline.experiments.compare import mean_interval
 
 FREE = "own LP"
 """The best planner that costs nothing: each craft's own optimum, at the bound on fuel."""

@@ -7,8 +7,8 @@ from typing import Any
 import pandas as pd
 
 from pipeline.exhibits.blocks import Column
+from pipeline.exhibits.intervals import share_interval
 from pipeline.exhibits.numbers import count
-from pipeline.experiments.compare import share_interval
 
 
 @dataclass(frozen=True)

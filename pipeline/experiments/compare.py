@@ -1,4 +1,4 @@
-"""Two planners on the same trials, compared pair by pair; shares with their uncertainty."""
+"""Two planners on the same trials, compared pair by pair."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,10 @@ from jaxtyping import Float
 from scipy import stats
 
 from pipeline.arrays import Array
-
-CONFIDENCE = 0.95
-"""Of every interval."""
+from pipeline.exhibits.intervals import CONFIDENCE, Interval
 
 CHANCE = 1 - CONFIDENCE
 """Probability under which a difference is no longer put down to chance."""
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -73,14 +69,6 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
         fuel=_mean(cost),
         fuel_interval=mean_interval(cost),
     )
-
-
-def share_interval(share: float, trials: int) -> Interval:
-    """Wilson's interval of a share of so many trials."""
-    if trials == 0 or np.isnan(share):
-        return float("nan"), float("nan")
-    found = stats.binomtest(round(share * trials), trials).proportion_ci(CONFIDENCE, "wilson")
-    return float(found.low), float(found.high)
 
 
 def mean_interval(values: Float[Array, "k"]) -> Interval:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from pipeline.exhibits.intervals import share_interval
 from pipeline.exhibits.numbers import share
 from pipeline.exhibits.planners import in_order, is_network, is_papers, spoken_of
 from pipeline.experiments.answer import CHEAP, FREE, SAFE, Answer, Measured, measured
-from pipeline.experiments.compare import compare, share_interval
+from pipeline.experiments.compare import compare
 from pipeline.experiments.trials import PREDICTED
 
 VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]

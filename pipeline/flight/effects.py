@@ -56,7 +56,7 @@ def effects(
         InputError: where the controls lead too far away, or for conditions without a world.
     """
     problem, goal = scenario.problem, scenario.goal
-    _refuse_distance(scenario, controls)
+    refuse_distance(scenario, controls)
     worlds = [(PLAN, LinearWorld(problem.dynamics)), *_worlds(scenario, conditions)]
     flights = [fly_controls(world, scenario.initial, controls, problem) for _, world in worlds]
     errors = np.stack([flight.states[:, -1] - goal for flight in flights])
@@ -86,8 +86,12 @@ def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, W
             yield name, one.world(scenario.problem, scenario.n)
 
 
-def _refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"]) -> None:
-    """Refuse plans that are no relative motion; written so that what is no number is refused."""
+def refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"]) -> None:
+    """Refuse controls (m/s²) that lead too far away; written so that what is no number is refused.
+
+    Raises:
+        InputError: naming the craft, and how far.
+    """
     problem = scenario.problem
     with np.errstate(over="ignore", invalid="ignore"):
         far = norm(fly(scenario.initial, controls, problem)[..., :3]).max(axis=1)

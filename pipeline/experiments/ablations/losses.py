@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from pipeline.exhibits.intervals import Interval
 from pipeline.experiments.ablations.summary import difference
-from pipeline.experiments.compare import Interval, compare
+from pipeline.experiments.compare import compare
 from pipeline.networks.refiner.ablations import ABLATIONS, SHORT
 
 

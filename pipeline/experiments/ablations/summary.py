@@ -4,11 +4,11 @@ from math import isnan
 
 import pandas as pd
 
+from pipeline.exhibits.intervals import Interval
 from pipeline.exhibits.numbers import MISSING, number, share
 from pipeline.exhibits.planners import name_of
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.averages import Average, averaged
-from pipeline.experiments.compare import Interval
 from pipeline.experiments.summary import COLLISIONS, SECONDS, prepared
 from pipeline.networks.refiner.ablations import ABLATIONS, REFINER, SHORT, TUNED, UNCROWDED, UNSAFE
 

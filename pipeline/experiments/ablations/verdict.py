@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from pipeline.exhibits.intervals import share_interval
 from pipeline.exhibits.numbers import percents, share
 from pipeline.experiments.ablations.gains import NOTHING, Gain, gain
 from pipeline.experiments.ablations.losses import Loss, losses
@@ -13,7 +14,6 @@ from pipeline.experiments.ablations.summary import (
     scored,
 )
 from pipeline.experiments.answer import FREE, Answer, measured
-from pipeline.experiments.compare import share_interval
 from pipeline.networks.refiner.ablations import ABLATIONS, SHORT
 
 GAIN = "What does learning buy over the refiner's rule alone?"

@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.experiments.compare import compare, mean_interval, share_interval
+from pipeline.exhibits.intervals import share_interval
+from pipeline.experiments.compare import compare, mean_interval
 
 
 def trials(safe, fuel, first=0):

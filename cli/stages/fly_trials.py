@@ -1,0 +1,128 @@
+"""A plan flown many times with errors: trials, table and figure in a folder."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.dataset.stages.workers import Workers
+from pipeline.errors import InputError
+from pipeline.exhibits.style import save
+from pipeline.files import published
+from pipeline.flight.closed_loop import default_margin, with_margin
+from pipeline.flight.effects import refuse_distance
+from pipeline.flight.errors import Errors
+from pipeline.flight.figure import trials_figure
+from pipeline.flight.montecarlo import Loop, MonteCarlo, fly_all, portion_of
+from pipeline.flight.summary import Summary, summarize
+from pipeline.flight.world import World
+from pipeline.plan import Plan
+from pipeline.planners.planner import Planner
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario import Scenario
+
+OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
+"""Ways to fly a plan: as it is; planned anew at every node; with more separation asked for."""
+
+TABLE, FIGURE = "trials.csv", "trials"
+"""Names of the files beside the trials."""
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What a Monte Carlo came to.
+
+    Attributes:
+        summaries: of each loop, open loop first.
+        folder: where trials, table and figure are.
+    """
+
+    summaries: Sequence[Summary]
+    folder: Path
+
+
+def fly_trials(
+    plan: Plan,
+    scenario: Scenario,
+    world: World,
+    errors: Errors,
+    out: Path,
+    *,
+    trials: int,
+    size: float,
+    seed: int = 0,
+    planner: Planner | None = None,
+    margin: float | None = None,
+    jobs: int = -1,
+    progress: Progress = SILENT,
+) -> Trials:
+    """Fly a plan many times, with errors, and write what comes of it.
+
+    Args:
+        plan: what is flown.
+        scenario: that it is for.
+        world: in which it is flown.
+        errors: what goes wrong.
+        out: folder for the files.
+        trials: how many.
+        size: distance of two craft's centres at which they may touch, m.
+        seed: root seed.
+        planner: plans anew at every node, in further loops beside the open one; or None.
+        margin: asked for beyond r_col in the last loop, m; ``default_margin`` where None is given.
+        jobs: processes; -1 for one a core.
+        progress: told of each portion.
+
+    Raises:
+        InputError: for numbers or a folder that cannot be worked with.
+        ProlearnError: where the folder cannot be written to.
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out is the file {out}; expected a folder.")
+    for name, given in (("size", size), ("margin", margin or 0.0)):
+        if not 0 <= given < float("inf"):
+            raise InputError(f"--{name} is {given}; expected a number of metres, 0 or more.")
+    refuse_distance(scenario, plan.controls)
+    of = MonteCarlo(scenario, world, errors, seed, portion_of(scenario.n))
+    loops = list(_loops(plan, scenario, errors, planner, margin))
+    tables = fly_all(out, of, loops, trials, workers=Workers(jobs), progress=progress)
+    radius = scenario.problem.collision_radius
+    summaries = [
+        summarize(
+            loop.name,
+            None if loop.planner is None else loop.planner.name,
+            loop.margin,
+            tables[loop.name],
+            radius,
+            size,
+        )
+        for loop in loops
+    ]
+    _write_table(summaries, out / TABLE)
+    kind = type(world).__name__.removesuffix("World").lower()
+    title = f"{scenario.name}: n = {scenario.n}, {trials} trials in the {kind} world"
+    save(trials_figure(tables, radius, size, title), out / FIGURE)
+    return Trials(summaries, out)
+
+
+def _loops(
+    plan: Plan, scenario: Scenario, errors: Errors, planner: Planner | None, margin: float | None
+) -> Iterator[Loop]:
+    yield Loop(OPEN, plan.controls)
+    if planner is None:
+        return
+    yield Loop(REPLANNED, plan.controls, planner)
+    wanted = default_margin(errors, plan.controls, scenario.problem) if margin is None else margin
+    controls, allowed = with_margin(scenario, plan.controls, planner, wanted)
+    yield Loop(MARGIN, controls, planner, allowed)
+
+
+def _write_table(summaries: Sequence[Summary], path: Path) -> None:
+    rows = []
+    for one in summaries:
+        row = asdict(one)
+        for name in ("within_radius", "within_size"):
+            row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval") or (None, None)
+        rows.append(row)
+    with published(path) as temporary:
+        pd.DataFrame(rows).to_csv(temporary, index=False)

@@ -1,0 +1,292 @@
+"""The loop closed: at each node craft are planned anew from where they seem to be.
+
+The goal stays. What is flown is the cheapest of two plans that are safe from the estimate, the
+planner's new one and the one under way, corrected for the goal: so an undisturbed swarm pays no
+more than its plan. Where neither is safe, the planner is asked for less and less separation, and
+of all that is known then the plan flies that keeps craft furthest apart.
+
+Two intervals before the end the goal determines all controls: six for six components of a state.
+In the last one three are left, and the goal can only be met in part: the control is flown that
+leaves the least ‖Δp‖² + ‖Δv/e‖², which is about the size of the orbit that the error becomes.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pipeline.arrays import Array
+from pipeline.flight.errors import Errors
+from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import least_separations
+from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.plan import SOLVED, Plan
+from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.planners.planner import Planner
+from pipeline.scenario import Scenario
+
+SIGMAS = 3.0
+"""Standard deviations of a relative position that the default margin covers."""
+
+DETERMINED = 2
+"""Intervals left in which the goal determines all controls, so that nobody need be asked."""
+
+GRAIN = 1 / 60
+"""Share of r_col to which separations asked for are rounded down, so that many trials share one."""
+
+LESS = (0.02, 0.1, 0.3)
+"""Shares of r_col by which less is asked for, in turn, where no safe plan is found."""
+
+MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
+"""Shares of a margin that are tried in turn at the first node, until there is a safe plan."""
+
+Controls = Float[Array, "n intervals 3"]
+SomeControls = Float[Array, "K n left 3"]
+
+
+def default_margin(errors: Errors, controls: Controls, problem: Problem) -> float:
+    """Three standard deviations of a relative position one interval ahead, m.
+
+    What two craft's navigation errors grow to, and what the errors of a burn do meanwhile, along
+    the worst direction, for the largest burn of a plan. Fixed errors are counted with it.
+
+    Args:
+        errors: of each craft.
+        controls: of the plan, m/s².
+        problem: whose dynamics and time step.
+    """
+    h, burn = problem.time_step, float(norm(controls).max())
+    A, B = problem.dynamics.step(h)
+    position = errors.position**2 + errors.position_bias**2
+    velocity = errors.velocity**2 + errors.velocity_bias**2
+    share, fixed = (
+        max(errors.magnitude, errors.direction),
+        max(errors.magnitude_fixed, errors.direction_fixed),
+    )
+    thrust = (share * burn) ** 2 + (fixed / h) ** 2 * (burn > 0)
+    late = (errors.timing * burn) ** 2
+    covariance = A[:3] @ np.diag(np.repeat([position, velocity], 3)) @ A[:3].T
+    covariance += thrust * B[:3] @ B[:3].T + late * A[:3, 3:] @ A[:3, 3:].T
+    return SIGMAS * float(np.sqrt(2 * np.linalg.eigvalsh(covariance).max()))
+
+
+def with_margin(
+    scenario: Scenario, controls: Controls, planner: Planner, margin: float
+) -> tuple[Controls, float]:
+    """Controls with more separation than r_col, m/s², and how much more, m.
+
+    As much of the margin as both formations leave room for, or the largest share of that with
+    which the planner finds a safe plan; where there is none, the controls that are given.
+    """
+    radius = scenario.problem.collision_radius
+    room = min(float(_apart(end[None])[0]) for end in (scenario.initial, scenario.goal)) - radius
+    most = min(margin, room - 2 * TOLERANCE)
+    for share in MARGIN_SHARES if most > 0 else ():
+        wider = replace(scenario.problem, collision_radius=radius + share * most)
+        (plan,) = planner.plan([replace(scenario, problem=wider)])
+        if plan.status == SOLVED:
+            return plan.controls, share * most
+    return controls, 0.0
+
+
+class ClosedLoop:
+    """Trials side by side, each planned anew at every node but the first; a ``Guidance``.
+
+    Attributes:
+        unsafe: nodes of each trial at which no plan to the goal was found that is safe from the
+            estimate, so that the least unsafe one was flown, (K,).
+        seconds: what each trial's plan took at each node, (K, intervals); not a number where no
+            planner was asked: at the first node, and with one or two intervals left.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        controls: Controls,
+        planner: Planner,
+        trials: int,
+        margin: float = 0.0,
+    ) -> None:
+        """Begin with a plan.
+
+        Args:
+            scenario: what the swarm is to do.
+            controls: of the plan that is under way from the first node on, m/s².
+            planner: plans anew.
+            trials: how many.
+            margin: asked for beyond the collision radius, m, where estimates allow it.
+        """
+        self._scenario, self._planner, self._margin = scenario, planner, margin
+        self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
+        self.unsafe = np.zeros(trials, dtype=int)
+        self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
+
+    def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
+        """Controls of the interval that begins at a node, m/s², as in ``Guidance``."""
+        problem = self._scenario.problem
+        left = problem.intervals - node
+        if node > 0:
+            self._ahead = self._ahead[:, :, 1:]
+            if left == 1:
+                self._end(estimate)
+            else:
+                self._plan_anew(node, estimate, replace(problem, nodes=left + 1))
+        return self._ahead[:, :, 0]
+
+    def _plan_anew(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
+        goal = np.broadcast_to(self._scenario.goal, estimate.shape)
+        corrected = meet_goal(estimate, self._ahead, goal, problem)
+        choice = Choice(problem, estimate, corrected)
+        if problem.intervals > DETERMINED:
+            self._ask(choice, node, estimate, problem)
+        self._ahead = choice.controls
+        self.unsafe += ~choice.safe(problem.collision_radius)
+
+    def _ask(
+        self, choice: "Choice", node: int, estimate: Float[Array, "K n 6"], problem: Problem
+    ) -> None:
+        """Ask the planner, for less separation each time where it finds nothing safe."""
+        self.seconds[:, node] = 0.0
+        for asked in _asked(problem, _apart(estimate), self._margin):
+            for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
+                which = np.flatnonzero(choice.open & (asked == radius))
+                told = replace(problem, collision_radius=radius)
+                plans = self._planner.plan(
+                    [replace(self._scenario, problem=told, initial=estimate[k]) for k in which]
+                )
+                choice.offer(which, plans, radius)
+                self.seconds[which, node] += [_seconds(plan) for plan in plans]
+
+    def _end(self, estimate: Float[Array, "K n 6"]) -> None:
+        """With one interval left, the nearest to the goal; or as planned, where that is safer."""
+        problem = self._scenario.problem
+        A, B = problem.dynamics.step(problem.time_step)
+        weight = np.repeat([1.0, 1.0 / problem.mean_motion], 3)
+        nearest = np.linalg.pinv(weight[:, None] * B) * weight
+        miss = self._scenario.goal - np.matvec(A, estimate)
+        choice = Choice(problem, estimate, self._ahead)
+        choice.offer_end(np.matvec(nearest, miss)[:, :, None])
+        self._ahead = choice.controls
+        self.unsafe += choice.separation <= problem.collision_radius
+
+
+class Choice:
+    """Of several plans for each of K trials, the one that is flown.
+
+    Attributes:
+        controls: of the best so far, (K, n, intervals, 3), m/s².
+        separation: no pair comes closer than this on them, from the estimate, (K,), m.
+        open: whether none of them is both safe and to the goal, (K,).
+    """
+
+    def __init__(
+        self, problem: Problem, estimate: Float[Array, "K n 6"], under_way: SomeControls
+    ) -> None:
+        """Begin with what is under way, corrected for the goal."""
+        self._problem, self._estimate = problem, estimate
+        self.controls = self._within_limit(under_way)
+        self.separation = self._separation(slice(None), self.controls)
+        self.open = np.ones(len(estimate), dtype=bool)
+        self._to_goal = np.abs(self.controls - under_way).max(axis=(1, 2, 3)) <= LIMIT_TOLERANCE
+
+    def offer(self, which: Int[Array, "k"], plans: Sequence[Plan], radius: float) -> None:
+        """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
+
+        Where neither is, the one remains that keeps craft further apart; but one that misses the
+        goal does not take the place of one that meets it.
+
+        Args:
+            which: trials, all of them open.
+            plans: for each of them.
+            radius: separation that was asked for, m.
+        """
+        controls = self._within_limit(np.stack([plan.controls for plan in plans]))
+        separation = self._separation(which, controls)
+        to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
+        safe = to_goal & (separation > radius)
+        kept = self._to_goal[which] & (self.separation[which] > radius)
+        cheaper = _fuel(controls) < _fuel(self.controls[which])
+        further = (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
+        better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
+        taken = which[better]
+        self.controls[taken], self.separation[taken] = controls[better], separation[better]
+        self._to_goal[taken] = to_goal[better]
+        self.open[which] = ~(safe | kept)
+
+    def safe(self, radius: float) -> Bool[Array, "K"]:
+        """Whether what is flown meets the goal and is safe from the estimate, m."""
+        return self._to_goal & (self.separation > radius)
+
+    def offer_end(self, controls: SomeControls) -> None:
+        """Take controls of the last interval where they are safe, or no less so than others."""
+        limited = self._within_limit(controls)
+        separation = self._separation(slice(None), limited)
+        safe = separation > self._problem.collision_radius
+        better = safe | (separation >= self.separation)
+        self.controls = np.where(better[:, None, None, None], limited, self.controls)
+        self.separation = np.where(better, separation, self.separation)
+
+    def _within_limit(self, controls: SomeControls) -> SomeControls:
+        limit = self._problem.max_acceleration
+        return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
+
+    def _separation(
+        self, which: Int[Array, "k"] | slice, controls: SomeControls
+    ) -> Float[Array, "k"]:
+        trials, n, intervals, _ = controls.shape
+        initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
+        states = _nodes(initial, flat, self._problem)
+        found = least_separations(states, flat, self._problem, side_by_side((n,) * trials))
+        return np.array([one.bound for one in found])
+
+
+def _nodes(
+    initial: Float[Array, "N 6"], controls: Float[Array, "N intervals 3"], problem: Problem
+) -> Float[Array, "N T 6"]:
+    """Node states of what controls fly, of however few intervals."""
+    if controls.shape[1] == problem.intervals:
+        return fly(initial, controls, problem)
+    A, B = problem.dynamics.step(problem.time_step)
+    return np.stack([initial, np.matvec(A, initial) + np.matvec(B, controls[:, 0])], axis=1)
+
+
+def _asked(
+    problem: Problem, apart: Float[Array, "K"], margin: float
+) -> Iterator[Float[Array, "K"]]:
+    """Separations to ask for in turn, m, of each trial; 0 where there is nothing more to ask.
+
+    No more than craft have already; then r_col alone; then less.
+    """
+    radius = problem.collision_radius
+    grains = np.floor((np.minimum(apart, 2 * radius + margin) - 2 * TOLERANCE) / (GRAIN * radius))
+    most = np.minimum(radius + margin, radius * (grains * GRAIN))
+    least = np.minimum(most, radius)
+    yield most
+    yield np.where(least < most, least, 0.0)
+    for share in LESS:
+        yield least * (1 - share)
+
+
+def _apart(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
+    """Least distance of any pair, m; infinite without a pair."""
+    i, j = pairs(states.shape[1])
+    return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
+
+
+def _is_at_goal(plan: Plan, problem: Problem) -> bool:
+    """Whether a plan, safe or not, meets the goal and keeps to the thrust limit."""
+    missed = plan.certificate.goal_error, plan.certificate.goal_velocity_error
+    limit = np.inf if problem.max_acceleration is None else problem.max_acceleration
+    within = float(np.abs(plan.controls).max()) <= limit + LIMIT_TOLERANCE
+    return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
+
+
+def _fuel(controls: SomeControls) -> Float[Array, "K"]:
+    return np.abs(controls).sum(axis=(1, 2, 3))
+
+
+def _seconds(plan: Plan) -> float:
+    return plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0)

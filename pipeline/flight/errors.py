@@ -1,0 +1,175 @@
+"""What goes wrong in flight: thrust, its timing, navigation; and draws of it, trial by trial."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import ndtri
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.uncertainty import Uncertainty
+
+NO_BURN = 1e-9
+"""Acceleration in m/s² up to which a control is rounding of the planner's and no burn."""
+
+
+@dataclass(frozen=True)
+class Errors(Uncertainty):
+    """Standard deviations of Gaussian errors, and how often a burn is missed.
+
+    Those of ``Uncertainty`` are drawn anew at each node (position, velocity) and for each burn
+    (magnitude, direction). Position and velocity are errors of what is known of a craft; a
+    relative position is known √2 times worse. Burns have the four errors of Gates (1963), two
+    proportional to the burn and two fixed.
+
+    Attributes:
+        position_bias: of each component of a position as it is known, over a whole transfer, m.
+        velocity_bias: of each component of a velocity as it is known, over a whole transfer, m/s.
+        magnitude_fixed: of a burn's Δv along it, whatever its size, m/s.
+        direction_fixed: of a burn's Δv along each axis across it, whatever its size, m/s.
+        timing: of a burn, which begins and ends so much late, or early, s.
+        missed: probability that a burn is not made at all.
+    """
+
+    position_bias: float = 0.0
+    velocity_bias: float = 0.0
+    magnitude_fixed: float = 0.0
+    direction_fixed: float = 0.0
+    timing: float = 0.0
+    missed: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no standard deviation, or no probability."""
+        super().__post_init__()
+        if self.missed > 1:
+            raise InputError(f"missed is {self.missed}; expected a probability of 0 to 1.")
+
+
+COLD_GAS = Errors(
+    position=0.05,
+    velocity=5e-4,
+    position_bias=0.02,
+    velocity_bias=1e-4,
+    magnitude=0.02,
+    direction=0.02,
+    magnitude_fixed=1e-4,
+    direction_fixed=1e-4,
+    timing=0.1,
+    missed=1e-3,
+)
+"""A swarm of nanosatellites with cold gas and carrier-phase differential GPS.
+
+- position: 5 cm, so 7 cm on each axis between two craft. CanX-4 and 5 were to know their relative
+  position to 10 cm and did (G. Bonin et al., "CanX-4 and CanX-5 precision formation flight:
+  mission accomplished!", SmallSat 2015); simulations for PRISMA have 0.1 m in real time (E. Gill,
+  S. D'Amico, O. Montenbruck, "Autonomous formation flying for the PRISMA mission", J. Spacecraft
+  and Rockets 44(3), 2007).
+- velocity: 0.5 mm/s, of hardware in the loop for Orion (P. Ferguson, F. Busse, J. How, "Navigation
+  performance predictions for the Orion formation flying mission", 2003).
+- kinds of thrust error: C. R. Gates, "A simplified model of midcourse maneuver execution errors",
+  JPL TR 32-504, 1963.
+- everything else is our own choice, of the size that such hardware suggests: 2 % of a burn's size;
+  0.02 rad (1.1°) of attitude and alignment; 0.1 mm/s fixed, which is 20 ms of a valve at 35 mN and
+  7 kg; 0.1 s of timing; biases of 2 cm and 0.1 mm/s; one burn in a thousand missed.
+"""
+
+PRESETS: Mapping[str, Errors] = {"none": Errors(), "cold-gas": COLD_GAS}
+"""By name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """What chance gives K trials of n craft; normal but for ``missed``, and not yet to scale.
+
+    The same trial has the same draws whatever the errors, and however it is flown.
+
+    Attributes:
+        bias: of what is known of each state.
+        noise: of the same at the node at which each interval begins.
+        burn: of each interval's burn.
+        lag: of the time of each burn.
+        missed: uniform in 0..1, one for each burn.
+    """
+
+    bias: Float[Array, "K n 6"]
+    noise: Float[Array, "K intervals n 6"]
+    burn: Float[Array, "K intervals n 3"]
+    lag: Float[Array, "K intervals n"]
+    missed: Float[Array, "K intervals n"]
+
+
+def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
+    """The draws of some trials, each a function of (seed, trial, n, intervals) alone.
+
+    A counter-based generator (J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC
+    2011) has the numbers of trial k at a place of their own, so that any run of trials is drawn at
+    once; the normal ones are by inversion.
+    """
+    shapes = ((n, 6), (intervals, n, 6), (intervals, n, 3), (intervals, n), (intervals, n))
+    sizes = [prod(shape) for shape in shapes]
+    blocks = -(-sum(sizes) // 4)  # of four numbers, by which the counter counts
+    generator = np.random.Generator(np.random.Philox(key=seed, counter=trials.start * blocks))
+    uniform = generator.random((len(trials), 4 * blocks))[:, : sum(sizes)]
+    parts = np.split(uniform, np.cumsum(sizes)[:-1], axis=1)
+    bias, noise, burn, lag, missed = (
+        part.reshape(len(trials), *shape) for part, shape in zip(parts, shapes, strict=True)
+    )
+    return Draws(_normal(bias), _normal(noise), _normal(burn), _normal(lag), missed)
+
+
+def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:
+    """Standard normal numbers; a uniform 0 is taken for half of the least above it."""
+    return np.asarray(ndtri(np.maximum(uniform, 2.0**-54)))
+
+
+def navigation_error(drawn: Draws, node: int, errors: Errors) -> Float[Array, "K n 6"]:
+    """What is known of states at a node, less what is so, m and m/s: bias and new noise."""
+    bias = np.repeat([errors.position_bias, errors.velocity_bias], 3)
+    noise = np.repeat([errors.position, errors.velocity], 3)
+    return bias * drawn.bias + noise * drawn.noise[:, node]
+
+
+@dataclass(frozen=True, eq=False)
+class Burnt:
+    """What comes of controls that are commanded over an interval.
+
+    Attributes:
+        held: controls held over it, m/s².
+        late: uτ, what is lacking at its start and comes at its end, m/s.
+        missed: burns that each trial misses.
+    """
+
+    held: Float[Array, "K n 3"]
+    late: Float[Array, "K n 3"]
+    missed: Int[Array, "K"]
+
+
+def burnt(
+    commanded: Float[Array, "K n 3"],
+    drawn: Draws,
+    interval: int,
+    errors: Errors,
+    time_step: float,
+) -> Burnt:
+    """What comes of controls, m/s², that are commanded over an interval.
+
+    A burn that is late by τ is, to second order in τ, the burn in time with an impulse of -uτ at
+    its start and one of uτ at its end: the position after it is off by uτ²/2, and so little that
+    the velocity is off by e times as much. A missed burn has neither.
+    """
+    size = norm(commanded)
+    burning = size > NO_BURN
+    missed = burning & (drawn.missed[:, interval] < errors.missed)
+    unit = commanded / np.where(burning, size, 1.0)[..., None]
+    draw = drawn.burn[:, interval]
+    along = np.vecdot(draw, unit)[..., None] * unit
+    in_size = np.hypot(errors.magnitude * size, errors.magnitude_fixed / time_step)
+    across = np.hypot(errors.direction * size, errors.direction_fixed / time_step)
+    error = in_size[..., None] * along + across[..., None] * (draw - along)
+    burns, lag = burning[..., None], errors.timing * drawn.lag[:, interval]
+    held = np.where(missed[..., None], 0.0, np.where(burns, commanded + error, commanded))
+    return Burnt(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))

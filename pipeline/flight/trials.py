@@ -1,0 +1,106 @@
+"""Trials of one transfer, side by side: what is commanded, and what comes of it."""
+
+from dataclasses import dataclass
+from functools import reduce
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.flight.errors import Draws, Errors, burnt, navigation_error
+from pipeline.flight.nearest import Nearest, nearer, nearest, pieces_for
+from pipeline.flight.world import World
+from pipeline.orbit.bezier import norm
+from pipeline.scenario import Scenario
+
+
+@runtime_checkable
+class Guidance(Protocol):
+    """Whatever says at each node what craft are to do until the next."""
+
+    def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
+        """Controls of the interval that begins at a node, m/s².
+
+        Args:
+            node: asked for in order, each once.
+            estimate: states there, as they are known, m and m/s.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLoop:
+    """A plan flown as it is.
+
+    Attributes:
+        controls: of the plan, m/s².
+    """
+
+    controls: Float[Array, "n intervals 3"]
+
+    def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
+        """The plan's, whatever the estimate."""
+        return np.broadcast_to(self.controls[:, node], (*estimate.shape[:2], 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """What became of K trials.
+
+    Attributes:
+        nearest: the least separation of any pair of each trial at any time.
+        goal_error: furthest that a craft ends from its goal, m.
+        goal_velocity_error: furthest that a craft's velocity ends from its goal's, m/s.
+        delta_v: of all craft, Σ‖u‖₁Δt of what was burnt, m/s.
+        missed: burns that were not made.
+    """
+
+    nearest: Nearest
+    goal_error: Float[Array, "K"]
+    goal_velocity_error: Float[Array, "K"]
+    delta_v: Float[Array, "K"]
+    missed: Int[Array, "K"]
+
+
+def fly_trials(
+    scenario: Scenario, world: World, guidance: Guidance, drawn: Draws, errors: Errors
+) -> Flown:
+    """Fly some trials side by side.
+
+    The scenario's initial states are what is known at the first node; craft are where those and
+    the navigation errors put them. States are known at a node before the rest of a late burn has
+    come; the ends of trials are looked at after it.
+
+    Args:
+        scenario: what the swarm is to do.
+        world: in which it moves.
+        guidance: says what craft are to do.
+        drawn: what chance gives the trials.
+        errors: to scale.
+    """
+    problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
+    h, e, shape = problem.time_step, problem.mean_motion, (trials, n)
+    state = scenario.initial - navigation_error(drawn, 0, errors)
+    pieces, closest = pieces_for(h, e), []
+    used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
+    late = np.zeros((*shape, 3))
+    for node in range(problem.intervals):
+        known = state + navigation_error(drawn, node, errors) if node else scenario.initial
+        estimate = np.broadcast_to(known, (*shape, 6))
+        burns = burnt(guidance.commanded(node, estimate), drawn, node, errors, h)
+        start = _pushed(state, late - burns.late).reshape(-1, 6)
+        arc = world.arc(start, burns.held.reshape(-1, 3), node * h, h, pieces)
+        arcs = arc.reshape(*shape, pieces + 1, 6)
+        closest.append(nearest(arcs, node * h, h, e))
+        state, late = arcs[:, :, -1], burns.late
+        used += np.abs(burns.held).sum(axis=(1, 2)) * h
+        missed += burns.missed
+    miss = _pushed(state, late) - scenario.goal
+    position, velocity = norm(miss[..., :3]).max(axis=1), norm(miss[..., 3:]).max(axis=1)
+    return Flown(reduce(nearer, closest), position, velocity, used, missed)
+
+
+def _pushed(state: Float[Array, "K n 6"], impulse: Float[Array, "K n 3"]) -> Float[Array, "K n 6"]:
+    """States with an impulse, m/s, added to their velocities."""
+    return np.concatenate([state[..., :3], state[..., 3:] + impulse], axis=-1)

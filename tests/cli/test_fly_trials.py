@@ -1,0 +1,134 @@
+"""prolearn fly --trials: a plan flown many times with errors, as a person meets it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pyarrow.dataset
+import pytest
+from scipy.stats import binom
+
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.plan.document import write_plan
+from pipeline.scenario import draw
+
+TRIALS = ("--trials", "60", "--jobs", "1")
+LOOPS = ["open loop", "replanned", "with margin"]
+
+
+@pytest.fixture
+def plan(tmp_path):
+    """A plan with a pair at the collision radius."""
+    scenario = draw("rings", 0, 6, 5, Problem(nodes=7, collision_radius=25.0), "test")
+    made = solve(scenario)
+    write_plan(tmp_path / "plan.json", made, scenario)
+    return made
+
+
+def rows(folder, loop):
+    found = pyarrow.dataset.dataset(folder / f"loop={loop.replace(' ', '-')}")
+    return found.to_table().to_pandas()
+
+
+def test_three_ways_to_fly_are_in_one_table_that_the_trials_bear_out(prolearn, plan, tmp_path):
+    done = prolearn("fly", "plan.json", *TRIALS, "--replan", "every-node", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    folder = tmp_path / "plan-flown"
+    assert (told["plan"], told["folder"]) == ("plan.json", "plan-flown")
+    assert [one["loop"] for one in told["loops"]] == LOOPS
+    table = pd.read_csv(folder / "trials.csv")
+    for k, one in enumerate(told["loops"]):
+        trials = rows(folder, one["loop"])
+        assert len(trials) == one["trials"] == 60
+        count = (trials["min_separation"] <= 25.0).sum()
+        assert one["within_radius"] == pytest.approx(count / 60)
+        low, high = one["within_radius_interval"]
+        assert low <= one["within_radius"] <= high
+        if 0 < count < 60:  # no share outside the interval makes so many likely
+            assert binom.sf(count - 1, 60, low - 0.03) < 0.025
+            assert binom.cdf(count, 60, high + 0.03) < 0.025
+        assert one["goal_error_median"] == pytest.approx(np.median(trials["goal_error"]))
+        assert one["delta_v_high"] == pytest.approx(np.quantile(trials["delta_v"], 0.95))
+        assert table.loc[k, "within_radius_low"] == pytest.approx(low)
+    open_loop, replanned, margin = told["loops"]
+    assert open_loop["margin"] is open_loop["unsafe_replans"] is None
+    assert replanned["goal_error_median"] < open_loop["goal_error_median"] / 3
+    assert replanned["replan_seconds"] > 0
+    assert margin["margin"] > 0
+    assert margin["within_radius"] <= replanned["within_radius"]
+    assert (folder / "trials.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "trials.svg").stat().st_size > 5000
+
+
+def test_without_errors_in_the_linear_world_the_table_has_the_plans_own_numbers(
+    prolearn, plan, tmp_path
+):
+    exact = ("--errors", "none", "--world", "linear", "--out", "here", "--jobs", "1")
+    done = prolearn("fly", "plan.json", "--trials", "3", *exact)
+    assert done.returncode == 0, done.stderr
+    trials = rows(tmp_path / "here", "open loop")
+    assert trials["min_separation"].to_numpy() == pytest.approx(
+        plan.certificate.min_separation, abs=2e-4
+    )
+    assert trials["delta_v"].to_numpy() == pytest.approx(plan.certificate.delta_v, rel=1e-12)
+    assert trials["goal_error"].max() < 1e-6
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "within r_col, 25 m" in done.stdout
+    assert "here/" in done.stdout
+
+
+def test_the_nonlinear_world_leads_elsewhere_and_one_error_can_be_changed(prolearn, plan, tmp_path):
+    few = ("fly", "plan.json", "--trials", "3", "--jobs", "1", "--errors", "none")
+    assert prolearn(*few, "--out", "a").returncode == 0
+    assert prolearn(*few, "--error", "missed=1", "--out", "b").returncode == 0
+    miss = rows(tmp_path / "a", "open loop")["goal_error"]
+    assert miss.between(1e-3, 10).all()
+    assert (rows(tmp_path / "b", "open loop")["delta_v"] < 1e-12).all()
+
+
+def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, tmp_path):
+    asked = ["fly", "plan.json", "--trials", "100", "--replan", "every-node"]
+    assert prolearn(*asked, "--out", "whole", "--jobs", "1").returncode == 0
+    program = [sys.executable, "-c", "from cli.main import app; app()"]
+    run = subprocess.Popen([*program, *asked, "--out", "killed"], cwd=tmp_path, env=os.environ)
+    killed = tmp_path / "killed"
+    end = time.monotonic() + 60
+    while not list(killed.glob("loop=*/part-*.parquet")) and time.monotonic() < end:
+        time.sleep(0.005)
+    run.send_signal(signal.SIGKILL)
+    assert run.wait() == -signal.SIGKILL
+    done = prolearn(*asked, "--out", "killed", "--jobs", "2")
+    assert done.returncode == 0, done.stderr
+    files = sorted(path.relative_to(killed) for path in killed.glob("loop=*/*"))
+    assert len(files) == 3 * 2
+    for name in [*files, "trials.svg", "trials.png"]:
+        assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--seed", "3"], "--seed is given without --trials"),
+        (["--trials", "9", "--margin", "1"], "--margin is given and nobody plans anew"),
+        (["--trials", "9", "--error", "speed=1"], "--error is 'speed=1'; expected NAME=VALUE"),
+        (["--trials", "9", "--world", "linear", "--no-j2"], "--no-j2 is given and the linear"),
+        (["--trials", "9", "--size", "nan"], "--size is nan; expected a number of metres"),
+        (["--trials", "9", "--out", "plan.json"], "--out is the file plan.json; expected a folder"),
+        (["--trials", "9", "--replan", "every-node", "--planner", "me"], "planner is 'me'"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_nothing_is_written(
+    prolearn, plan, tmp_path, arguments, sentence
+):
+    done = prolearn("fly", "plan.json", *arguments)
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]

@@ -1,0 +1,189 @@
+"""The closed loop: what an undisturbed swarm pays, what replanning mends, what it does in need."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.expert import solve
+from pipeline.flight.closed_loop import ClosedLoop, default_margin, with_margin
+from pipeline.flight.errors import COLD_GAS, Errors, burnt, draws, navigation_error
+from pipeline.flight.trials import OpenLoop, fly_trials
+from pipeline.flight.world import LinearWorld
+from pipeline.networks.architecture import find
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.model import Model
+from pipeline.orbit.problem import Problem
+from pipeline.planners.expert import Expert
+from pipeline.planners.named import named_planner
+from pipeline.planners.network import Flown
+from pipeline.scenario import Scenario, draw
+
+TRIALS = 20
+
+
+@pytest.fixture(scope="module")
+def tight():
+    """A transfer whose plan has a pair at the collision radius."""
+    scenario = draw("rings", 0, 12, 2, Problem(), "test")
+    plan = solve(scenario)
+    assert plan.certificate.min_separation < 15.2
+    return scenario, plan
+
+
+def flown(scenario, guide, errors=COLD_GAS, trials=TRIALS):
+    drawn = draws(0, range(trials), scenario.n, scenario.problem.intervals)
+    return fly_trials(scenario, LinearWorld(scenario.problem.dynamics), guide, drawn, errors)
+
+
+def closed(scenario, plan, planner=None, trials=TRIALS, margin=0.0):
+    return ClosedLoop(scenario, plan.controls, planner or Expert(), trials, margin)
+
+
+@pytest.mark.parametrize("name", ["expert", "refiner", "minimum-energy"])
+def test_an_undisturbed_swarm_pays_no_more_than_its_plan_and_meets_the_goal(tight, name):
+    scenario, plan = tight
+    guide = closed(scenario, plan, named_planner(name), trials=2)
+    found = flown(scenario, guide, Errors(), trials=2)
+    assert (found.delta_v <= plan.certificate.delta_v * (1 + 1e-9)).all()
+    assert found.goal_error.max() < 1e-6
+    assert found.goal_velocity_error.max() < 1e-9
+    assert (found.nearest.distance > 15.0).all()
+    assert not guide.unsafe.any()
+
+
+def test_replanning_takes_most_of_the_error_at_the_goal_away(tight):
+    scenario, plan = tight
+    errors = replace(COLD_GAS, missed=0.0)
+    open_loop = flown(scenario, OpenLoop(plan.controls), errors)
+    guide = closed(scenario, plan)
+    replanned = flown(scenario, guide, errors)
+    assert replanned.goal_error.max() < np.median(open_loop.goal_error) / 5
+    assert np.isfinite(guide.seconds[:, 1:-2]).all()
+    assert np.isnan(guide.seconds[:, [0, -2, -1]]).all()
+
+
+def test_a_missed_burn_is_made_up_for(tight):
+    """The burn that sets craft off is missed by all; without replanning none gets anywhere."""
+    scenario, plan = tight
+
+    @dataclass
+    class FirstIsMissed:
+        guide: object
+
+        def commanded(self, node, estimate):
+            controls = self.guide.commanded(node, estimate)
+            return controls if node else np.zeros_like(controls)
+
+    missed = flown(scenario, FirstIsMissed(OpenLoop(plan.controls)), Errors(), trials=1)
+    mended = flown(scenario, FirstIsMissed(closed(scenario, plan, trials=1)), Errors(), trials=1)
+    assert missed.goal_error > 50
+    assert mended.goal_error < 1e-6
+
+
+def test_a_margin_keeps_craft_apart_that_come_too_close_without(tight):
+    scenario, plan = tight
+    margin = default_margin(COLD_GAS, plan.controls, scenario.problem)
+    controls, allowed = with_margin(scenario, plan.controls, Expert(), margin)
+    assert 0 < allowed <= margin
+    without = flown(scenario, closed(scenario, plan))
+    guide = ClosedLoop(scenario, controls, Expert(), TRIALS, allowed)
+    wider = flown(scenario, guide)
+    assert (without.nearest.distance <= 15).mean() > 0.15
+    assert (wider.nearest.distance <= 15).mean() < 0.05
+    assert np.median(wider.nearest.distance) > 15 + allowed / 2
+
+
+def test_the_default_margin_is_three_standard_deviations_of_what_trials_show(tight):
+    """Of two craft that know where they are as badly as told, and burn as hard as the plan does."""
+    scenario, plan = tight
+    problem, trials = scenario.problem, 4000
+    burn = np.linalg.norm(plan.controls, axis=-1).max()
+    errors = replace(COLD_GAS, missed=0.0)
+    idle = np.zeros((2, 6))
+    commanded = np.broadcast_to([[0.0, burn, 0.0], [0.0, burn, 0.0]], (trials, 2, 3))
+    drawn = draws(0, range(trials), 2, 1)
+    made = burnt(commanded, drawn, 0, errors, problem.time_step)
+    start = idle - navigation_error(drawn, 0, errors)
+    start[..., 3:] -= made.late
+    flat = start.reshape(-1, 6), made.held.reshape(-1, 3)
+    end = LinearWorld(problem.dynamics).arc(*flat, 0.0, problem.time_step, 1)[:, -1, :3]
+    apart = np.diff(end.reshape(trials, 2, 3), axis=1)[:, 0]
+    widest = np.sqrt(np.linalg.eigvalsh(np.cov(apart.T)).max())
+    assert default_margin(errors, plan.controls, problem) == pytest.approx(3 * widest, rel=0.05)
+    assert default_margin(Errors(), plan.controls, problem) == 0
+
+
+def test_no_more_margin_is_asked_for_than_formations_allow(tight):
+    scenario, plan = tight
+    nearest = min(
+        np.linalg.norm(end[i, :3] - end[j, :3])
+        for end in (scenario.initial, scenario.goal)
+        for i in range(12)
+        for j in range(i)
+    )
+    for margin in (float(nearest - 15) / 2, 1e4):
+        controls, allowed = with_margin(scenario, plan.controls, Expert(), margin)
+        assert 0 < allowed <= margin
+        assert allowed < nearest - 15
+        wider = fly_trials(
+            scenario,
+            LinearWorld(scenario.problem.dynamics),
+            OpenLoop(controls),
+            draws(0, range(1), 12, 10),
+            Errors(),
+        )
+        assert wider.nearest.distance > 15 + allowed
+    touching = replace(scenario, problem=replace(scenario.problem, collision_radius=float(nearest)))
+    controls, allowed = with_margin(touching, plan.controls, Expert(), 1.0)
+    assert allowed == 0
+    assert np.array_equal(controls, plan.controls)
+
+
+def test_where_craft_are_too_close_already_the_least_unsafe_plan_flies_and_is_counted():
+    """Two craft 10 m apart that must part: none can be safe, and none may come nearer."""
+    problem = Problem()
+    initial = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 10.0, 0.0, 0.0, 0.0, 0.0]])
+    goal = np.array([[0.0, 150.0, 0.0, 0.0, 0.0, 0.0], [0.0, -150.0, 0.0, 0.0, 0.0, 0.0]])
+    scenario = Scenario(problem, initial, goal)
+    own = named_planner("own-LP").plan([scenario])[0]
+    guide = closed(scenario, own, trials=3)
+    flown(scenario, guide, Errors(), trials=3)  # the first interval is as planned, to 2 m or so
+    assert (guide.unsafe >= 1).all()
+    assert (guide.unsafe < problem.intervals).all()  # they do part
+
+    crossing = flown(scenario, OpenLoop(own.controls), Errors(), trials=1).nearest.distance
+    replanned = flown(scenario, closed(scenario, own, trials=1), Errors(), trials=1)
+    assert replanned.goal_error < 1e-6
+    assert replanned.nearest.distance >= crossing
+
+
+def test_controls_keep_to_the_thrust_limit(tight):
+    scenario, plan = tight
+    limit = 1.05 * float(np.abs(plan.controls).max())
+    bounded = replace(scenario, problem=replace(scenario.problem, max_acceleration=limit))
+    guide = closed(bounded, plan)
+    most = []
+
+    @dataclass
+    class Watched:
+        def commanded(self, node, estimate):
+            controls = guide.commanded(node, estimate)
+            most.append(np.abs(controls).max())
+            return controls
+
+    flown(bounded, Watched(), replace(COLD_GAS, magnitude=0.2, missed=0.05))
+    assert max(most) <= limit * (1 + 1e-9)
+    assert guide.unsafe.any()  # so much goes wrong that the goal is not always within reach
+
+
+def test_a_network_for_one_time_grid_alone_says_so():
+    scenario, found = draw("rings", 0, 3, 0, Problem(), "test"), find("ff1")
+    plan = solve(scenario)
+    scale = (100.0, 200.0, 50.0, 0.1, 0.2, 0.05)
+    encoding = Encoding(scenario.problem, 3, "line", "states", scale, scale)
+    network = found.network(found.config, encoding, 0.0)
+    model = Model("ff1", found.config, "t", encoding, network)
+    with pytest.raises(InputError, match="nodes"):
+        flown(scenario, closed(scenario, plan, Flown(model, "ff1"), trials=1), trials=1)

@@ -1,0 +1,124 @@
+"""Errors: their distributions, the model of a late burn, and draws that are a trial's own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.flight.errors import COLD_GAS, Errors, burnt, draws, navigation_error
+from pipeline.flight.world import LinearWorld
+from pipeline.orbit.problem import Problem
+
+H = 120.0
+
+
+def test_a_trial_has_the_same_draws_in_whatever_company():
+    all_of_them = draws(3, range(40), 3, 4)
+    for trials in (range(40), range(7, 9), range(39, 40)):
+        some = draws(3, trials, 3, 4)
+        for name, values in vars(some).items():
+            assert np.array_equal(values, vars(all_of_them)[name][trials.start : trials.stop])
+
+
+def test_draws_of_trials_and_seeds_are_independent():
+    first, second = draws(3, range(2000), 1, 2), draws(4, range(2000), 1, 2)
+    columns = [
+        *first.bias.reshape(2000, -1).T,
+        *first.noise.reshape(2000, -1).T,
+        *first.burn.reshape(2000, -1).T,
+        *first.lag.reshape(2000, -1).T,
+        *second.noise.reshape(2000, -1).T,
+        *first.bias[np.arange(2000) - 1].reshape(2000, -1).T,  # of the trial before
+    ]
+    correlation = np.corrcoef(columns) - np.eye(len(columns))
+    assert np.abs(correlation).max() < 5 / np.sqrt(2000)
+
+
+@pytest.mark.parametrize("name", ["bias", "noise", "burn", "lag"])
+def test_draws_are_normal(name):
+    from scipy.stats import kstest
+
+    assert kstest(vars(draws(0, range(300), 4, 5))[name].ravel(), "norm").pvalue > 1e-3
+
+
+def test_gates_errors_have_their_sizes_along_and_across_the_burn():
+    errors = Errors(magnitude=0.02, direction=0.05, magnitude_fixed=3e-4, direction_fixed=4e-4)
+    trials, burn = 40_000, np.array([0.0, 3e-4, -4e-4])
+    commanded = np.broadcast_to(burn, (trials, 1, 3))
+    made = burnt(commanded, draws(0, range(trials), 1, 1), 0, errors, H).held[:, 0] * H
+    size = 5e-4 * H
+    unit = np.array([0.0, 0.6, -0.8])
+    axes = np.array([unit, [1.0, 0.0, 0.0], [0.0, 0.8, 0.6]])
+    spread = ((made - burn * H) @ axes.T).T
+    along, across = np.hypot(0.02 * size, 3e-4), np.hypot(0.05 * size, 4e-4)
+    assert spread.std(axis=1) == pytest.approx([along, across, across], rel=0.02)
+    assert np.abs(np.corrcoef(spread) - np.eye(3)).max() < 0.02
+    assert np.abs(spread.mean(axis=1)).max() < 5 * across / np.sqrt(trials)
+
+
+def test_without_a_burn_nothing_is_burnt():
+    made = burnt(
+        np.zeros((50, 2, 3)), draws(0, range(50), 2, 1), 0, replace(COLD_GAS, missed=1.0), H
+    )
+    assert not made.held.any()
+    assert not made.late.any()
+    assert not made.missed.any()
+
+
+def test_burns_are_missed_as_often_as_told_and_then_whole():
+    commanded = np.broadcast_to([1e-3, 0.0, 0.0], (20_000, 1, 3))
+    drawn = draws(0, range(20_000), 1, 1)
+    made = burnt(commanded, drawn, 0, replace(COLD_GAS, missed=0.1), H)
+    assert made.missed.mean() == pytest.approx(0.1, abs=0.01)
+    assert not made.held[made.missed == 1].any()
+    assert not made.late[made.missed == 1].any()
+    assert made.held[made.missed == 0].any(axis=(1, 2)).all()
+
+
+@pytest.mark.parametrize("lag", [0.1, 1.0, 10.0, -1.0])
+def test_a_late_burn_is_two_impulses_to_second_order_in_the_delay(lag):
+    problem = Problem()
+    world, control = LinearWorld(problem.dynamics), np.array([[1e-3, -2e-3, 5e-4]])
+    start = np.array([[30.0, -80.0, 10.0, 0.02, -0.05, 0.01]])
+
+    def coast(state, time):
+        return world.arc(state, np.zeros((1, 3)), 0.0, time, 1)[:, -1]
+
+    def thrust(state, time):
+        return world.arc(state, control, 0.0, time, 1)[:, -1]
+
+    # Begins and ends late by ``lag``; looked at 100 s after the interval.
+    truth = coast(thrust(coast(start, 50.0 + lag), H), 50.0 - lag)
+    impulse = np.concatenate([np.zeros((1, 3)), control * lag], axis=1)
+    model = coast(thrust(coast(start, 50.0) - impulse, H) + impulse, 50.0)
+    size = np.linalg.norm(control)
+    assert np.abs(model - truth)[0, :3].max() < 1.01 * size * lag**2 / 2 * 2  # both ends
+    assert np.abs(model - truth)[0, 3:].max() < 10 * problem.mean_motion * size * lag**2
+    unmodelled = coast(thrust(coast(start, 50.0), H), 50.0)
+    if abs(lag) <= 1:
+        assert np.abs(model - truth).max() < np.abs(unmodelled - truth).max() / 50
+
+
+def test_navigation_has_noise_that_is_new_and_a_bias_that_stays():
+    errors = Errors(position=0.3, velocity=0.02, position_bias=0.4, velocity_bias=0.05)
+    drawn = draws(0, range(20_000), 1, 2)
+    first, second = (navigation_error(drawn, node, errors)[:, 0] for node in (0, 1))
+    for axis in range(6):
+        noise, bias = ((0.3, 0.4), (0.02, 0.05))[axis // 3]
+        covariance = np.cov(first[:, axis], second[:, axis])
+        assert covariance[0, 0] == pytest.approx(noise**2 + bias**2, rel=0.04)
+        assert covariance[0, 1] == pytest.approx(bias**2, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"missed": 1.5}, "missed is 1.5; expected a probability of 0 to 1"),
+        ({"timing": -1.0}, "timing is -1.0; expected a number of 0 or more"),
+        ({"magnitude": float("nan")}, "magnitude is nan; expected a number of 0 or more"),
+    ],
+)
+def test_what_is_no_error_is_refused(wrong, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Errors(**wrong)

@@ -1,0 +1,213 @@
+"""A Monte Carlo in a folder: the same bytes on any number of workers and after any kill."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.dataset.stages.workers import Workers
+from pipeline.errors import InputError
+from pipeline.expert import solve
+from pipeline.flight.errors import COLD_GAS, draws
+from pipeline.flight.montecarlo import Loop, MonteCarlo, fly_all
+from pipeline.flight.trials import OpenLoop, fly_trials
+from pipeline.flight.world import LinearWorld
+from pipeline.orbit.problem import Problem
+from pipeline.planners.expert import Expert
+from pipeline.scenario import draw
+
+SCENARIO = draw("rings", 0, 3, 0, Problem(nodes=6), "test")
+PLAN = solve(SCENARIO)
+WORLD = LinearWorld(SCENARIO.problem.dynamics)
+OF = MonteCarlo(SCENARIO, WORLD, COLD_GAS, seed=5, portion=4)
+LOOPS = [Loop("open", PLAN.controls), Loop("replanned", PLAN.controls, Expert(), 0.5)]
+
+
+def fly(folder, trials=10, of=OF, jobs=1, loops=LOOPS):
+    return fly_all(folder, of, loops, trials, workers=Workers(jobs))
+
+
+def content(folder):
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*.parquet"))
+        if "_timings" not in path.parts
+    }
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trials")
+    return folder, fly(folder)
+
+
+def test_two_workers_write_the_same_bytes_as_one(undisturbed, tmp_path):
+    fly(tmp_path, jobs=2)
+    assert content(tmp_path) == content(undisturbed[0])
+    assert len(content(tmp_path)) == 2 * 3
+
+
+def test_a_row_is_what_its_trial_flown_alone_comes_to(undisturbed):
+    row = undisturbed[1]["open"].slice(7, 1).to_pylist()[0]
+    drawn = draws(5, range(7, 8), 3, 5)
+    alone = fly_trials(SCENARIO, WORLD, OpenLoop(PLAN.controls), drawn, COLD_GAS)
+    assert row["trial"] == 7
+    assert row["goal_error"] == alone.goal_error[0]
+    assert row["delta_v"] == alone.delta_v[0]
+    assert row["min_separation"] == alone.nearest.distance[0]
+    assert (row["first_craft"], row["second_craft"]) == (
+        alone.nearest.first[0],
+        alone.nearest.second[0],
+    )
+
+
+def test_the_schema_says_how_trials_were_made(undisturbed):
+    path = undisturbed[0] / "loop=replanned" / "part-00000.parquet"
+    told = json.loads(pq.read_schema(path).metadata[b"prolearn"])
+    assert told["errors"]["magnitude"] == COLD_GAS.magnitude
+    assert (told["seed"], told["loop"], told["planner"]) == (5, "replanned", "expert")
+    assert (told["margin"], told["world"]["name"]) == (0.5, "LinearWorld")
+    assert told["collision_radius"] == 15.0
+    assert {"prolearn", "numpy"} <= set(told["made_with"])
+
+
+def test_more_trials_come_on_top_and_fewer_take_nothing_away(undisturbed, tmp_path):
+    few = fly(tmp_path, trials=4)
+    assert few["open"].num_rows == 4
+    more = fly(tmp_path, trials=10)
+    assert content(tmp_path) == content(undisturbed[0])
+    assert more["open"].slice(0, 4).equals(few["open"])
+    again = fly(tmp_path, trials=6)
+    assert content(tmp_path) == content(undisturbed[0])
+    assert again["open"]["trial"].to_pylist() == list(range(6))
+
+
+def test_what_is_there_is_not_flown_again_and_what_is_damaged_is(undisturbed, tmp_path):
+    fly(tmp_path)
+    paths = sorted(tmp_path.rglob("loop=*/part-*.parquet"))
+    stamps = {path: path.stat().st_mtime_ns for path in paths}
+    broken = tmp_path / "loop=open" / "part-00001.parquet"
+    damaged = bytearray(broken.read_bytes())
+    damaged[40] ^= 0xFF
+    broken.write_bytes(damaged)
+    fly(tmp_path)
+    assert content(tmp_path) == content(undisturbed[0])
+    changed = {path for path in paths if path.stat().st_mtime_ns != stamps[path]}
+    assert {path.name for path in changed} == {"part-00001.parquet"}
+    assert {path.parent.name for path in changed} == {"loop=open"}
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from test_montecarlo import content, fly
+
+real, left = os.fsync, None
+
+def fsync(handle):
+    global left
+    if left is not None:
+        left -= 1
+        if left < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+    return real(handle)
+
+os.fsync = fsync
+
+def in_a_child(work):
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        except BaseException as error:
+            print(repr(error), file=sys.stderr, flush=True)
+            os._exit(9)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+def killed(folder, step):
+    global left
+    left = step
+    fly(folder, trials=6)
+
+step, root = 0, Path(sys.argv[1])
+fly(root / "undisturbed", trials=6)
+while True:
+    folder = root / f"{step:03d}"
+    status = in_a_child(lambda: killed(folder, step))
+    if status == 0:
+        break
+    assert status == -signal.SIGKILL, status
+    assert in_a_child(lambda: fly(folder, trials=6)) == 0
+    step += 1
+print(step)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks a child for each kill")
+def test_killed_at_any_step_of_writing_the_next_run_gives_the_same_bytes(tmp_path):
+    """With -9, at each flush of a file or a folder."""
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(tmp_path), str(Path(__file__).parent)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    steps = int(done.stdout)
+    assert steps >= 4 * 2 * 2  # shards and their timings, each flushed before and after its rename
+    wanted = content(tmp_path / "undisturbed")
+    for step in range(steps):
+        folder = tmp_path / f"{step:03d}"
+        assert content(folder) == wanted
+        assert not list(folder.rglob("*.tmp"))
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        (replace(OF, seed=6), "seed = 5, now it is 6"),
+        (replace(OF, errors=replace(COLD_GAS, timing=0.2)), "errors = "),
+        (replace(OF, portion=5), "portion = 4, now it is 5"),
+    ],
+)
+def test_other_settings_do_not_go_into_the_same_folder(undisturbed, other, named):
+    before = content(undisturbed[0])
+    with pytest.raises(InputError, match=f"begun with {named}"):
+        fly(undisturbed[0], of=other)
+    assert content(undisturbed[0]) == before
+
+
+def test_another_plan_does_not_either(undisturbed):
+    with pytest.raises(InputError, match="begun with plan = "):
+        fly(undisturbed[0], loops=[Loop("open", 2 * PLAN.controls)])
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda folder: fly(folder, trials=0), "trials is 0; expected at least one"),
+        (lambda folder: replace(OF, seed=-1), "seed is -1; expected 0 to"),
+        (lambda folder: fly(folder, jobs=0), "jobs is 0"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(tmp_path, make, sentence):
+    with pytest.raises(InputError, match=sentence):
+        make(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_single_craft_has_no_separation(tmp_path):
+    scenario = draw("rings", 0, 1, 0, Problem(nodes=6), "test")
+    of, loops = replace(OF, scenario=scenario), [Loop("open", solve(scenario).controls)]
+    rows = fly(tmp_path, of=of, loops=loops)["open"]
+    assert rows["min_separation"].null_count == rows.num_rows
+    assert np.isfinite(rows["goal_error"].to_numpy()).all()
