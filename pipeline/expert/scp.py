@@ -24,7 +24,8 @@ from pipeline.arrays import Array
 from pipeline.expert import interior_point, simplex
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import Cluster, cluster_labels, members
-from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, conflicts, gaps, half_spaces
+from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces
+from pipeline.expert.losses import conflicts_asked_about
 from pipeline.expert.own import OwnOptima, control_limit
 from pipeline.expert.settings import Settings
 from pipeline.expert.standing import Found, Standing
@@ -144,13 +145,13 @@ class Search:
         *,
         beside: float = 0.0,
     ) -> tuple[Cuts, Float[Array, "k"]]:
-        return conflicts(
+        return conflicts_asked_about(
             states,
             controls,
             self.problem,
             within,
             moved,
-            at_nodes=self.settings.separation == "nodes",
+            self.settings,
             swarms=self.batch.swarms,
             beside=beside,
         )
@@ -237,6 +238,7 @@ class Search:
             second=np.searchsorted(craft, self.cuts.second[cuts]),
             row=aimed.row[cuts],
             required=aimed.required[cuts],
+            other=None if aimed.other is None else aimed.other[cuts],
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import cluster_labels
-from pipeline.expert.cuts import conflicts
+from pipeline.expert.losses import conflicts_asked_about
 from pipeline.expert.own import OwnOptima
 from pipeline.expert.scp import Search
 from pipeline.expert.settings import Settings
@@ -55,9 +55,8 @@ def _better(scenario: Scenario, best: Found, other: Found, settings: Settings) -
     controls = np.where(cheaper[:, None, None], other.controls, best.controls)
     states = fly(scenario.initial, controls, scenario.problem)
     radius = scenario.problem.collision_radius + PROVABLE
-    at_nodes = settings.separation == "nodes"
     everyone = np.ones(scenario.n, dtype=bool)
-    found, _ = conflicts(states, controls, scenario.problem, radius, everyone, at_nodes=at_nodes)
+    found, _ = conflicts_asked_about(states, controls, scenario.problem, radius, everyone, settings)
     if len(found) == 0:
         return replace(best, controls=controls, joined=both)
     return other if saved.sum() > 0 else best
