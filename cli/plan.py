@@ -65,6 +65,15 @@ def plan(
         bool, typer.Option("--allow-drift", help="Accept states that are not energy-matched.")
     ] = False,
     assignment: Assigned = "given",
+    passive_safety: Annotated[
+        float | None,
+        typer.Option(
+            metavar="ORBITS",
+            help="Also keep craft apart should any one lose thrust at a node: it drifts for so "
+            "many orbits while the others fly on.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
@@ -83,6 +92,11 @@ def plan(
     all. The gap is then to the least fuel of any assignment, and the plan file says who takes
     which goal and what that saves at least against any plan in the order given.
 
+    With `--passive-safety` no pair comes within collision_radius either should one craft lose
+    thrust at any node and drift from there for so many orbits, 0.5 or 2, while the others fly their
+    plan and then drift on from their goals. Where the two ends alone forbid it the plan is said
+    to be infeasible, with the pair and the time.
+
     Examples:
 
         prolearn plan scenario.json --planner expert --out plan.json
@@ -90,6 +104,7 @@ def plan(
         prolearn plan a.json b.json --planner lstm2 --out plans/
         prolearn plan scenario.json --effort best --out plan.json
         prolearn plan scenario.json --assignment optimal --out plan.json
+        prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan a.json b.json --json --out plans/
     """
     from pipeline.plan import SOLVED, summary
@@ -100,7 +115,14 @@ def plan(
     for path, target in product(scenarios, targets):
         not_over(path, target)
     asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
-    chosen = planner_of(planner, separation, effort, raw=raw, assignment=assignment)
+    chosen = planner_of(
+        planner,
+        separation,
+        effort,
+        raw=raw,
+        assignment=assignment,
+        passive_safety=passive_safety,
+    )
     rows: list[dict[str, Any]] = []
     with progress("planning") as shown:
         shown.expect(len(asked) if len(asked) > 1 else 0)
@@ -140,12 +162,20 @@ def planner_of(
     *,
     raw: bool = False,
     assignment: Assigned = "given",
+    passive_safety: float | None = None,
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
     from pipeline.planners.interchangeable import Interchangeable
-    from pipeline.planners.named import named_planner
+    from pipeline.planners.named import check_passive_safety, named_planner
 
-    told: Any = {"separation": separation, "effort": effort and effort.value, "raw": raw}
+    if passive_safety is not None:
+        check_passive_safety(passive_safety, separation)
+    told: Any = {
+        "separation": separation,
+        "effort": effort and effort.value,
+        "raw": raw,
+        "passive_safety": passive_safety,
+    }
     found = named_planner(name, **told)
     if found is None:
         from cli.stages.plan import model_planner

@@ -15,7 +15,7 @@ from pipeline.expert.scp import Search
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.expert.standing import Found
-from pipeline.expert.starts import best_of_starts
+from pipeline.expert.starts import best_of_starts, until_settled
 from pipeline.orbit.transfer import project_to_flyable
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, planned_all
 from pipeline.scenario import Scenario
@@ -117,6 +117,8 @@ def _search(
         part, theirs = batch.part(left), own.of(np.isin(batch.swarms.label, left))
         aims = None if seeds is None else [seeds[k] for k in left]
         first = Search(part, theirs, settings, aims).run()
+        if orbits is not None:
+            first = until_settled(part, theirs, first, settings)
         for k, one in zip(left, best_of_starts(part, theirs, first, settings), strict=True):
             found[k] = one
     return found

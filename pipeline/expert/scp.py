@@ -45,6 +45,10 @@ PENALTY = 1e3
 """Cost of a metre of slack in units of Δt⁻²: above the multiplier of any cut that can be met."""
 
 
+MOST_ROUNDS_ADRIFT = 30
+"""Rounds of a search for passive safety; beyond these another start is likelier to find a plan."""
+
+
 class Search:
     """The state of one search; ``run`` does all of it.
 
@@ -116,7 +120,10 @@ class Search:
 
     def run(self) -> list[Found]:
         """Solve and judge until every cluster is done."""
-        for _ in range(self.settings.max_rounds):
+        most = self.settings.max_rounds
+        if self.settings.passive_safety is not None:
+            most = min(most, MOST_ROUNDS_ADRIFT)
+        for _ in range(most):
             if not self.active.any():
                 break
             self.standing.begin_round(self.active)

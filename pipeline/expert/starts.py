@@ -1,4 +1,4 @@
-"""Several starts: passing on other sides, and the best of each cluster put together."""
+"""Several starts: passing on other sides, for a plan at all or for the best of each cluster."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,6 +16,27 @@ from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.transfer import fly
 from pipeline.plan import gap_of
 from pipeline.scenario import Scenario
+
+
+def until_settled(
+    batch: Batch, own: OwnOptima, first: Sequence[Found], settings: Settings
+) -> list[Found]:
+    """What first searches found, and ``settings.again`` further ones at most where that is unsafe.
+
+    Craft in one plane are aimed apart in that plane, where there may be no way past one adrift;
+    other sides lead out of it.
+    """
+    found = list(first)
+    for start in range(1, settings.again + 1):
+        left = [k for k, one in enumerate(found) if not one.settled]
+        if not left:
+            break
+        theirs = own.of(np.isin(batch.swarms.label, left))
+        others = Search(batch.part(left), theirs, settings, None, start).run()
+        for k, other in zip(left, others, strict=True):
+            solves = found[k].convex_solves + other.convex_solves
+            found[k] = replace(other if other.settled else found[k], convex_solves=solves)
+    return found
 
 
 def best_of_starts(

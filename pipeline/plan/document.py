@@ -115,7 +115,7 @@ def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
         "times": (np.arange(problem.nodes) * problem.time_step).tolist(),
         "states": plan.states.tolist(),
         "controls": plan.controls.tolist(),
-        "certificate": {k: _plain(v) for k, v in vars(plan.certificate).items()},
+        "certificate": _certificate_fields(plan.certificate),
         "convex_solves": plan.convex_solves,
         "timing": dict(plan.timing),
         **chosen,
@@ -166,6 +166,13 @@ def json_schema() -> dict[str, Any]:
     gap["anyOf"] = [{"type": gap.pop("type")}, {"type": "null"}]
     certificate["required"].remove("goal_velocity_error")
     return made
+
+
+def _certificate_fields(certificate: Certificate) -> dict[str, Any]:
+    """What is claimed; of a loss of thrust only where that was asked for."""
+    fields = {k: _plain(v) for k, v in vars(certificate).items() if k != "passive_safety"}
+    adrift = certificate.passive_safety
+    return fields if adrift is None else {**fields, "passive_safety": asdict(adrift)}
 
 
 def _plain(value: Any) -> Any:
