@@ -5,13 +5,15 @@
 Plans scenarios of every family twice, without and with passive safety, and prints a line for each:
 how many plans have it unasked, for how many scenarios the two ends alone forbid it, how many are
 solved, what it costs in fuel, how many rounds of programs and how long it takes, certificate
-included, and how many plans also stand a loss between nodes. Writes adrift.json.
+included, how many plans also stand a loss between nodes, and how close craft come after one (the
+median of the plans, m). Writes adrift.json.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -42,9 +44,7 @@ def main(
     sizes = [(family, 10, count) for family in FAMILIES] + [("rings", 30, large)]
     with threadpool_limits(1):
         rows = [
-            _line(
-                family, n, [draw(family, SEED, n, k, Problem(), split) for k in range(many)], orbits
-            )
+            _line([draw(family, SEED, n, k, Problem(), split) for k in range(many)], orbits)
             for family, n, many in sizes
             if many
         ]
@@ -56,11 +56,12 @@ def _line(scenarios: list[Scenario], orbits: float) -> Row:
     """One line of the table."""
     settings = Settings(passive_safety=orbits)
     solve(scenarios[0], settings=settings)  # what is made once is no part of the time
-    unasked, costs, seconds, rounds, between = 0, [], [], [], 0
-    statuses = []
+    radius = scenarios[0].problem.collision_radius
+    statuses, unasked, between = [], 0, []
+    costs, seconds, rounds = [], [], []
     for scenario in scenarios:
         plain = solve(scenario)
-        unasked += plain.status == SOLVED and _stands(plain, scenario, orbits)
+        unasked += plain.status == SOLVED and _least(plain, scenario, orbits) > radius
         started = process_time()
         plan = solve(scenario, settings=settings)
         taken = process_time() - started
@@ -69,34 +70,39 @@ def _line(scenarios: list[Scenario], orbits: float) -> Row:
             costs.append(plan.certificate.fuel / plain.certificate.fuel - 1)
             seconds.append(taken)
             rounds.append(plan.convex_solves)
-            between += _stands(plan, scenario, orbits, BETWEEN)
+            between.append(_least(plan, scenario, orbits, BETWEEN))
+    forbidden = statuses.count(INFEASIBLE)
     return {
         "family": scenarios[0].family,
         "n": scenarios[0].n,
         "scenarios": len(scenarios),
         "unasked": int(unasked),
-        "forbidden": statuses.count(INFEASIBLE),
+        "forbidden": forbidden,
         "solved": len(costs),
-        "not_solved": len(scenarios) - len(costs) - statuses.count(INFEASIBLE),
-        "fuel_median": float(np.median(costs)) if costs else np.nan,
-        "fuel_mean": float(np.mean(costs)) if costs else np.nan,
-        "fuel_most": float(np.max(costs)) if costs else np.nan,
-        "rounds": float(np.mean(rounds)) if rounds else np.nan,
-        "ms": 1e3 * float(np.mean(seconds)) if seconds else np.nan,
-        "between": between,
+        "not_solved": len(scenarios) - len(costs) - forbidden,
+        "fuel_median": _of(np.median, costs),
+        "fuel_mean": _of(np.mean, costs),
+        "fuel_most": _of(np.max, costs),
+        "rounds": _of(np.mean, rounds),
+        "ms": 1e3 * _of(np.mean, seconds),
+        "between": sum(least > radius for least in between),
+        "between_m": _of(np.median, between),
     }
 
 
-def _stands(plan: Plan, scenario: Scenario, orbits: float, parts: int = 1) -> bool:
-    """Whether a plan has passive safety, also where thrust is lost so often in every interval."""
+def _of(statistic: Callable[[Sequence[float]], Any], values: Sequence[float]) -> float:
+    return float(statistic(values)) if values else np.nan
+
+
+def _least(plan: Plan, scenario: Scenario, orbits: float, parts: int = 1) -> float:
+    """Bound on the least separation after a loss, m, at nodes or so often in every interval."""
     problem = scenario.problem
-    finer = replace(
-        problem, time_step=problem.time_step / parts, nodes=1 + parts * problem.intervals
-    )
+    step, nodes = problem.time_step / parts, 1 + parts * problem.intervals
+    finer = replace(problem, time_step=step, nodes=nodes)
     controls = np.repeat(plan.controls, parts, axis=1)
     states = fly(scenario.initial, controls, finer)
     least = least_after_loss(states, controls, finer, orbits, side_by_side((scenario.n,)))[0]
-    return least is None or least.bound > problem.collision_radius
+    return np.inf if least is None else least.bound
 
 
 if __name__ == "__main__":

@@ -109,3 +109,23 @@ def test_a_proven_bound_is_never_rounded_up(plan):
     rows = dict(certificate_rows(plan.certificate, plan.status))
     shown = float(rows["Proven: no pair is ever closer than"].removesuffix(" m"))
     assert 0 <= plan.certificate.min_separation_bound - shown < 1e-4
+
+
+def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
+    """The plan was made without asking for it, and its craft drift too close."""
+    made = Made(plan.controls, plan.certificate.fuel_lower_bound)
+    asked = planned("expert", SCENARIO, made, passive_safety=1.0)
+    assert asked.status == "unsafe"
+    claim = replace(
+        asked.certificate.passive_safety, min_separation=16.0, min_separation_bound=15.9
+    )
+    liar = replace(plan, certificate=replace(plan.certificate, passive_safety=claim))
+    found = said(liar)
+    assert (found.good, found.headline) == (False, "Unsafe")
+    assert any("adrift from" in reason for reason in found.reasons)
+    assert any("passive_safety.min_separation_bound" in reason for reason in found.reasons)
+    endless = replace(claim, orbits=1e12)
+    with pytest.raises(InputError, match="at most 100"):
+        judged(
+            replace(plan, certificate=replace(plan.certificate, passive_safety=endless)), SCENARIO
+        )
