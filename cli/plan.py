@@ -98,6 +98,15 @@ def plan(
             show_default=False,
         ),
     ] = None,
+    passive_safety: Annotated[
+        float | None,
+        typer.Option(
+            metavar="ORBITS",
+            help="Also keep craft apart should any one lose thrust at a node: it drifts for so "
+            "many orbits while the others fly on.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
@@ -120,6 +129,11 @@ def plan(
     linear model, they come within the collision radius with at most that probability, at any time
     from the first node to the last. The certificate has the bound, and the fuel without it.
 
+    With `--passive-safety` no pair comes within collision_radius either should one craft lose
+    thrust at any node and drift from there for so many orbits, 0.5 or 2, while the others fly their
+    plan and then drift on from their goals. Where the two ends alone forbid it the plan is said
+    to be infeasible, with the pair and the time.
+
     Examples:
 
         prolearn plan scenario.json --planner expert --out plan.json
@@ -129,6 +143,7 @@ def plan(
         prolearn plan scenario.json --assignment optimal --out plan.json
         prolearn plan s.json --risk 1e-3 --navigation-sigma 0.2 --out p.json
         prolearn plan s.json --risk 0.01 --thrust-sigma 0.01 --out p.json
+        prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan a.json b.json --json --out plans/
     """
     from pipeline.plan import SOLVED, summary
@@ -140,7 +155,15 @@ def plan(
         not_over(path, target)
     asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
     limit = _risk_limit(risk, navigation_sigma, thrust_sigma, velocity_sigma)
-    chosen = planner_of(planner, separation, effort, raw=raw, assignment=assignment, limit=limit)
+    chosen = planner_of(
+        planner,
+        separation,
+        effort,
+        raw=raw,
+        assignment=assignment,
+        limit=limit,
+        passive_safety=passive_safety,
+    )
     rows: list[dict[str, Any]] = []
     with progress("planning") as shown:
         shown.expect(len(asked) if len(asked) > 1 else 0)
@@ -206,12 +229,20 @@ def planner_of(
     raw: bool = False,
     assignment: Assigned = "given",
     limit: "RiskLimit | None" = None,
+    passive_safety: float | None = None,
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
     from pipeline.planners.interchangeable import Interchangeable
-    from pipeline.planners.named import named_planner
+    from pipeline.planners.named import check_passive_safety, named_planner
 
-    told: Any = {"separation": separation, "effort": effort and effort.value, "raw": raw}
+    if passive_safety is not None:
+        check_passive_safety(passive_safety, separation)
+    told: Any = {
+        "separation": separation,
+        "effort": effort and effort.value,
+        "raw": raw,
+        "passive_safety": passive_safety,
+    }
     found = named_planner(name, **told)
     if found is None:
         from cli.stages.plan import model_planner

@@ -36,12 +36,17 @@ def cells(row: Row) -> list[str]:
 def print_plans(rows: Sequence[Row]) -> None:
     """The table, what there is to say about single plans, and where all of them are."""
     assigned = [row["assignment"] for row in rows if row["assignment"]]
+    adrift = [row["passive_safety"] for row in rows if row["passive_safety"]]
     headings = ["scenario", "planner", *HEADINGS]
     lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
     if any(row["risk"] for row in rows):
         headings += ["risk\n≤", "safety\ncosts"]
         for row, line in zip(rows, lines, strict=True):
             line += _risk(row)
+    if adrift:
+        headings += ["adrift\nfrom", "apart\nm"]
+        for row, line in zip(rows, lines, strict=True):
+            line += _adrift(row["passive_safety"])
     if assigned:
         headings.append("saved\n≥")
         for row, line in zip(rows, lines, strict=True):
@@ -56,6 +61,11 @@ def print_plans(rows: Sequence[Row]) -> None:
             "saved: against any plan for the given order of goals, of its fuel. "
             f"Assignments tried: {most}{' at most' if len(rows) > 1 else ''}."
         )
+    if adrift:
+        typer.echo(
+            "adrift from: who comes closest to another after a loss of thrust, and the node of the "
+            f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
+        )
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
     typer.echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
@@ -69,6 +79,13 @@ def wrong(row: Row) -> bool:
 def who(row: Row) -> str:
     """The planner, and what became of it where that is no plan to fly."""
     return f"{row['planner']} ({row['status']})" if wrong(row) else row["planner"]
+
+
+def _adrift(found: Row | None) -> list[str]:
+    """The craft adrift that comes closest to another, since which node, and how close."""
+    if found is None or found["pair"] is None:
+        return [MISSING] * 2
+    return [f"{found['pair'][0]}@{found['node']}", f"{found['min_separation']:.2f}"]
 
 
 def _saved(assignment: Row | None) -> str:

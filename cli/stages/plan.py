@@ -16,7 +16,12 @@ from registry.version import PREFIX
 
 
 def model_planner(
-    reference: str, *, separation: Separation, effort: str | None, raw: bool
+    reference: str,
+    *,
+    separation: Separation,
+    effort: str | None,
+    raw: bool,
+    passive_safety: float | None = None,
 ) -> Planner:
     """The planner that a reference to a model names.
 
@@ -27,6 +32,7 @@ def model_planner(
             plan.
         raw: leave the model's flown plan as it is, safe or not; otherwise the expert comes after
             it, where it answers with controls only if that plan is not proven safe.
+        passive_safety: keep craft apart for so many orbits after a loss of thrust too.
 
     Raises:
         InputError: for a name that no planner has, where the registry has no such model, or for
@@ -37,10 +43,13 @@ def model_planner(
         refuse_effort(effort)
     _check_architecture(reference)
     model, version = load(reference)
-    flown = Flown(model, version.label, at_nodes=separation == "nodes")
+    at_nodes = separation == "nodes"
+    flown = Flown(model, version.label, at_nodes=at_nodes, passive_safety=passive_safety)
     if raw:
         return flown
-    settings = replace(EFFORTS[effort or "first"], separation=separation)
+    settings = replace(
+        EFFORTS[effort or "first"], separation=separation, passive_safety=passive_safety
+    )
     # Controls are a plan already, which may be safe as it is; states are a seed.
     return Ladder(flown, settings) if model.answers == "controls" else Seeded(flown, settings)
 

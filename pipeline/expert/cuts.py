@@ -1,6 +1,6 @@
 """Half-space cuts: which pairs are held apart at which times, and in which direction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -8,10 +8,27 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Swarms, close_approaches, side_by_side
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import transfer_maps
+from pipeline.orbit.transfer import TransferMaps, transfer_maps
 
 TOUCHING = 1e-3
 """Distance in m under which two craft give no direction of their own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """How a cut's second craft is looked at, where that differs from the first.
+
+    Attributes:
+        interval: at whose start the second craft's state counts, (k,).
+        free: from that state to the second's position, (k, 3, 6).
+        pushed: the same of its control in that interval, (k, 3, 3).
+        offset: position of the first, or less that of the second, as far as it is fixed, (k, 3), m.
+    """
+
+    interval: Int[Array, "k"]
+    free: Float[Array, "k 3 6"]
+    pushed: Float[Array, "k 3 3"]
+    offset: Float[Array, "k 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +41,7 @@ class Cuts:
         interval: interval of the time, (k,).
         free: from a craft's state at the interval's start to its position then, (k, 3, 6).
         pushed: the same of its control in the interval, (k, 3, 3).
+        apart: the same of the second craft, where some cuts look at it in another way.
     """
 
     first: Int[Array, "k"]
@@ -31,6 +49,7 @@ class Cuts:
     interval: Int[Array, "k"]
     free: Float[Array, "k 3 6"]
     pushed: Float[Array, "k 3 3"]
+    apart: Apart | None = None
 
     def __len__(self) -> int:
         """Number of cuts."""
@@ -38,11 +57,33 @@ class Cuts:
 
     def __add__(self, other: "Cuts") -> "Cuts":
         """Both sets of cuts."""
-        return Cuts(*(np.concatenate(both) for both in zip(self._parts, other._parts, strict=True)))
+        both = zip(self._parts, other._parts, strict=True)
+        first, second, interval, free, pushed = map(np.concatenate, both)
+        if self.apart is None and other.apart is None:
+            return Cuts(first, second, interval, free, pushed)
+        looks = zip(vars(self.second_look).values(), vars(other.second_look).values(), strict=True)
+        return Cuts(first, second, interval, free, pushed, Apart(*map(np.concatenate, looks)))
 
     def where(self, keep: Bool[Array, "k"] | Int[Array, "j"]) -> "Cuts":
         """Some of the cuts."""
-        return Cuts(*(part[keep] for part in self._parts))
+        first, second, interval, free, pushed = (part[keep] for part in self._parts)
+        if self.apart is None:
+            return Cuts(first, second, interval, free, pushed)
+        look = Apart(*(part[keep] for part in vars(self.apart).values()))
+        return Cuts(first, second, interval, free, pushed, look)
+
+    @property
+    def second_look(self) -> Apart:
+        """How the second craft is looked at."""
+        same = Apart(self.interval, self.free, self.pushed, np.zeros((len(self), 3)))
+        return same if self.apart is None else self.apart
+
+    @property
+    def in_flight(self) -> Bool[Array, "k"]:
+        """Those of two craft that both fly their plans: both are looked at in the same way."""
+        same, other = vars(replace(self, apart=None).second_look), vars(self.second_look)
+        differ = [(same[k] != other[k]).reshape(len(self), -1).any(axis=1) for k in same]
+        return ~np.any(differ, axis=0)
 
     @property
     def _parts(self) -> tuple[Array, ...]:
@@ -67,15 +108,17 @@ def cuts_at(
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces:
-    """Cuts with directions: row · (uᵢ - uⱼ) ≥ required is a separation along the normal.
+    """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal.
 
     Attributes:
         row: (k, m), m per m/s².
         required: (k,), m.
+        other: (k, m), m per m/s²; None where it is ``row``.
     """
 
     row: Float[Array, "k m"]
     required: Float[Array, "k"]
+    other: Float[Array, "k m"] | None = None
 
 
 def conflicts(
@@ -128,6 +171,11 @@ def gaps(
 ) -> Float[Array, "k 3"]:
     """Position of each cut's first craft relative to its second, there and then, m."""
     i, j, k = cuts.first, cuts.second, cuts.interval
+    if cuts.apart is not None:
+        look = cuts.apart
+        one = np.matvec(cuts.free, states[i, k]) + np.matvec(cuts.pushed, controls[i, k])
+        other = np.matvec(look.free, states[j, look.interval])
+        return look.offset + one - other - np.matvec(look.pushed, controls[j, look.interval])
     gap = np.matvec(cuts.free, states[i, k] - states[j, k])
     return gap + np.matvec(cuts.pushed, controls[i, k] - controls[j, k])
 
@@ -175,11 +223,31 @@ def half_spaces_along(
     maps = transfer_maps(problem)
     i, j, k = cuts.first, cuts.second, cuts.interval
     to_state = np.vecmat(normal, cuts.free)
-    row = np.vecmat(to_state, maps.reach[k])
-    columns = 3 * k[:, None] + np.arange(3)
-    row[np.arange(len(k))[:, None], columns] += np.vecmat(normal, cuts.pushed)
+    row = _row(to_state, normal, k, cuts.pushed, maps)
+    if cuts.apart is not None:
+        look = cuts.apart
+        seen = np.vecmat(normal, look.free)
+        other = _row(seen, normal, look.interval, look.pushed, maps)
+        apart = np.vecdot(normal, look.offset)
+        apart += np.vecdot(to_state, np.matvec(maps.drift[k], initial[i]))
+        apart -= np.vecdot(seen, np.matvec(maps.drift[look.interval], initial[j]))
+        return HalfSpaces(row, separation - apart, other)
     drifted = np.matvec(maps.drift[k], initial[i] - initial[j])
     return HalfSpaces(row, separation - np.vecdot(to_state, drifted))
+
+
+def _row(
+    to_state: Float[Array, "k 6"],
+    normal: Float[Array, "k 3"],
+    interval: Int[Array, "k"],
+    pushed: Float[Array, "k 3 3"],
+    maps: TransferMaps,
+) -> Float[Array, "k m"]:
+    """Effect of a craft's controls along each normal, m per m/s²."""
+    row = np.vecmat(to_state, maps.reach[interval])
+    columns = 3 * interval[:, None] + np.arange(3)
+    row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)
+    return row
 
 
 def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:

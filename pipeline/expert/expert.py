@@ -9,13 +9,14 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
+from pipeline.expert.losses import what_no_plan_can_help
 from pipeline.expert.own import OwnOptima, own_optima
 from pipeline.expert.scp import Search
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.expert.spread import Spread
 from pipeline.expert.standing import Found
-from pipeline.expert.starts import best_of_starts
+from pipeline.expert.starts import best_of_starts, until_settled
 from pipeline.orbit.transfer import project_to_flyable
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, planned_all
 from pipeline.scenario import Scenario
@@ -74,7 +75,10 @@ def solve_many(
         Made(one.controls, *own.bound(craft), one.convex_solves, timing)
         for one, craft in zip(found, batch.craft, strict=True)
     ]
-    plans = planned_all("expert", scenarios, made, at_nodes=settings.separation == "nodes")
+    at_nodes = settings.separation == "nodes"
+    plans = planned_all(
+        "expert", scenarios, made, at_nodes=at_nodes, passive_safety=settings.passive_safety
+    )
     told = zip(plans, found, batch.split(own.impossible), strict=True)
     return [_explained(plan, one, impossible) for plan, one, impossible in told]
 
@@ -85,6 +89,8 @@ def _explained(plan: Plan, found: Found, impossible: Bool[Array, "n"]) -> Plan:
         k = int(impossible.argmax())
         reason = f"craft {k} cannot reach its goal within max_acceleration, which is proven"
         return replace(plan, status=INFEASIBLE, message=reason)
+    if found.hopeless:
+        return replace(plan, status=INFEASIBLE, message=found.obstacle)
     if plan.status != SOLVED:
         tried = f"no safe plan after {found.convex_solves} convex solves"
         reasons = [tried, *filter(None, (found.obstacle, plan.message))]
@@ -109,11 +115,20 @@ def _search(
     """Search where every craft has a transfer of its own; the others are what they are."""
     parts = zip(batch.split(own.controls), batch.split(own.feasible), strict=True)
     found = [_alone(*part) for part in parts]
+    orbits = settings.passive_safety
+    if orbits is not None:
+        found = [
+            one if one.obstacle or not why else replace(one, obstacle=why, hopeless=True)
+            for one, scenario in zip(found, batch.scenarios, strict=True)
+            for why in [what_no_plan_can_help(scenario, orbits)]
+        ]
     left = [k for k, one in enumerate(found) if not one.obstacle]
     if left:
         part, theirs = batch.part(left), own.of(np.isin(batch.swarms.label, left))
         aims = None if seeds is None else [seeds[k] for k in left]
         first = Search(part, theirs, settings, aims, spread=spread).run()
+        if orbits is not None:
+            first = until_settled(part, theirs, first, settings, spread)
         best = best_of_starts(part, theirs, first, settings, spread)
         for k, one in zip(left, best, strict=True):
             found[k] = one

@@ -19,7 +19,9 @@ def solve(sub: Subproblem) -> Optimum:
     constraints = [u @ (sub.reach.T * scale) == sub.miss * scale / sub.unit]
     apart = []
     if k:
-        along = cp.sum(cp.multiply(sub.row, u[sub.first] - u[sub.second]), axis=1)
+        other = sub.row if sub.other is None else sub.other
+        along = cp.sum(cp.multiply(sub.row, u[sub.first]), axis=1)
+        along -= cp.sum(cp.multiply(other, u[sub.second]), axis=1)
         apart.append(sub.unit * along + slack >= sub.required)
     if np.isfinite(sub.limit):
         constraints.append(cp.abs(u) <= sub.limit / sub.unit)

@@ -25,9 +25,10 @@ from pipeline.expert import interior_point, simplex
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import Cluster, cluster_labels, members
 from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces
+from pipeline.expert.losses import conflicts_asked_about
 from pipeline.expert.own import OwnOptima, control_limit
 from pipeline.expert.settings import Settings
-from pipeline.expert.spread import Spread, conflicts_less
+from pipeline.expert.spread import Spread
 from pipeline.expert.standing import Found, Standing
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
@@ -43,6 +44,10 @@ SHIFT = 1.5
 
 PENALTY = 1e3
 """Cost of a metre of slack in units of Δt⁻²: above the multiplier of any cut that can be met."""
+
+
+MOST_ROUNDS_ADRIFT = 30
+"""Rounds of a search for passive safety; beyond these another start is likelier to find a plan."""
 
 
 class Search:
@@ -118,7 +123,10 @@ class Search:
 
     def run(self) -> list[Found]:
         """Solve and judge until every cluster is done."""
-        for _ in range(self.settings.max_rounds):
+        most = self.settings.max_rounds
+        if self.settings.passive_safety is not None:
+            most = min(most, MOST_ROUNDS_ADRIFT)
+        for _ in range(most):
             if not self.active.any():
                 break
             self.standing.begin_round(self.active)
@@ -147,15 +155,14 @@ class Search:
         *,
         beside: float = 0.0,
     ) -> tuple[Cuts, Float[Array, "k"]]:
-        return conflicts_less(
-            self.spread,
+        return conflicts_asked_about(
             states,
             controls,
             self.problem,
             within,
             moved,
-            margin=self.settings.margin,
-            at_nodes=self.settings.separation == "nodes",
+            self.settings,
+            spread=self.spread,
             swarms=self.batch.swarms,
             beside=beside,
         )
@@ -253,6 +260,7 @@ class Search:
             second=np.searchsorted(craft, self.cuts.second[cuts]),
             row=aimed.row[cuts],
             required=aimed.required[cuts],
+            other=None if aimed.other is None else aimed.other[cuts],
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),

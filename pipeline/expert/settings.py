@@ -21,6 +21,10 @@ class Settings:
         beside: how long before and after each closest approach of a seed it is cut as well, as a
             share of the interval; the plan that follows is closest at other times.
         max_rounds: rounds of programs that a search may take.
+        passive_safety: also keep craft apart for so many orbits after any one of them has lost its
+            thrust at a node, or None.
+        again: further searches, each begun by passing on other sides, of a scenario for which
+            passive safety is asked and no plan that has it was found.
         solver: the subproblem by the simplex method of HiGHS, by the interior points of Clarabel,
             or by its readable form in cvxpy.
     """
@@ -34,6 +38,8 @@ class Settings:
     look_ahead: float = 0.5
     beside: float = 0.0
     max_rounds: int = 60
+    passive_safety: float | None = None
+    again: int = 8
     solver: Literal["simplex", "clarabel", "cvxpy"] = "simplex"
 
 

@@ -40,16 +40,22 @@ def goal_entries(sub: Subproblem) -> Entries:
 def half_space_entries(sub: Subproblem) -> Entries:
     """The rows that are to be at least ``required`` / LENGTH."""
     n, m, k = sub.shape
-    scaled = sub.row * (sub.unit / LENGTH)
-    r, c = np.nonzero(np.abs(scaled) > NEGLIGIBLE)
-    value = scaled[r, c]
-    one, other = 2 * m * sub.first[r] + c, 2 * m * sub.second[r] + c
+    r, c, value = _entries(sub.row, sub)
+    s, d, against = (r, c, value) if sub.other is None else _entries(sub.other, sub)
+    one, other = 2 * m * sub.first[r] + c, 2 * m * sub.second[s] + d
     slack = np.arange(k)
     return (
-        np.concatenate([r, r, r, r, slack]),
+        np.concatenate([r, r, s, s, slack]),
         np.concatenate([one, one + m, other, other + m, 2 * n * m + slack]),
-        np.concatenate([value, -value, -value, value, np.ones(k)]),
+        np.concatenate([value, -value, -against, against, np.ones(k)]),
     )
+
+
+def _entries(row: Float[Array, "k m"], sub: Subproblem) -> Entries:
+    """What is not zero of scaled effects along the normals."""
+    scaled = row * (sub.unit / LENGTH)
+    r, c = np.nonzero(np.abs(scaled) > NEGLIGIBLE)
+    return r, c, scaled[r, c]
 
 
 def controls_of(x: Float[Array, "v"], sub: Subproblem) -> Float[Array, "n m"]:

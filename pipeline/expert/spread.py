@@ -1,6 +1,6 @@
 """Separation asked for because craft are not quite where they are planned to be."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -48,6 +48,8 @@ class Spread:
     ) -> Float[Array, "k"]:
         """What each cut asks for besides the collision radius and a margin, m.
 
+        A cut about a craft that has lost its thrust asks for nothing besides.
+
         Args:
             cuts: pairs and times.
             states: node states, m and m/s.
@@ -55,6 +57,11 @@ class Spread:
             problem: the problem.
             margin: asked for besides, m.
         """
+        if cuts.apart is not None:
+            found, flying = np.zeros(len(cuts)), cuts.in_flight
+            both = replace(cuts.where(flying), apart=None)
+            found[flying] = self.widths(both, states, controls, problem, margin)
+            return found
         spread = dispersion(controls, problem, self.uncertainty)
         i, j, k = cuts.first, cuts.second, cuts.interval
         normal = directions(gaps(cuts, states, controls), states[i, k, 3:] - states[j, k, 3:])

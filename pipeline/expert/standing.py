@@ -23,6 +23,7 @@ class Found:
         joined: pairs of craft that cuts were made for, (k, 2).
         settled: whether the controls were seen to be safe as a whole.
         obstacle: what stood in the way of a safe plan, or nothing.
+        hopeless: whether it is proven to stand in the way of every plan.
     """
 
     controls: Float[Array, "n intervals 3"]
@@ -30,6 +31,7 @@ class Found:
     joined: Int[Array, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
     settled: bool = False
     obstacle: str = ""
+    hopeless: bool = False
 
 
 class Standing:

@@ -1,4 +1,4 @@
-"""Several starts: passing on other sides, and the best of each cluster put together."""
+"""Several starts: passing on other sides, for a plan at all or for the best of each cluster."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,15 +7,41 @@ import numpy as np
 
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import cluster_labels
+from pipeline.expert.losses import conflicts_asked_about
 from pipeline.expert.own import OwnOptima
 from pipeline.expert.scp import Search
 from pipeline.expert.settings import Settings
-from pipeline.expert.spread import Spread, conflicts_less
+from pipeline.expert.spread import Spread
 from pipeline.expert.standing import Found
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.transfer import fly
 from pipeline.plan import gap_of
 from pipeline.scenario import Scenario
+
+
+def until_settled(
+    batch: Batch,
+    own: OwnOptima,
+    first: Sequence[Found],
+    settings: Settings,
+    spread: Spread | None = None,
+) -> list[Found]:
+    """What first searches found, and ``settings.again`` further ones at most where that is unsafe.
+
+    Craft in one plane are aimed apart in that plane, where there may be no way past one adrift;
+    other sides lead out of it.
+    """
+    found = list(first)
+    for start in range(1, settings.again + 1):
+        left = [k for k, one in enumerate(found) if not one.settled]
+        if not left:
+            break
+        theirs = own.of(np.isin(batch.swarms.label, left))
+        others = Search(batch.part(left), theirs, settings, None, start, spread).run()
+        for k, other in zip(left, others, strict=True):
+            solves = found[k].convex_solves + other.convex_solves
+            found[k] = replace(other if other.settled else found[k], convex_solves=solves)
+    return found
 
 
 def best_of_starts(
@@ -61,17 +87,9 @@ def _better(
     controls = np.where(cheaper[:, None, None], other.controls, best.controls)
     states = fly(scenario.initial, controls, scenario.problem)
     radius = scenario.problem.collision_radius + PROVABLE
-    at_nodes = settings.separation == "nodes"
     everyone = np.ones(scenario.n, dtype=bool)
-    found, _ = conflicts_less(
-        spread,
-        states,
-        controls,
-        scenario.problem,
-        radius,
-        everyone,
-        margin=settings.margin,
-        at_nodes=at_nodes,
+    found, _ = conflicts_asked_about(
+        states, controls, scenario.problem, radius, everyone, settings, spread=spread
     )
     if len(found) == 0:
         return replace(best, controls=controls, joined=both)

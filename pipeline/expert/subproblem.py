@@ -2,7 +2,8 @@
 
     minimise    Σᵢ ‖uᵢ‖₁ + penalty · Σ slack
     subject to  reach uᵢ = missᵢ                                  every craft meets its goal
-                rowₖ · (uᵢ - uⱼ) + slackₖ ≥ requiredₖ, slack ≥ 0   half-spaces, Eq. 5 linearised
+                rowₖ · uᵢ - otherₖ · uⱼ + slackₖ ≥ requiredₖ       half-spaces, Eq. 5 linearised
+                slack ≥ 0
                 |uᵢ| ≤ limit
 
 States are eliminated: the controls are the only variables. A half-space for the pair (i, j) at
@@ -39,14 +40,15 @@ class Subproblem:
         miss: change of final state that each craft's controls must bring about, (n, 6).
         first: first craft of each half-space, (k,).
         second: second craft, (k,).
-        row: effect of the first craft's controls along the normal, m per m/s², (k, m); the
-            second craft's is its negative.
+        row: effect of the first craft's controls along the normal, m per m/s², (k, m).
         required: what the controls must contribute along the normal, m, (k,).
         limit: largest component of a control, m/s², or infinity.
         penalty: cost of a metre of slack, m/s².
         unit: size of a typical control, m/s², which makes the solver's numbers of order one.
         basis: basic variables of each craft's own optimum, where they are known, (n, 6): the
             number of a control, or m more where it acts in the negative direction.
+        other: effect of the second craft's controls against the normal, (k, m); None where it is
+            ``row``, as it is for two craft that are looked at alike.
     """
 
     reach: Float[Array, "6 m"]
@@ -59,6 +61,7 @@ class Subproblem:
     penalty: float
     unit: float
     basis: Int[Array, "n 6"] | None = None
+    other: Float[Array, "k m"] | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -132,14 +132,58 @@ def close_approaches(
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
     i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
-    push, reach = controls[i, k] - controls[j, k], reach[i]
+    push = controls[i, k] - controls[j, k]
+    found = passes(start, end, push, problem, reach[i], tolerance)
+    i, j, k = i[found.which], j[found.which], k[found.which]
+    closest = found.offset, found.distance, found.bound
+    return Approaches(i, j, k, *closest, found.free, found.pushed)
+
+
+@dataclass(frozen=True, eq=False)
+class Passes:
+    """Relative motions over an interval, where each is closest to the origin.
+
+    Attributes:
+        which: number of the motion among those given.
+        offset: time since the interval's start, s.
+        distance: from the origin at that time, m.
+        bound: the motion is never closer than this, m.
+        free: from a state at the interval's start to the position then, (k, 3, 6).
+        pushed: the same of the control in the interval, (k, 3, 3).
+    """
+
+    which: Int[Array, "k"]
+    offset: Float[Array, "k"]
+    distance: Float[Array, "k"]
+    bound: Float[Array, "k"]
+    free: Float[Array, "k 3 6"]
+    pushed: Float[Array, "k 3 3"]
+
+
+def passes(
+    start: Float[Array, "s 6"],
+    end: Float[Array, "s 6"],
+    push: Float[Array, "s 3"],
+    problem: Problem,
+    reach: Float[Array, "s"],
+    tolerance: float = TOLERANCE,
+) -> Passes:
+    """The relative motions over an interval that may come within a distance, by branch and bound.
+
+    Args:
+        start: relative states at the interval's start, m and m/s.
+        end: at its end.
+        push: relative controls, m/s².
+        problem: dynamics and length of the interval.
+        reach: distance of interest of each, m.
+        tolerance: width of the bracket [bound, distance], m.
+    """
     dynamics, h = problem.dynamics, problem.time_step
     remainder = h**4 / 384 * dynamics.most_fourth_derivative(start, push)
     near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= reach)
     if len(near) == 0:
         none, empty = np.zeros(0, dtype=int), np.zeros(0)
-        maps = np.zeros((0, 3, 6)), np.zeros((0, 3, 3))
-        return Approaches(none, none, none, empty, empty, empty, *maps)
+        return Passes(none, empty, empty, empty, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
     start, push, remainder, reach = start[near], push[near], remainder[near], reach[near]
     when, bound = _closest_in_interval(start, push, problem, remainder, reach, tolerance)
     keep = bound <= reach
@@ -148,7 +192,7 @@ def close_approaches(
     free, pushed = A[:, :3], B[:, :3]
     relative = np.matvec(free, start[keep]) + np.matvec(pushed, push[keep])
     distance = np.maximum(norm(relative), bound)
-    return Approaches(i[near], j[near], k[near], offset, distance, bound, free, pushed)
+    return Passes(near, offset, distance, bound, free, pushed)
 
 
 def _candidates(

@@ -1,5 +1,7 @@
 """Free drift: how close craft of a formation come when nobody burns, over a whole orbit."""
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 
@@ -14,16 +16,17 @@ ORBIT_INTERVALS = 16
 
 
 def free_drift(
-    states: Float[Array, "n 6"], problem: Problem
+    states: Float[Array, "n 6"], problem: Problem, orbits: float = 1.0
 ) -> tuple[Float[Array, "n T 6"], Float[Array, "n intervals 3"], Problem]:
-    """An orbit of free drift: node states, controls and the problem that they are of."""
-    orbit = Problem(
+    """Free drift over so many orbits: node states, controls and the problem that they are of."""
+    intervals = max(2, math.ceil(orbits * ORBIT_INTERVALS))
+    drift = Problem(
         mean_motion=problem.mean_motion,
-        time_step=2 * np.pi / problem.mean_motion / ORBIT_INTERVALS,
-        nodes=ORBIT_INTERVALS + 1,
+        time_step=orbits * 2 * np.pi / problem.mean_motion / intervals,
+        nodes=intervals + 1,
     )
-    idle = np.zeros((len(states), ORBIT_INTERVALS, 3))
-    return fly(states, idle, orbit), idle, orbit
+    idle = np.zeros((len(states), intervals, 3))
+    return fly(states, idle, drift), idle, drift
 
 
 def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[Array, "N"]:

@@ -2,8 +2,9 @@
 
 from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate, certify, gap_of
+from pipeline.plan.passive_safety import PassiveSafety
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
-from pipeline.plan.planned import Made, is_safe, planned, planned_all
+from pipeline.plan.planned import Made, is_passively_safe, is_safe, planned, planned_all
 from pipeline.plan.risk import Risk, RiskLimit
 from pipeline.plan.summary import summary
 
@@ -15,11 +16,13 @@ __all__ = [
     "Assignment",
     "Certificate",
     "Made",
+    "PassiveSafety",
     "Plan",
     "Risk",
     "RiskLimit",
     "certify",
     "gap_of",
+    "is_passively_safe",
     "is_safe",
     "planned",
     "planned_all",

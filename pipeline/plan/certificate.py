@@ -10,6 +10,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import side_by_side
 from pipeline.orbit.separation import least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
+from pipeline.plan.passive_safety import PassiveSafety, passive_safety
 from pipeline.plan.risk import Risk
 from pipeline.scenario import Scenario
 
@@ -36,6 +37,7 @@ class Certificate:
         dynamics_error: largest violation of Eq. 2 in position between two nodes, m.
         fuel_lower_bound_proof: how the bound is proven, in words.
         risk: what is claimed of errors in open loop, where that was asked for, or None.
+        passive_safety: how close craft come after a loss of thrust, where that was asked for.
     """
 
     fuel: float
@@ -52,6 +54,7 @@ class Certificate:
     dynamics_error: float
     fuel_lower_bound_proof: str = ""
     risk: Risk | None = None
+    passive_safety: PassiveSafety | None = None
 
 
 def certify(
@@ -59,6 +62,7 @@ def certify(
     states: Float[Array, "N T 6"],
     controls: Float[Array, "N intervals 3"],
     bounds: Sequence[tuple[float, str]],
+    orbits: float | None = None,
 ) -> list[Certificate]:
     """The certificates of node states (m, m/s) and controls (m/s²), craft after craft.
 
@@ -67,6 +71,7 @@ def certify(
         states: of all their craft.
         controls: of all their craft.
         bounds: lower bound on the fuel of each scenario, m/s², and how it is proven.
+        orbits: of drift after a loss of thrust that are looked at, or None.
     """
     problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
     used = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), swarms.starts)
@@ -76,6 +81,9 @@ def certify(
     defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
     defects = np.maximum.reduceat(defect, swarms.starts)
     collisions = swarm_node_collisions(states, problem.collision_radius, swarms)
+    adrift: Sequence[PassiveSafety | None] = [None] * len(scenarios)
+    if orbits is not None:
+        adrift = passive_safety(states, controls, problem, orbits, swarms)
     return [
         Certificate(
             fuel=float(used[k]),
@@ -91,6 +99,7 @@ def certify(
             goal_velocity_error=float(misses[k, 3:].max()),
             dynamics_error=float(defects[k]),
             fuel_lower_bound_proof=proof,
+            passive_safety=adrift[k],
         )
         for k, ((bound, proof), apart) in enumerate(zip(bounds, closest, strict=True))
     ]

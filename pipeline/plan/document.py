@@ -168,10 +168,14 @@ def json_schema() -> dict[str, Any]:
     return made
 
 
+OPTIONAL = ("risk", "passive_safety")
+"""Fields of a certificate that are there only where they were asked for."""
+
+
 def _certificate(certificate: Certificate) -> dict[str, Any]:
-    """Its fields; those of a risk only where one was asked for."""
-    fields = {k: _plain(v) for k, v in vars(certificate).items() if k != "risk"}
-    return fields if certificate.risk is None else fields | {"risk": asdict(certificate.risk)}
+    fields = {k: _plain(v) for k, v in vars(certificate).items() if k not in OPTIONAL}
+    asked = ((name, getattr(certificate, name)) for name in OPTIONAL)
+    return fields | {name: asdict(claim) for name, claim in asked if claim is not None}
 
 
 def _plain(value: Any) -> Any:

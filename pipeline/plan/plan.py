@@ -17,7 +17,8 @@ UNSAFE = "unsafe"
 """Flies to the goal, but some pair comes within the collision radius."""
 
 INFEASIBLE = "infeasible"
-"""Proven: some craft cannot reach its goal within the thrust limit; the message says which."""
+"""Proven: some craft cannot reach its goal within the thrust limit, or is in the way of another
+after a loss of thrust, whatever is planned; the message says which."""
 
 UNSOLVED = "unsolved"
 """The planner has no safe plan and no proof that there is none; the message says why."""

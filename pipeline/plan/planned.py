@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -44,7 +45,12 @@ class Made:
 
 
 def planned_all(
-    planner: str, scenarios: Sequence[Scenario], made: Sequence[Made], *, at_nodes: bool = False
+    planner: str,
+    scenarios: Sequence[Scenario],
+    made: Sequence[Made],
+    *,
+    at_nodes: bool = False,
+    passive_safety: float | None = None,
 ) -> list[Plan]:
     """The plans of scenarios of one problem; what a certificate proves decides a plan's status.
 
@@ -53,6 +59,7 @@ def planned_all(
         scenarios: what was asked.
         made: what the planner made of each.
         at_nodes: ask for separation at the nodes only, the paper's criterion.
+        passive_safety: ask for it after a loss of thrust too, for so many orbits.
     """
     if not scenarios:
         return []
@@ -61,7 +68,7 @@ def planned_all(
     controls = np.concatenate([one.controls for one in made])
     states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    certificates = certify(scenarios, states, controls, bounds)
+    certificates = certify(scenarios, states, controls, bounds, passive_safety)
     each = (perf_counter() - started) / len(scenarios)
     flown = np.split(states, np.cumsum([s.n for s in scenarios])[:-1])
     plans = []
@@ -85,9 +92,25 @@ def planned_all(
     return plans
 
 
-def planned(planner: str, scenario: Scenario, made: Made, *, at_nodes: bool = False) -> Plan:
+def planned(
+    planner: str,
+    scenario: Scenario,
+    made: Made,
+    *,
+    at_nodes: bool = False,
+    passive_safety: float | None = None,
+) -> Plan:
     """The plan of one scenario, as in ``planned_all``."""
-    return planned_all(planner, [scenario], [made], at_nodes=at_nodes)[0]
+    judged_by: Any = {"at_nodes": at_nodes, "passive_safety": passive_safety}
+    return planned_all(planner, [scenario], [made], **judged_by)[0]
+
+
+def is_passively_safe(certificate: Certificate, problem: Problem) -> bool:
+    """Whether no pair comes within the collision radius after a loss of thrust, if it was asked."""
+    adrift = certificate.passive_safety
+    if adrift is None or adrift.min_separation_bound is None:
+        return True
+    return adrift.min_separation_bound > problem.collision_radius
 
 
 def is_safe(certificate: Certificate, problem: Problem, *, at_nodes: bool = False) -> bool:
@@ -117,10 +140,23 @@ def _fault(
     if limit is not None and used > limit + LIMIT_TOLERANCE:
         return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if is_safe(certificate, problem, at_nodes=at_nodes) or not certificate.min_separation_pair:
-        return ""
+        return "" if is_passively_safe(certificate, problem) else _adrift(certificate, problem)
     i, j = certificate.min_separation_pair
     return (
         f"craft {i} and {j} come within {certificate.min_separation:.6g} m of each other at "
         f"{certificate.min_separation_time:.6g} s; collision_radius is "
         f"{problem.collision_radius:g} m"
+    )
+
+
+def _adrift(certificate: Certificate, problem: Problem) -> str:
+    """Who meets whom after a loss of thrust."""
+    found = certificate.passive_safety
+    if found is None or found.pair is None:
+        return ""
+    (i, j), last = found.pair, problem.nodes - 1
+    whence = "its goal" if found.node == last else f"node {found.node}, should it lose thrust there"
+    return (
+        f"craft {i}, adrift from {whence}, comes within {found.min_separation:.6g} m of craft {j} "
+        f"at {found.time:.6g} s; collision_radius is {problem.collision_radius:g} m"
     )

@@ -21,12 +21,13 @@ CLAIMS = (
 def summary(plan: Plan) -> dict[str, Any]:
     """The line by field names, in SI units; ``seconds`` is the time that plan and proof took.
 
-    Where it is proven that no plan keeps to the thrust limit, there is no optimum to be far from,
-    so that ``optimality_gap`` is None.
+    Where it is proven that there is no plan, there is no optimum to be far from, so that
+    ``optimality_gap`` is None.
     """
     claims = {name: getattr(plan.certificate, name) for name in CLAIMS}
     if plan.status == INFEASIBLE:
         claims["optimality_gap"] = None
+    adrift = plan.certificate.passive_safety
     taken = plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0)
     risk = plan.certificate.risk
     return {
@@ -34,6 +35,7 @@ def summary(plan: Plan) -> dict[str, Any]:
         "status": plan.status,
         "message": plan.message,
         **claims,
+        "passive_safety": None if adrift is None else asdict(adrift),
         "seconds": taken,
         "risk": None if risk is None else asdict(risk),
         "assignment": None if plan.assignment is None else asdict(plan.assignment),

@@ -27,11 +27,13 @@ class Baseline:
         name: what tables call it.
         controls: from initial and goal states to controls in m/s² that meet the goal.
         at_nodes: judge plans by separation at the nodes only, the paper's criterion.
+        passive_safety: judge them by it after a loss of thrust too, for so many orbits, or None.
     """
 
     name: str
     controls: Callable[[States, States, Problem], Controls]
     at_nodes: bool = False
+    passive_safety: float | None = None
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
@@ -41,7 +43,14 @@ class Baseline:
         batch = Batch(scenarios)
         controls = self.controls(batch.initial, batch.goal, batch.problem)
         seconds = perf_counter() - started
-        return certified(self.name, scenarios, controls, seconds, at_nodes=self.at_nodes)
+        return certified(
+            self.name,
+            scenarios,
+            controls,
+            seconds,
+            at_nodes=self.at_nodes,
+            passive_safety=self.passive_safety,
+        )
 
 
 def _line(initial: States, goal: States, problem: Problem) -> Controls:

@@ -18,6 +18,7 @@ def certified(
     seconds: float,
     *,
     at_nodes: bool,
+    passive_safety: float | None = None,
 ) -> list[Plan]:
     """The plans of controls for scenarios of one problem.
 
@@ -27,10 +28,11 @@ def certified(
         controls: of all their craft, one after the other, m/s².
         seconds: that it took to make them all.
         at_nodes: judge by separation at the nodes only, the paper's criterion.
+        passive_safety: judge by it after a loss of thrust too, for so many orbits, or None.
     """
     if not scenarios:
         return []
     batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
     own = own_optima(batch.initial, batch.goal, batch.problem)
     made = [Made(controls[craft], *own.bound(craft), timing=timing) for craft in batch.craft]
-    return planned_all(planner, scenarios, made, at_nodes=at_nodes)
+    return planned_all(planner, scenarios, made, at_nodes=at_nodes, passive_safety=passive_safety)

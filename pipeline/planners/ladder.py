@@ -12,7 +12,7 @@ from pipeline.plan import SOLVED, Plan
 from pipeline.planners.network import Flown
 from pipeline.scenario import Scenario
 
-ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3)
+ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
 """The expert, held to one round of convex programs with half-spaces along the network's plan."""
 
 
@@ -40,13 +40,15 @@ class Ladder:
         """
         plans = self.network.plan(scenarios)
         at: Literal["nodes", "continuous"] = "nodes" if self.network.at_nodes else "continuous"
+        orbits = self.network.passive_safety
 
         def one_solve(left: Sequence[Scenario], seeds: Sequence[Plan]) -> list[Plan]:
-            settings = replace(ONE_SOLVE, separation=at)
+            settings = replace(ONE_SOLVE, separation=at, passive_safety=orbits)
             return solve_many(left, [seed.states for seed in seeds], settings)
 
         def search(left: Sequence[Scenario], _: Sequence[Plan]) -> list[Plan]:
-            return solve_many(left, settings=replace(self.settings, separation=at))
+            settings = replace(self.settings, separation=at, passive_safety=orbits)
+            return solve_many(left, settings=settings)
 
         plans = _where_unsafe(scenarios, plans, one_solve, f"{self.name} + one solve")
         return _where_unsafe(scenarios, plans, search, "expert")

@@ -6,6 +6,7 @@ from typing import Literal
 from pipeline.errors import InputError
 from pipeline.expert import EFFORTS
 from pipeline.networks.refiner.ablations import REFINER
+from pipeline.orbit.thrust_loss import check_orbits
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.planner import Planner
@@ -27,6 +28,7 @@ def named_planner(
     separation: Separation = "continuous",
     effort: str | None = None,
     raw: bool = False,
+    passive_safety: float | None = None,
 ) -> Planner | None:
     """The planner of a name, or None where it is none of NAMES; what it is told holds for it.
 
@@ -36,6 +38,8 @@ def named_planner(
             keep none apart, are judged by it.
         effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves.
         raw: asked for a network's plan without the expert after it.
+        passive_safety: keep craft apart for so many orbits after a loss of thrust too; a
+            baseline's plans are judged by it.
 
     Raises:
         InputError: for an option that the planner has no use for.
@@ -43,19 +47,23 @@ def named_planner(
     if name not in NAMES:
         return None
     if name == REFINER:
-        return _refiner(separation, effort, raw=raw)
+        return _refiner(separation, effort, raw=raw, passive_safety=passive_safety)
     if raw:
         raise InputError(
             f"--raw is given and the planner is {name}, after which there is no expert; expected "
             "a network: leave --raw out."
         )
     if name == EXPERT:
-        return Expert(replace(EFFORTS[effort or "default"], separation=separation))
+        settings = EFFORTS[effort or "default"]
+        return Expert(replace(settings, separation=separation, passive_safety=passive_safety))
     refuse_effort(effort)
-    return replace(_BASELINES[name], at_nodes=separation == "nodes")
+    at_nodes = separation == "nodes"
+    return replace(_BASELINES[name], at_nodes=at_nodes, passive_safety=passive_safety)
 
 
-def _refiner(separation: Separation, effort: str | None, *, raw: bool) -> Planner:
+def _refiner(
+    separation: Separation, effort: str | None, *, raw: bool, passive_safety: float | None
+) -> Planner:
     """The packaged refiner, alone or with the expert behind it."""
     from pipeline.networks.refiner.packaged import packaged
     from pipeline.planners.ladder import Ladder
@@ -63,7 +71,8 @@ def _refiner(separation: Separation, effort: str | None, *, raw: bool) -> Planne
 
     if raw:
         refuse_effort(effort)
-    flown = Flown(packaged(), REFINER, at_nodes=separation == "nodes")
+    at_nodes = separation == "nodes"
+    flown = Flown(packaged(), REFINER, at_nodes=at_nodes, passive_safety=passive_safety)
     return flown if raw else Ladder(flown, EFFORTS[effort or "first"])
 
 
@@ -77,4 +86,18 @@ def refuse_effort(effort: str | None) -> None:
         raise InputError(
             f"--effort is {effort} and the expert has no part in the plan; expected it with the "
             "expert, or with a model and without --raw: leave --effort out."
+        )
+
+
+def check_passive_safety(orbits: float, separation: Separation) -> None:
+    """Refuse passive safety for no length of a drift, or together with separation at nodes only.
+
+    Raises:
+        InputError: with what was given and what was expected.
+    """
+    check_orbits(orbits)
+    if separation == "nodes":
+        raise InputError(
+            "--passive-safety is given with --separation nodes; expected craft that are apart at "
+            "all times, in flight as adrift: leave one of the two out."
         )

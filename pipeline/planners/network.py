@@ -30,11 +30,13 @@ class Flown:
         model: the network.
         name: what tables and plans call it.
         at_nodes: judge plans by separation at the nodes only, the paper's criterion.
+        passive_safety: judge them by it after a loss of thrust too, for so many orbits, or None.
     """
 
     model: Model
     name: str
     at_nodes: bool = False
+    passive_safety: float | None = None
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n.
@@ -59,7 +61,14 @@ class Flown:
             controls = meet_goal(initial, answer, goal, problem)
         seconds = time.perf_counter() - started
         flat = controls.reshape(-1, *controls.shape[2:])
-        return certified(self.name, scenarios, flat, seconds, at_nodes=self.at_nodes)
+        return certified(
+            self.name,
+            scenarios,
+            flat,
+            seconds,
+            at_nodes=self.at_nodes,
+            passive_safety=self.passive_safety,
+        )
 
 
 def check_problem(model: Model, problem: Problem, where: str) -> None:

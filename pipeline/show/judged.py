@@ -8,7 +8,17 @@ from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import FAR, collision_risk
-from pipeline.plan import SOLVED, Certificate, Made, Plan, Risk, is_safe, planned
+from pipeline.orbit.thrust_loss import check_orbits
+from pipeline.plan import (
+    SOLVED,
+    Certificate,
+    Made,
+    Plan,
+    Risk,
+    is_passively_safe,
+    is_safe,
+    planned,
+)
 from pipeline.plan.certificate import NO_FUEL
 from pipeline.plan.planned import POSITION_TOLERANCE
 from pipeline.scenario import Scenario
@@ -31,7 +41,8 @@ class Judged:
     Attributes:
         plan: states, certificate and status found anew from the scenario and the controls; the
             lower bound on the fuel and how it was proven are as the file has them.
-        safe: whether no pair comes within r_col at any time.
+        safe: whether no pair comes within r_col at any time, nor after a loss of thrust where that
+            is claimed.
         faults: what is wrong with it, in sentences; empty where it is solved.
     """
 
@@ -44,12 +55,18 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
     """Fly a plan's controls from its scenario's initial states and certify what comes of it.
 
     Raises:
-        InputError: where the controls lead nowhere that a number could say.
+        InputError: where the controls lead nowhere that a number could say, or where passive
+            safety is claimed for no length of a drift.
     """
     said = claimed.certificate
     made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
     _refuse_overflow(claimed, scenario)
-    found = _with_risk(planned(claimed.planner, scenario, made), said.risk, scenario.problem)
+    adrift = said.passive_safety
+    orbits = None if adrift is None else adrift.orbits
+    if orbits is not None:
+        check_orbits(orbits)
+    found = planned(claimed.planner, scenario, made, passive_safety=orbits)
+    found = _with_risk(found, said.risk, scenario.problem)
     plan = replace(
         found, convex_solves=claimed.convex_solves, timing=claimed.timing, message=claimed.message
     )
@@ -64,6 +81,7 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
         )
     faults += _false_claims(said, found.certificate)
     safe = is_safe(found.certificate, scenario.problem)
+    safe &= is_passively_safe(found.certificate, scenario.problem)
     return Judged(plan, safe, tuple(fault.rstrip(".") + "." for fault in faults))
 
 
@@ -98,6 +116,11 @@ def _false_claims(said: Certificate, found: Certificate) -> list[str]:
         theirs, ours = getattr(said, name), getattr(found, name)
         if None not in (theirs, ours) and not theirs <= ours + 2 * TOLERANCE:
             wrong.append((name, theirs, ours, " m"))
+    if said.passive_safety is not None and found.passive_safety is not None:
+        for name in ("min_separation", "min_separation_bound"):
+            theirs, ours = getattr(said.passive_safety, name), getattr(found.passive_safety, name)
+            if None not in (theirs, ours) and not theirs <= ours + 2 * TOLERANCE:
+                wrong.append((f"passive_safety.{name}", theirs, ours, " m"))
     if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + NO_FUEL:
         wrong.append(("fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"))
     if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:

@@ -59,6 +59,7 @@ def certificate_rows(found: Certificate, status: str) -> Rows:
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_separation_rows(found),
         *_risk_rows(found),
+        *_adrift_rows(found),
         ("Goal missed by, position", f"{error(found.goal_error)} m"),
         ("Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"),
         ("Dynamics violated by, at most", f"{error(found.dynamics_error)} m"),
@@ -94,6 +95,20 @@ def _risk_rows(found: Certificate) -> Rows:
             f"{errors.magnitude:g} in size and {errors.direction:g} rad",
         ),
         ("Fuel without that", without),
+    ]
+
+
+def _adrift_rows(found: Certificate) -> Rows:
+    """What follows a loss of thrust, where the file says something of it."""
+    adrift = found.passive_safety
+    if adrift is None or adrift.pair is None or adrift.min_separation_bound is None:
+        return []
+    (i, j), orbits = adrift.pair, f"{adrift.orbits:g} orbits"
+    return [
+        (f"Least separation after a loss of thrust, {orbits}", f"{adrift.min_separation:.4f} m"),
+        ("Between", f"craft {i}, adrift from node {adrift.node}, and {j}"),
+        ("When", f"{adrift.time:.1f} s"),
+        ("Proven: no craft adrift is ever closer than", f"{_down(adrift.min_separation_bound)} m"),
     ]
 
 

@@ -247,6 +247,74 @@ def test_a_plan_without_a_risk_says_nothing_of_one(prolearn, tmp_path):
     assert "risk" not in json.loads((tmp_path / "p.json").read_text())["certificate"]
 
 
+def test_a_plan_with_passive_safety_says_so_and_the_judge_agrees(prolearn, tmp_path):
+    files = []
+    for k in range(3):  # plans of which one has it unasked; the ends of another forbid it
+        files.append(tmp_path / f"{k}.json")
+        write_scenario(files[-1], draw("rings", 0, 10, k, Problem(), "valid"))
+    asked = ("plan", *files, "--passive-safety", "0.5", "--out", "plans")
+    done, told = prolearn(*asked), prolearn(*asked, "--json")
+    assert (done.returncode, told.returncode) == (1, 1)
+    statuses = []
+    for file, row in zip(files, json.loads(told.stdout), strict=True):
+        plan = json.loads((tmp_path / row["plan"]).read_text())
+        statuses.append(row["status"])
+        claim = plan["certificate"]["passive_safety"]
+        assert row["passive_safety"] == claim
+        assert claim["orbits"] == 0.5
+        report = judged(file, tmp_path / row["plan"])
+        assert report.false_claims == ()
+        cells = row_of(file.stem, done.stdout).split()
+        pair, apart = claim["pair"], claim["min_separation"]
+        assert cells[-2:] == [f"{pair[0]}@{claim['node']}", f"{apart:.2f}"]
+        if row["status"] == "solved":
+            assert report.faults == ()
+            assert claim["min_separation_bound"] > 15
+        else:
+            assert any("adrift from node" in fault for fault in report.faults)
+            assert "whatever is planned" in row["message"]
+    assert sorted(statuses) == ["infeasible", "solved", "solved"]
+
+
+def test_a_plan_without_passive_safety_says_nothing_of_it(prolearn, tmp_path):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
+    done = prolearn("plan", "s.json", "--out", "p.json", "--json")
+    assert json.loads(done.stdout)[0]["passive_safety"] is None
+    assert "passive_safety" not in (tmp_path / "p.json").read_text()
+
+
+@pytest.mark.parametrize("planner", ["refiner", "own-LP"])
+def test_other_planners_are_held_to_passive_safety(planner, prolearn, tmp_path):
+    """The refiner's own plan is taken only where it has it; a baseline's is unsafe without."""
+    write_scenario(tmp_path / "s.json", draw("coplanar-split", 0, 6, 1, Problem(), "valid"))
+    asked = ("plan", "s.json", "--out", "p.json", "--planner", planner)
+    done = prolearn(*asked, "--passive-safety", "1")
+    report = judged(tmp_path / "s.json", tmp_path / "p.json")
+    assert report.false_claims == ()
+    adrift = [fault for fault in report.faults if "adrift" in fault]
+    assert (done.returncode, len(adrift)) == ((0, 0) if planner == "refiner" else (1, 1))
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--passive-safety", "0"), "0 orbits; expected a number above 0"),
+        (("--passive-safety=-1",), "-1 orbits; expected a number above 0"),
+        (("--passive-safety", "nan"), "nan orbits; expected a number above 0"),
+        (("--passive-safety", "1e9"), "at most 100"),
+        (("--passive-safety", "1", "--separation", "nodes"), "leave one of the two out"),
+        (("--passive-safety", "1", "--planner", "own-LP", "--separation", "nodes"), "leave one"),
+    ],
+    ids=" ".join,
+)
+def test_passive_safety_that_cannot_be_is_refused(prolearn, tmp_path, options, word):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
+    done = prolearn("plan", "s.json", "--out", "p.json", *options)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert word in done.stderr
+    assert not (tmp_path / "p.json").exists()
+
+
 def test_on_a_terminal_of_80_columns_thirty_rows_keep_every_number(tmp_path):
     names = [f"a-scenario-of-a-long-name-{k:06d}" for k in range(30)]
     for k, name in enumerate(names):

@@ -46,7 +46,8 @@ def by_highs(sub):
     goals = np.kron(np.eye(n), sub.reach * scale[:, None] * unit)
     along = np.zeros((k, n, m))
     along[np.arange(k), sub.first] = sub.row * unit
-    along[np.arange(k), sub.second] -= sub.row * unit
+    other = sub.row if sub.other is None else sub.other
+    along[np.arange(k), sub.second] -= other * unit
     along = along.reshape(k, n * m)
     found = linprog(
         np.concatenate([np.ones(2 * n * m), np.full(k, sub.penalty / unit)]),
@@ -83,6 +84,27 @@ def test_and_so_under_a_thrust_limit_and_where_slack_is_cheap(solve):
     assert best.slack.max() > 0.1
     assert np.abs(best.controls).max() <= 3e-3 * (1 + 1e-6)
     assert objective(sub, best) == pytest.approx(by_highs(sub), rel=1e-6)
+
+
+@pytest.mark.parametrize("solve", SOLVERS)
+def test_and_so_where_the_second_craft_of_a_half_space_has_a_row_of_its_own(solve):
+    """Or no say at all, as one that has arrived, so that both craft of it are the first."""
+    sub = subproblem(12, 1)
+    rng = np.random.default_rng(0)
+    other = sub.row * rng.uniform(0.3, 1.5, size=sub.row.shape)
+    second = sub.second.copy()
+    other[::3], second[::3] = 0.0, sub.first[::3]
+    required = np.maximum(sub.required, 5.0)
+    sub = replace(sub, other=other, second=second, required=required)
+    best = solve(sub)
+    assert best.fuel > own_fuel(sub) * 1.001
+    assert objective(sub, best) == pytest.approx(by_highs(sub), rel=1e-6)
+
+
+def own_fuel(sub):
+    """Without half-spaces."""
+    free = replace(sub, required=np.full(len(sub.required), -1e6))
+    return by_highs(free)
 
 
 def test_the_own_bases_are_where_few_pivots_are_left():

@@ -123,3 +123,23 @@ def test_a_risk_is_found_anew_and_a_false_one_named(plan):
     less = replace(careful.certificate, risk=replace(risk, bound=risk.bound / 2))
     (fault,) = judged(replace(careful, certificate=less), SCENARIO).faults
     assert fault.startswith(f"The file claims risk.bound {risk.bound / 2:.6g}, its controls give")
+
+
+def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
+    """The plan was made without asking for it, and its craft drift too close."""
+    made = Made(plan.controls, plan.certificate.fuel_lower_bound)
+    asked = planned("expert", SCENARIO, made, passive_safety=1.0)
+    assert asked.status == "unsafe"
+    claim = replace(
+        asked.certificate.passive_safety, min_separation=16.0, min_separation_bound=15.9
+    )
+    liar = replace(plan, certificate=replace(plan.certificate, passive_safety=claim))
+    found = said(liar)
+    assert (found.good, found.headline) == (False, "Unsafe")
+    assert any("adrift from" in reason for reason in found.reasons)
+    assert any("passive_safety.min_separation_bound" in reason for reason in found.reasons)
+    endless = replace(claim, orbits=1e12)
+    with pytest.raises(InputError, match="at most 100"):
+        judged(
+            replace(plan, certificate=replace(plan.certificate, passive_safety=endless)), SCENARIO
+        )

@@ -5,6 +5,7 @@ controls are flown by matrix exponentials instead of a closed form, separation i
 curvature instead of Bézier curves, and the fuel's lower bound is HiGHS's, proven by its dual.
 """
 
+from judge.adrift import Adrift, closest_adrift
 from judge.datasets import DatasetReport, judge_dataset
 from judge.fuel import Bound, least_fuel
 from judge.motion import Case, exact_step, fly
@@ -12,11 +13,13 @@ from judge.plans import Report, judge_plan
 from judge.separation import Approaches, closest_approaches
 
 __all__ = [
+    "Adrift",
     "Approaches",
     "Bound",
     "Case",
     "DatasetReport",
     "Report",
+    "closest_adrift",
     "closest_approaches",
     "exact_step",
     "fly",

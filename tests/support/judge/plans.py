@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from judge.adrift import Adrift, closest_adrift, distance_adrift
 from judge.fuel import Bound, least_fuel, least_fuel_of_any_order
 from judge.motion import Case, after, fly
 from judge.separation import closest_approaches, distance_at
@@ -63,6 +64,7 @@ class _Flight:
     fuel: float
     proven: float
     attained: float
+    adrift: Adrift | None = None
 
 
 def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> Report:
@@ -73,6 +75,7 @@ def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> R
         plan: ``states``, ``controls`` and, where they are there, ``times`` and ``certificate``.
             With an ``assignment`` its lower bound is claimed to hold for any order of the goals.
         at_nodes: ask for separation at the nodes only.
+            A plan that claims passive safety is asked for it.
 
     Raises:
         ValueError: where the arrays are not of the scenario's size or not finite.
@@ -93,6 +96,11 @@ def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> R
     ]
     least = least_fuel_of_any_order if plan.get("assignment") else least_fuel
     bound: Bound = least(problem, initial, goal)
+    said = plan.get("certificate", {})
+    claim = said.get("passive_safety")
+    adrift = None
+    if claim is not None and n > 1:
+        adrift = closest_adrift(problem, flown, controls, claim["orbits"])
     flight = _Flight(
         problem,
         goal,
@@ -104,8 +112,8 @@ def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> R
         fuel=float(np.abs(controls).sum()),
         proven=float(bound.proven.sum()),
         attained=float(bound.attained.sum()),
+        adrift=adrift,
     )
-    said = plan.get("certificate", {})
     return Report(
         flight.fuel,
         flight.fuel * problem.step,
@@ -114,7 +122,11 @@ def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> R
         int((near.low <= problem.radius).sum()),
         float(flight.high),
         tuple(_faults(flight, at_nodes=at_nodes)),
-        (*_untrue_states(flight, states, plan.get("times")), *_untrue(flight, states, said)),
+        (
+            *_untrue_states(flight, states, plan.get("times")),
+            *_untrue(flight, states, said),
+            *_untrue_adrift(flight, said),
+        ),
     )
 
 
@@ -132,6 +144,12 @@ def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
         yield f"comes within {problem.radius:g} m at a node"
     elif not at_nodes and flight.low <= problem.radius:
         yield f"comes as close as {flight.high:.6g} m between nodes"
+    if flight.adrift is not None and flight.adrift.distance <= problem.radius:
+        lost = flight.adrift
+        yield (
+            f"craft {lost.lost}, adrift from node {lost.node}, comes as close as "
+            f"{lost.distance:.6g} m to craft {lost.other}"
+        )
     if flight.fuel < flight.proven * (1 - SHARE):
         yield f"burns {flight.fuel:.6g} m/s² where none burns less than {flight.proven:.6g}"
 
@@ -174,6 +192,23 @@ def _untrue(flight: _Flight, states: np.ndarray, said: Mapping) -> Iterator[str]
         found = distance_at(problem, flight.states, flight.controls, tuple(pair), time)
         if abs(found - said["min_separation"]) > ATTAINED:
             yield f"craft {pair[0]} and {pair[1]} are {found:.6g} m apart at {time:.6g} s"
+
+
+def _untrue_adrift(flight: _Flight, said: Mapping) -> Iterator[str]:
+    """What a certificate says of losses of thrust, against what is found."""
+    claim, found = said.get("passive_safety"), flight.adrift
+    if claim is None or found is None:
+        return
+    if abs(claim["min_separation"] - found.distance) > ATTAINED:
+        yield f"adrift, {claim['min_separation']} m are said to be least, found {found.distance}"
+    if claim["min_separation_bound"] > found.distance + METRES:
+        yield f"adrift, {claim['min_separation_bound']} m are said to be proven"
+    who = tuple(claim["pair"]), claim["node"], claim["time"]
+    apart = distance_adrift(flight.problem, flight.states, flight.controls, *who)
+    since = claim["time"] - claim["node"] * flight.problem.step
+    longest = claim["orbits"] * 2 * np.pi / flight.problem.rate
+    if abs(apart - claim["min_separation"]) > ATTAINED or not -1e-6 <= since <= longest + 1e-6:
+        yield f"{who} are {apart:.6g} m apart, {since:.6g} s after the loss"
 
 
 def _about(value: float, share: float) -> tuple[float, float]:

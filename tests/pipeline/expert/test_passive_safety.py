@@ -1,0 +1,162 @@
+"""Plans that stand a loss of thrust, judged by matrix exponentials on a dense grid."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judge import Case, closest_adrift
+from judge.adrift import distance_adrift
+
+from pipeline.errors import InputError
+from pipeline.expert import Settings, solve, solve_many
+from pipeline.expert.cuts import gaps, half_spaces_along
+from pipeline.expert.losses import loss_cuts
+from pipeline.expert.own import own_optima
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import pro_states
+from pipeline.orbit.thrust_loss import loss_encounters
+from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Made, planned
+from pipeline.planners.baselines import BASELINES
+from pipeline.planners.named import check_passive_safety
+from pipeline.scenario import FAMILIES, Scenario, draw
+
+PROBLEM = Problem()
+CASE = Case(PROBLEM.mean_motion, PROBLEM.time_step, PROBLEM.nodes, PROBLEM.collision_radius)
+
+
+def still(*offsets):
+    """Craft at rest along the orbit."""
+    where = np.array(offsets)
+    return pro_states(1e-9, 0.0, np.zeros(len(where)), 0.0, PROBLEM.mean_motion, where)
+
+
+def adrift(plan, orbits=1.0):
+    return closest_adrift(CASE, plan.states, plan.controls, orbits)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_plans_stand_a_loss_of_thrust_where_it_is_asked(family):
+    """The first scenarios of each family that the two ends alone do not forbid."""
+    stood, n = 0, 3 if family == "dense" else 6
+    for index in range(40):
+        scenario = draw(family, 1, n, index, PROBLEM)
+        plan = solve(scenario, settings=Settings(passive_safety=1.0))
+        if plan.status == INFEASIBLE:
+            continue
+        assert plan.status == SOLVED
+        found, said = adrift(plan), plan.certificate.passive_safety
+        assert found.distance > PROBLEM.collision_radius
+        assert said.min_separation == pytest.approx(found.distance, abs=2e-4)
+        assert said.min_separation_bound <= found.distance + 1e-6
+        stood += 1
+        if stood == 2:
+            break
+    assert stood == 2
+
+
+def test_plans_that_are_not_asked_for_it_are_told_as_the_judge_finds_them():
+    """Certified alike, with what is asked left out of the search: some stand a loss, others not."""
+    told = []
+    for family, index in (("rings", 2), ("rings", 0), ("tilt-split", 1), ("coplanar-split", 0)):
+        scenario = draw(family, 1, 6, index, PROBLEM)
+        plan = solve(scenario)
+        assert plan.status == SOLVED and plan.certificate.passive_safety is None
+        made = Made(plan.controls, plan.certificate.fuel_lower_bound)
+        again = planned("expert", scenario, made, passive_safety=1.0)
+        stands = adrift(plan).distance > PROBLEM.collision_radius
+        assert again.status == (SOLVED if stands else UNSAFE)
+        told.append(stands)
+    assert set(told) == {True, False}
+
+
+QUICK = Problem(time_step=10.0, nodes=7)
+"""A minute's transfer: over two minutes craft fly nearly straight on."""
+
+BRAKES = Scenario(QUICK, still(-90.0, 0.0), still(-40.0, 0.0))
+"""Craft 0 goes 50 m in a minute, at 1 m/s in between, and stops 40 m before craft 1."""
+
+
+def test_a_craft_that_must_brake_before_another_does_not_aim_at_it():
+    """At 1 m/s it would be with the other 40 s after it should have stopped."""
+    case, orbits = replace(CASE, step=10.0, nodes=7), 0.02
+    plain = solve(BRAKES)
+    assert plain.status == SOLVED
+    hit = closest_adrift(case, plain.states, plain.controls, orbits)
+    assert (hit.lost, hit.other) == (0, 1)
+    assert hit.distance < PROBLEM.collision_radius
+    assert hit.time == pytest.approx(95.0, abs=5.0)
+    plan = solve(BRAKES, settings=Settings(passive_safety=orbits))
+    assert plan.status == SOLVED
+    missed = closest_adrift(case, plan.states, plan.controls, orbits)
+    assert missed.distance > PROBLEM.collision_radius
+    assert plan.certificate.fuel > plain.certificate.fuel * 1.1
+
+
+def test_a_loss_that_must_hit_is_infeasible_and_named():
+    """Craft 1 is to go where craft 0 stays if it never gets any thrust."""
+    scenario = Scenario(PROBLEM, still(0.0, 100.0), still(200.0, 10.0))
+    assert solve(scenario).status == SOLVED
+    plan = solve(scenario, settings=Settings(passive_safety=1.0))
+    assert plan.status == INFEASIBLE
+    assert "craft 0, adrift from its start, comes within 10 m of craft 1" in plan.message
+    assert "whatever is planned" in plan.message
+    short = solve(scenario, settings=Settings(passive_safety=0.2))
+    assert short.status == SOLVED, "the drift ends before craft 1 arrives"
+    assert adrift(short, 0.2).distance > PROBLEM.collision_radius
+
+
+def test_other_planners_are_judged_by_it():
+    own = next(one for one in BASELINES if one.name == "own LP")
+    assert own.plan([BRAKES])[0].status == SOLVED
+    (plan,) = replace(own, passive_safety=0.02).plan([BRAKES])
+    assert plan.status == UNSAFE
+    assert "craft 0, adrift from node" in plan.message
+    said, case = plan.certificate.passive_safety, replace(CASE, step=10.0, nodes=7)
+    assert said.pair == (0, 1)
+    apart = distance_adrift(case, plan.states, plan.controls, said.pair, said.node, said.time)
+    assert apart == pytest.approx(said.min_separation, abs=1e-6)
+
+
+def test_scenarios_side_by_side_have_the_plans_they_have_alone():
+    settings = Settings(passive_safety=0.5)
+    scenarios = [draw("rings", 2, 6, k, PROBLEM) for k in range(5)]
+    together = solve_many(scenarios, settings=settings)
+    for scenario, plan in zip(scenarios, together, strict=True):
+        alone = solve(scenario, settings=settings)
+        assert alone.status == plan.status
+        assert (alone.controls == plan.controls).all()
+
+
+def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
+    """Any controls that meet both ends, against the positions that they lead to."""
+    rng = np.random.default_rng(0)
+    scenario = draw("dense", 1, 5, 0, PROBLEM)
+    ends = scenario.initial, scenario.goal
+    own = own_optima(*ends, PROBLEM).controls
+    states = fly(scenario.initial, own, PROBLEM)
+    moved = np.ones(5, dtype=bool)
+    found = loss_encounters(states, own, PROBLEM, 1.0, 30.0, moved=moved)
+    cuts = loss_cuts(found, states, PROBLEM)
+    normal = rng.normal(size=(len(cuts), 3))
+    planes = half_spaces_along(cuts, normal, scenario.initial, PROBLEM, 0.0)
+    kinds = {(k == 0, i >= 10) for k, i in zip(found.node, found.interval, strict=True)}
+    assert kinds == {(False, False), (True, False), (False, True)}
+    pushed = own + 1e-4 * rng.normal(size=own.shape)
+    controls = meet_goal(scenario.initial, pushed, scenario.goal, PROBLEM)
+    flown = fly(scenario.initial, controls, PROBLEM)
+    flat = controls.reshape(5, -1)
+    along = np.vecdot(planes.row, flat[cuts.first]) - np.vecdot(planes.other, flat[cuts.second])
+    along -= planes.required
+    assert along == pytest.approx(np.vecdot(normal, gaps(cuts, flown, controls)), abs=1e-6)
+    for k in range(0, len(cuts), 7):
+        who = int(found.lost[k]), int(found.other[k])
+        time = found.interval[k] * PROBLEM.time_step + found.offset[k]
+        apart = distance_adrift(CASE, flown, controls, who, int(found.node[k]), float(time))
+        assert np.linalg.norm(gaps(cuts, flown, controls)[k]) == pytest.approx(apart, abs=1e-5)
+
+
+def test_separation_at_the_nodes_only_is_refused_with_it():
+    check_passive_safety(1.0, "continuous")
+    with pytest.raises(InputError, match="leave one of the two out"):
+        check_passive_safety(1.0, "nodes")
