@@ -73,8 +73,7 @@ warmstart: $(BIN)/prolearn ## experiment 3, with the expert and with a plain SCP
 transfer-times: $(BIN)/prolearn ## experiment 4
 	$(BIN)/prolearn transfer-times --data $(DATA) --resume
 
-PARTS := share trade margin tilt third memory
-ABLATIONS := tuned short $(PARTS:%=no-%) uncrowded
+ABLATIONS := tuned short no-third uncrowded
 ablate: $(BIN)/prolearn ## what each idea of the refiner is worth; then make report
 	for recipe in $(ABLATIONS); do \
 	  $(BIN)/prolearn train --arch refiner --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \

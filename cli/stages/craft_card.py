@@ -40,7 +40,7 @@ def craft_card(
         messages=table(("name", "numbers", "content"), messages),
         steps={name: _interface(name) for name in STEPS},
         T=model.problem.nodes,
-        H=model.config["memory"],
+        H=model.config["message"],
         training=training(version, model),
         measured=by_size(measured),
     )

@@ -20,7 +20,7 @@ from pipeline.dataset.storage.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import WITHOUT
+from pipeline.networks.refiner.ablations import NO_THIRD
 from pipeline.networks.refiner.other_rounds import with_rounds
 from pipeline.planners.network import Flown
 from pipeline.scenario import Scenario
@@ -44,8 +44,8 @@ def register(folder: Path, trained: Trained, on_solved: DatasetInfo) -> Register
         config = {**refiner.config, **sizes}
         torch.manual_seed(seed)
         network: Any = refiner.network(config, trained.model.encoding, 0.0)
-        torch.nn.init.normal_(network.agree.weight, std=0.2)
-        network.leave_out([WITHOUT[recipe]] if recipe in WITHOUT else [])
+        torch.nn.init.normal_(network.offer.weight, std=0.2)
+        network.hears.fill_(float(recipe != NO_THIRD))
         model = Model("refiner", config, recipe, trained.model.encoding, network)
         followed = recipe_for("refiner", recipe)
         record_training(

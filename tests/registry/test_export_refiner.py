@@ -38,7 +38,7 @@ def refiner(
     def export_craft(model: Model, path: Path, about: object) -> ExportedCraft:
         ones = dict.fromkeys(STEPS, 1e-3)
         checked = Checked(swarms=6, ties=1, encounters=29, difference=2e-7, seconds=ones)
-        told = told_each_round(model.config["memory"])
+        told = told_each_round(model.config["message"])
         return ExportedCraft(path, ones, dict.fromkeys(STEPS, "0" * 64), told, checked)
 
     monkeypatch.setattr("cli.stages.export.export_craft", export_craft)

@@ -18,12 +18,7 @@ RULE = "rule"
 LACKS = {
     TUNED: "nothing",
     SHORT: "most epochs",
-    "no-share": "learned shares",
-    "no-trade": "trades",
-    "no-margin": "learned margins",
-    "no-tilt": "tilted planes",
     "no-third": "what other sides say",
-    "no-memory": "memory",
     UNCROWDED: "crowded swarms to learn from",
 }
 """What a refiner lacks, by its recipe; every ablation lacks most epochs, too."""

@@ -30,7 +30,7 @@ def best_of(
 
     A swarm goes on until a round leaves it safe and its fuel next to unchanged.
     """
-    state = start(network, task)
+    state = start(task)
     best, least = state.controls, _safe_fuel(task, state)
     going = torch.ones_like(least, dtype=torch.bool)
     for number in range(count):

@@ -170,8 +170,8 @@ def approach(ends: Float[Tensor, "k 2 6"], share: Float[Tensor, "k"]) -> Approac
     return Approach(share, gap, speed, torch.linalg.vector_norm(gap, dim=1))
 
 
-def directions(found: Approach) -> tuple[Float[Tensor, "k 3"], ...]:
-    """Unit vectors at each encounter: along the gap, along the motion past it, across both.
+def directions(found: Approach) -> tuple[Float[Tensor, "k 3"], Float[Tensor, "k 3"]]:
+    """Unit vectors at each encounter: along the gap, along the motion past it.
 
     Where the two craft touch, the gap's is any across the motion.
     """
@@ -181,7 +181,7 @@ def directions(found: Approach) -> tuple[Float[Tensor, "k 3"], ...]:
     past = speed - (speed * along).sum(dim=1, keepdim=True) * along
     still = torch.linalg.vector_norm(past, dim=1, keepdim=True) < STILL
     motion = unit(torch.where(still, _across(along), past))
-    return along, motion, torch.linalg.cross(along, motion)
+    return along, motion
 
 
 def _across(vector: Float[Tensor, "k 3"]) -> Float[Tensor, "k 3"]:

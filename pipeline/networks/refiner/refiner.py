@@ -20,12 +20,11 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner.ablations import (
     EPOCHS,
+    NO_THIRD,
     SHORT,
     TUNED,
     UNCROWDED,
     UNSAFE,
-    WITHOUT,
-    Part,
 )
 from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.best import best_of, refined
@@ -51,14 +50,14 @@ class Sizes(BaseModel):
 
     Attributes:
         width: of hidden layers.
-        memory: numbers that a side remembers.
+        message: numbers in a message.
         rounds: that an answer takes.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     width: int = Field(ge=1, le=4096, strict=True)
-    memory: int = Field(ge=1, le=4096, strict=True)
+    message: int = Field(ge=1, le=4096, strict=True)
     rounds: int = Field(ge=0, le=1000, strict=True)
 
 
@@ -71,7 +70,7 @@ class Lesson(BaseModel):
         clear: distance beyond r_col up to which an encounter lacks something, r_col.
         earlier: what a round counts for the one after it.
         raised: whether collision radii are raised.
-        without: parts of the network that are left out.
+        third: whether sides hear of the other sides of both craft.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -81,7 +80,7 @@ class Lesson(BaseModel):
     clear: float = 0.008
     earlier: float = 0.5
     raised: bool = True
-    without: tuple[Part, ...] = ()
+    third: bool = True
 
 
 @dataclass(frozen=True)
@@ -90,18 +89,18 @@ class Refiner:
 
     Attributes:
         width: of hidden layers.
-        memory: numbers that a side remembers.
+        message: numbers in a message.
         rounds: that an answer takes.
     """
 
     width: int = 32
-    memory: int = 16
+    message: int = 16
     rounds: int = 8
 
     @property
     def config(self) -> Mapping[str, Any]:
         """Its sizes."""
-        return {"width": self.width, "memory": self.memory, "rounds": self.rounds}
+        return {"width": self.width, "message": self.message, "rounds": self.rounds}
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
@@ -118,11 +117,12 @@ class Refiner:
             "options": _options(),
         }
         short = {**tuned, "epochs": EPOCHS}
-        lacking = {name: _options(without=(part,)) for name, part in WITHOUT.items()}
-        lacking[UNCROWDED] = _options(raised=False)
-        ablations = {name: {**short, "options": options} for name, options in lacking.items()}
-        ablations[UNCROWDED]["crowded"] = 0
-        return {TUNED: tuned, SHORT: short, **ablations}
+        return {
+            TUNED: tuned,
+            SHORT: short,
+            NO_THIRD: {**short, "options": _options(third=False)},
+            UNCROWDED: {**short, "options": _options(raised=False), "crowded": 0},
+        }
 
     @property
     def answers(self) -> Answer:
@@ -137,7 +137,7 @@ class Refiner:
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """The network that the sides of encounters share; it has no dropout."""
         sizes = Sizes.model_validate(dict(config))
-        return Bargain(sizes.width, sizes.memory, sizes.rounds)
+        return Bargain(sizes.width, sizes.message, sizes.rounds)
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
         """Ends, collision radii, and the radii to which these may be raised, m and m/s."""
@@ -155,10 +155,10 @@ class Refiner:
     ) -> Float[Tensor, ""]:
         """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
         lesson, bargain = Lesson.model_validate(dict(recipe.options)), _bargain(network)
-        bargain.leave_out(lesson.without)  # before the first step, and kept with the weights
+        bargain.hears.fill_(float(lesson.third))  # before the first step, kept with the weights
         given = _raised(batch, encoding) if lesson.raised else _as_given(batch, encoding)
         task, terms = begin(_turned(given)), []
-        state = start(bargain, task)
+        state = start(task)
         for number in range(lesson.rounds):
             state = play(bargain, task, state, number)
             lack = lesson.violation * _lack(task, state, 1 + lesson.clear)
@@ -166,7 +166,7 @@ class Refiner:
             terms.append(torch.log(_ratio(task, state.controls) + lack).mean())
         weight = torch.tensor([lesson.earlier**k for k in reversed(range(len(terms)))])
         mean = (torch.stack(terms) * weight.to(lack)).sum() / weight.sum()
-        return mean + 0.0 * bargain.agree.bias.sum()  # a gradient also where nobody meets
+        return mean + 0.0 * bargain.offer.weight.sum()  # a gradient also where nobody meets
 
     def score(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe

@@ -3,7 +3,7 @@
 A plane stands between the two craft of an encounter at its closest approach, and moves: where it
 must move by δ to keep them r_col apart, the first craft gives way by w δ and the second by the
 rest. Without learning, w follows the prices, so that the craft to which it is cheaper gives way,
-or gets back less. What is learned is a change of w, a trade, a margin and a tilt of the plane.
+or gets back less. What is learned is a trade: what the first gives way beyond its share.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pipeline.networks.least_fuel import least_fuel
-from pipeline.networks.refiner.bargain import MARGIN, Bargain, Terms
+from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.encounters import (
     Approach,
     Encounters,
@@ -23,7 +23,6 @@ from pipeline.networks.refiner.encounters import (
     directions,
     look,
     plane_rows,
-    unit,
 )
 from pipeline.networks.refiner.grid import Grid, grid_of, in_units
 from pipeline.networks.refiner.program import Own, optimum, own_tableau
@@ -39,6 +38,9 @@ NEAR_OF_EXTENT = 0.15
 
 WATCHED = 1.3
 """Distance in r_col within which a pair gets a plane."""
+
+MARGIN = 0.2 / 15
+"""Separation beyond r_col that is asked for, in r_col."""
 
 SHARPNESS = 4.0
 """Power of the other's price by which a craft gives way."""
@@ -82,12 +84,10 @@ class Known:
     Attributes:
         first_price: what the first unit costs either craft, (E, 2); 0 where it was not asked yet.
         price: of the plane in the round before, (E, 2).
-        memory: of the network, (E, 2, H).
     """
 
     first_price: Float[Tensor, "E 2"]
     price: Float[Tensor, "E 2"]
-    memory: Float[Tensor, "E 2 H"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +127,11 @@ def begin(swarms: Swarms) -> Task:
     return Task(grid, n, initial, own, met)
 
 
-def start(network: Bargain | None, task: Task) -> State:
+def start(task: Task) -> State:
     """The own optima, before anybody has met."""
-    width = 0 if network is None else network.memory
-    count, controls = len(task.met.first), task.own.controls
-    nothing = controls.new_zeros(count, 2)
-    memory = controls.new_zeros(count, 2, width, dtype=torch.float32)
-    return _state(task, controls, Known(nothing, nothing, memory))
+    controls = task.own.controls
+    nothing = controls.new_zeros(len(task.met.first), 2)
+    return _state(task, controls, Known(nothing, nothing))
 
 
 def play(
@@ -157,25 +155,21 @@ def play(
     if among is not None:
         live &= among[task.met.first // task.n]
     which = live.nonzero()[:, 0]
-    if len(which) == 0:
+    # With three nodes the goal determines all controls, and nobody can give way.
+    if len(which) == 0 or task.own.others.shape[1] == 0:
         return state
     met, found = state.approaches(task, which)
-    along, motion, across = directions(found)
+    along, motion = directions(found)
     row = plane_rows(met, found.share, along, task.grid.nodes)
     known = _with_first_prices(task, state.known, which, row.detach())
     meeting = Meeting(
         met, found, along, motion, row, known.price[which], known.first_price[which], number
     )
-    sides, terms = sides_of(met.craft), None
+    sides, trade = sides_of(met.craft), None
     if network is not None:
-        terms = network(
-            seen(meeting, task.own, state.controls, task.grid),
-            known.memory.index_select(0, which),
-            sides,
-            likeness(row, sides, task.grid),
-        )
-        known = replace(known, memory=known.memory.index_copy(0, which, terms.memory))
-    gain, give = planes(task.grid, meeting, across, terms)
+        sight = seen(meeting, task.own, state.controls, task.grid)
+        trade = network(sight, sides, likeness(row, sides, task.grid))
+    gain, give = planes(task.grid, meeting, trade)
     theirs = state.controls.index_select(0, met.craft.reshape(-1)).reshape(gain.shape)
     asked = (gain * theirs).sum(dim=2) + give
     own = task.own.of(sides.craft)
@@ -191,21 +185,14 @@ def _state(task: Task, controls: Float[Tensor, "N m"], known: Known) -> State:
 
 
 def planes(
-    grid: Grid, meeting: Meeting, across: Float[Tensor, "L 3"], terms: Terms | None
+    grid: Grid, meeting: Meeting, trade: Float[Tensor, "L"] | None
 ) -> tuple[Float[Tensor, "L 2 m"], Float[Tensor, "L 2"]]:
     """What each side's controls gain in separation, and by how much either craft is to give way."""
-    found, normal, row = meeting.found, meeting.along, meeting.row
-    logit = trade = torch.zeros_like(found.distance)
-    margin = torch.full_like(found.distance, MARGIN)
-    if terms is not None:
-        tilt = terms.tilt.to(row.dtype)
-        normal = unit(normal + tilt[:, :1] * meeting.motion + tilt[:, 1:] * across)
-        row = plane_rows(meeting.met, found.share, normal, grid.nodes)
-        logit, trade, margin = (x.to(row.dtype) for x in (terms.share, terms.trade, terms.margin))
-    needed = 1 + margin - (found.gap * normal).sum(dim=1)
-    usual = _usual_share(needed, meeting.price, meeting.first_price)
-    first = torch.sigmoid(usual + logit) * needed + trade
-    gain = row @ grid.reach
+    needed = 1 + MARGIN - (meeting.found.gap * meeting.along).sum(dim=1)
+    first = torch.sigmoid(_usual_share(needed, meeting.price, meeting.first_price)) * needed
+    if trade is not None:
+        first = first + trade.to(first.dtype)
+    gain = meeting.row @ grid.reach
     return torch.stack([gain, -gain], dim=1), torch.stack([first, needed - first], dim=1)
 
 

@@ -134,7 +134,7 @@ def _by_files(
 ) -> Float[Array, "_ n m"]:
     """Controls before and after each round, m/s²."""
     network, radius = _bargain(model), model.problem.collision_radius
-    found = fly_rounds(run, initial, goal, radius, memory=network.memory, rounds=network.rounds)
+    found = fly_rounds(run, initial, goal, radius, rounds=network.rounds)
     return np.stack(list(found))
 
 
@@ -144,7 +144,7 @@ def together(
 ) -> Float[Array, "_ n m"]:
     """The same of the whole swarm at once, by torch."""
     task = begin(swarms(problem, initial[None], goal[None]))
-    state = start(network, task)
+    state = start(task)
     controls = [state.controls]
     for number in range(network.rounds):
         state = play(network, task, state, number)

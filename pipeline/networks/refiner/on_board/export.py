@@ -66,7 +66,7 @@ def export_craft(
         made = {name: Path(temporary) / f"{name}.onnx" for name in STEPS}
         for name, step in STEPS.items():
             described = {"schema": SCHEMA, "step": name, "tells": step.tells, **(about or {})}
-            _write(step(network, model.problem), network.memory, made[name], described)
+            _write(step(network, model.problem), network.message, made[name], described)
         checked = check(made, model)
         content = {name: path.read_bytes() for name, path in made.items()}
     for name, graph in content.items():
@@ -74,12 +74,12 @@ def export_craft(
             path.write_bytes(graph)
     kib = {name: len(graph) / 1024 for name, graph in content.items()}
     digests = {name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()}
-    return ExportedCraft(folder, kib, digests, told_each_round(network.memory), checked)
+    return ExportedCraft(folder, kib, digests, told_each_round(network.message), checked)
 
 
-def _write(step: Step, memory: int, path: Path, about: Mapping[str, Any]) -> None:
+def _write(step: Step, message: int, path: Path, about: Mapping[str, Any]) -> None:
     """The file of a step."""
-    sizes = sizes_of(step.problem.nodes, memory, ANY["P"], ANY["Q"])
+    sizes = sizes_of(step.problem.nodes, message, ANY["P"], ANY["Q"])
     inputs, gives = takes(type(step)), outputs(type(step))
     axes = {
         name: [letter if letter in ANY else None for letter in value(name).shape]

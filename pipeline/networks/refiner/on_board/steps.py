@@ -2,7 +2,7 @@
 
 ``Begin`` and ``Meet`` come once a transfer; ``Look``, ``Speak``, ``Listen`` and ``Settle`` are a
 round. All encounters of the craft, P in all, stay in their places over the rounds; those that are
-not live get no plane, what is remembered of them stays, and of them only ``Settle`` tells anything.
+not live get no plane, and of them only ``Settle`` tells anything.
 The formulas are those of ``rounds``, ``seen`` and ``bargain``, of which a craft runs its own side:
 it is the first craft of each pair.
 """
@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Bool, Float, Float32, Int
 from torch import Tensor, nn
 
-from pipeline.networks.refiner.bargain import Bargain
+from pipeline.networks.refiner.bargain import Bargain, trade_of
 from pipeline.networks.refiner.encounters import (
     Approach,
     Encounters,
@@ -51,7 +51,6 @@ class Scene:
         found: their closest approaches.
         along: unit vector along the gap, (P, 3).
         motion: along the motion past it, (P, 3).
-        across: across both, (P, 3).
         row: plane along the gap, over the states of all nodes, (P, 6T).
     """
 
@@ -59,7 +58,6 @@ class Scene:
     found: Approach
     along: Float[Tensor, "P 3"]
     motion: Float[Tensor, "P 3"]
-    across: Float[Tensor, "P 3"]
     row: Float[Tensor, "P _"]
 
     def meeting(
@@ -126,9 +124,9 @@ class Step(nn.Module):
         """The encounters."""
         ends = self.scaled(nodes, r_col) - self.scaled(told_nodes, r_col)
         found, here = approach(ends, nearest(ends)), torch.zeros_like(interval)
-        met, (along, motion, across) = Encounters(here, here + 1, interval), directions(found)
+        met, (along, motion) = Encounters(here, here + 1, interval), directions(found)
         row = plane_rows(met, found.share, along, self.grid.nodes)
-        return Scene(met, found, along, motion, across, row)
+        return Scene(met, found, along, motion, row)
 
 
 class Begin(Step):
@@ -217,46 +215,38 @@ class Speak(Step):
         told_first_price: Float[Tensor, "P"],
         standing: Float[Tensor, "P 3"],
         told_standing: Float[Tensor, "P 3"],
-        memory: Float32[Tensor, "P H"],
-        told_memory: Float32[Tensor, "P H"],
     ) -> tuple[Tensor, ...]:
         """What is said, (P, H), and heard, (P, 2H)."""
-        *_, third, remembered = self.network.uses.unbind()
         scene = self.scene(interval, nodes, told_nodes, r_col)
         prices = torch.stack([price, told_price], dim=1)
         first_prices = torch.stack([first_price, told_first_price], dim=1)
         both = Standing(*torch.stack([standing, told_standing], dim=1).unbind(dim=2))
         seen = features(scene.meeting(prices, first_prices, number), both, self.grid)
         seen = torch.where(live[:, None, None], seen, 0.0)
-        sides = (seen[:, 0], remembered * memory, seen[:, 1], remembered * told_memory)
-        said = self.network.read(torch.cat(sides, dim=1))
+        said = self.network.read(seen.flatten(1))
         told = torch.where(live[:, None], self.network.tell(said), 0.0)
         free = free_directions(scene.row, self.grid)
         every = told.sum(dim=0).expand(told.shape)
-        return said, third * torch.cat([free @ free.T @ told, every], dim=1)
+        return said, self.network.hears * torch.cat([free @ free.T @ told, every], dim=1)
 
 
 class Listen(Step):
-    """What is remembered, after hearing what the other craft has heard."""
+    """What the craft offers, after hearing what the other one has heard."""
 
-    gives, tells = ("memory",), ("memory",)
+    gives, tells = ("offer",), ("offer",)
 
     def forward(
         self,
-        live: Bool[Tensor, "P"],
         said: Float32[Tensor, "P H"],
         heard: Float32[Tensor, "P _"],
         told_heard: Float32[Tensor, "P _"],
-        memory: Float32[Tensor, "P H"],
     ) -> tuple[Tensor, ...]:
-        """Memory (P, H)."""
-        *_, remembered = self.network.uses.unbind()
-        more = self.network.weigh(torch.cat([said, heard, told_heard], dim=1))
-        return (torch.where(live[:, None], remembered * memory + more, memory),)
+        """Offers (P,)."""
+        return (self.network.offers(said, torch.cat([heard, told_heard], dim=1)),)
 
 
 class Settle(Step):
-    """The terms that both sides find by themselves, and the craft's own program under them."""
+    """The trade that both sides find by themselves, and the craft's own program under it."""
 
     gives, tells = ("controls", "nodes", "price"), ("nodes", "price")
     tells_all = True
@@ -275,23 +265,23 @@ class Settle(Step):
         told_price: Float[Tensor, "P"],
         first_price: Float[Tensor, "P"],
         told_first_price: Float[Tensor, "P"],
-        memory: Float32[Tensor, "P H"],
-        told_memory: Float32[Tensor, "P H"],
+        offer: Float32[Tensor, "P"],
+        told_offer: Float32[Tensor, "P"],
     ) -> tuple[Tensor, ...]:
         """Controls (m,), states at the encounters' nodes (P, 2, 6), prices of the planes (P,)."""
         scene = self.scene(interval, nodes, told_nodes, r_col)
-        terms = self.network.agreed(torch.stack([memory, told_memory], dim=1))
         prices = torch.stack([price, told_price], dim=1)
         first_prices = torch.stack([first_price, told_first_price], dim=1)
         meeting = scene.meeting(prices, first_prices, 0)  # of which round makes no difference here
-        gain, give = (both[:, 0] for both in planes(self.grid, meeting, scene.across, terms))
+        found = planes(self.grid, meeting, trade_of(offer, told_offer))
+        gain, give = (both[:, 0] for both in found)
         now = controls / self.acceleration(r_col)
         own = self.own(initial, goal, r_col)
-        found, paid = solve_one(own, gain, gain @ now + give, live)
-        found = torch.where(live.any(), found, now)
-        states = self.fly(initial, found, r_col)
+        best, paid = solve_one(own, gain, gain @ now + give, live)
+        best = torch.where(live.any(), best, now)
+        states = self.fly(initial, best, r_col)
         both = torch.stack([states[interval], states[interval + 1]], dim=1)
-        return found * self.acceleration(r_col), both, paid
+        return best * self.acceleration(r_col), both, paid
 
 
 ROUND: Mapping[str, type[Step]] = {
@@ -316,8 +306,8 @@ def outputs(step: type[Step]) -> tuple[str, ...]:
     return tuple(NEW + name if name in takes(step) else name for name in step.gives)
 
 
-def told_each_round(memory: int) -> dict[str, int]:
+def told_each_round(message: int) -> dict[str, int]:
     """How many numbers a craft tells in a round for each live encounter, by name."""
-    sizes = sizes_of(0, memory, 1, 1)
+    sizes = sizes_of(0, message, 1, 1)
     names = [name for step in ROUND.values() for name in step.tells]
     return {name: prod(VALUES[name].sized(sizes)) for name in names}

@@ -41,7 +41,6 @@ def fly_rounds(
     goal: Float[Array, "n 6"],
     r_col: float,
     *,
-    memory: int,
     rounds: int,
 ) -> Iterator[Float[Array, "n m"]]:
     """Controls of all craft, m/s²: the own optima, and after each round.
@@ -51,7 +50,6 @@ def fly_rounds(
         initial: m and m/s.
         goal: m and m/s.
         r_col: collision radius, m.
-        memory: numbers that the network remembers.
         rounds: how many.
     """
     swarm: list[Known] = [
@@ -60,8 +58,8 @@ def fly_rounds(
     ]
     for craft in swarm:
         craft.update(run("begin", craft))
-    sides = _met(run, swarm, memory)
-    _tell(swarm, sides, ("nodes", "price", "memory"))
+    sides = _met(run, swarm)
+    _tell(swarm, sides, ("nodes", "price"))
     yield np.stack([craft["controls"] for craft in swarm])
     for number in range(rounds):
         for name, step in ROUND.items():
@@ -74,7 +72,7 @@ def fly_rounds(
         yield np.stack([craft["controls"] for craft in swarm])
 
 
-def _met(run: Run, swarm: Sequence[Known], memory: int) -> list[Side]:
+def _met(run: Run, swarm: Sequence[Known]) -> list[Side]:
     """The sides of all encounters; every craft writes down its own."""
     others = [[j for j in range(len(swarm)) if j != k] for k in range(len(swarm))]
     places: dict[tuple[int, int, int], int] = {}
@@ -87,7 +85,6 @@ def _met(run: Run, swarm: Sequence[Known], memory: int) -> list[Side]:
         craft["interval"] = interval
         craft["nodes"] = np.stack([states[interval], states[interval + 1]], axis=1)
         craft["price"], craft["first_price"] = np.zeros((2, count))
-        craft["memory"] = np.zeros((count, memory), np.float32)
     return [Side(k, place, j, places[j, k, t]) for (k, j, t), place in places.items()]
 
 

@@ -21,7 +21,7 @@ class Value:
 
     Attributes:
         shape: sizes; by letter where they differ: T nodes, m = 3(T-1) controls, P encounters, Q
-            other craft, H numbers that the network remembers.
+            other craft, H numbers of a message.
         what: unit and meaning.
         dtype: its type.
     """
@@ -60,7 +60,7 @@ VALUES: Mapping[str, Value] = {
         ("P", 3),
         "number of live encounters, sum of their prices, fuel over the own optimum (r_col/Δt²)",
     ),
-    "memory": Value(("P", "H"), "what the network remembers", FLOAT),
+    "offer": Value(("P",), "what the craft offers", FLOAT),
     "said": Value(("P", "H"), "what it makes of both sides", FLOAT),
     "heard": Value(("P", "2H"), "what came of this craft's other encounters", FLOAT),
 }
@@ -76,8 +76,8 @@ def value(name: str) -> Value:
     return replace(VALUES[own], what=f"`{own}` of the other side")
 
 
-def sizes_of(nodes: int, memory: int, encounters: int, others: int) -> dict[str, int]:
+def sizes_of(nodes: int, message: int, encounters: int, others: int) -> dict[str, int]:
     """The letters of shapes in numbers."""
     m = 3 * (nodes - 1)
-    letters = {"T": nodes, "m": m, "T-1": nodes - 1, "H": memory, "2H": 2 * memory}
+    letters = {"T": nodes, "m": m, "T-1": nodes - 1, "H": message, "2H": 2 * message}
     return {**letters, "P": encounters, "Q": others}

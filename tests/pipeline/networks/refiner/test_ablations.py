@@ -10,8 +10,7 @@ from pipeline.dataset.reading.examples import Examples
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
-from pipeline.networks.refiner.ablations import ABLATIONS, PARTS, WITHOUT
-from pipeline.networks.refiner.bargain import FEATURES
+from pipeline.networks.refiner.ablations import ABLATIONS
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.training.loop import train
@@ -34,7 +33,7 @@ def network():
     """A network that has learned something at random, so that it bargains in earnest."""
     torch.manual_seed(0)
     made = REFINER.network(SIZES, ENCODING, 0.0)
-    torch.nn.init.normal_(made.agree.weight, std=0.2)
+    torch.nn.init.normal_(made.offer.weight, std=0.2)
     return made
 
 
@@ -42,50 +41,30 @@ def answer(made):
     return Model("refiner", SIZES, "tuned", ENCODING, made).answer(INITIAL, GOAL, 15.0)
 
 
-def changed(made, part):
-    """The same network with other weights of one part."""
+def changed(made):
+    """The same network with other weights of what sides tell of a craft's other encounters."""
     with torch.no_grad():
-        if part == "third":
-            made.tell.weight += 0.3
-            made.tell.bias += 0.3
-        elif part == "memory":
-            for first in (FEATURES, 2 * FEATURES + made.memory):
-                made.read[0].weight[:, first : first + made.memory] += 0.3
-        else:
-            rows = {"share": [0], "trade": [1], "margin": [2], "tilt": [3, 4]}[part]
-            made.agree.weight[rows] += 0.3
-            made.agree.bias[rows] += 0.3
+        made.tell.weight += 0.3
+        made.tell.bias += 0.3
     return made
 
 
-@pytest.mark.parametrize("part", PARTS)
-def test_the_weights_of_a_part_count_until_it_is_left_out(part):
-    assert not np.array_equal(answer(changed(network(), part)), answer(network()))
-    lacking = [network(), changed(network(), part)]
+def test_what_third_sides_say_counts_until_it_is_left_out():
+    assert not np.array_equal(answer(changed(network())), answer(network()))
+    lacking = [network(), changed(network())]
     for made in lacking:
-        made.leave_out([part])
+        made.hears.fill_(0)
     assert np.array_equal(*map(answer, lacking))
-    others = [other for other in PARTS if other != part]
-    for other in others:
-        made = changed(network(), other)
-        made.leave_out([part])
-        assert not np.array_equal(answer(made), answer(lacking[0])), f"{other} is still there"
-
-
-def test_a_network_without_any_part_but_messages_goes_by_the_rule_alone():
-    made = network()
-    made.leave_out(["share", "trade", "margin", "tilt"])
-    untrained = REFINER.network(SIZES, ENCODING, 0.0)
-    assert np.array_equal(answer(made), answer(untrained))
+    assert not np.array_equal(answer(lacking[0]), answer(network()))
 
 
 def test_what_is_left_out_is_stored_with_the_weights(tmp_path):
     made = network()
-    made.leave_out(["trade", "memory"])
+    made.hears.fill_(0)
     before = answer(made)
     save(Model("refiner", SIZES, "tuned", ENCODING, made), tmp_path)
     again = load(tmp_path)
-    assert again.network.uses.tolist() == [1, 0, 1, 1, 1, 0]
+    assert again.network.hears == 0
     assert np.array_equal(again.answer(INITIAL, GOAL, 15.0), before)
 
 
@@ -94,10 +73,10 @@ def test_training_leaves_a_part_out_of_what_is_scored_and_kept(averaging):
     data, held = (Examples(PROBLEM, INITIAL[k], GOAL[k]) for k in (slice(3), slice(3, 4)))
     recipe = replace(recipe_for("refiner", "no-third"), averaging=averaging, batch_size=2)
     found = train("refiner", recipe, data, held, device="cpu", epochs=1).model
-    assert found.network.uses.tolist() == [1, 1, 1, 1, 0, 1]
-    assert found.network.agree.weight.any(), "something was learned"
+    assert found.network.hears == 0
+    assert found.network.offer.weight.any(), "something was learned"
     before = found.answer(INITIAL, GOAL, 15.0)
-    changed(found.network, "third")
+    changed(found.network)
     assert np.array_equal(found.answer(INITIAL, GOAL, 15.0), before)
 
 
@@ -112,7 +91,4 @@ def test_an_ablation_is_the_short_recipe_but_for_one_option():
         assert replace(short, name=name, options=recipe.options, crowded=crowded) == recipe
         ((option, value),) = ((k, v) for k, v in recipe.options.items() if v != short.options[k])
         lacking.append((name, option, value))
-    assert lacking == [(f"no-{part}", "without", [part]) for part in PARTS] + [
-        ("uncrowded", "raised", False)
-    ]
-    assert set(WITHOUT.values()) == set(PARTS)
+    assert lacking == [("no-third", "third", False), ("uncrowded", "raised", False)]

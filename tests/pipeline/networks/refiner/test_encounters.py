@@ -128,8 +128,7 @@ def test_a_wide_swarm_is_looked_at_further_out_than_a_narrow_one_beside_it():
 def test_a_plane_s_row_gives_the_gap_along_its_normal():
     met = candidates(SCALED, N, 5.0)
     found = approach(met.relative(SCALED), look(met, SCALED).share)
-    along, motion, across = directions(found)
-    for normal in (along, motion, across):
+    for normal in directions(found):
         row = plane_rows(met, found.share, normal, PROBLEM.nodes)
         flat = SCALED.reshape(len(STATES), -1)
         gap = (row * (flat[met.first] - flat[met.second])).sum(dim=1)
@@ -145,9 +144,9 @@ def test_directions_are_orthogonal_even_where_craft_touch_or_stand_still():
     ends[1, :, 0] = 2.0  # stands still
     ends[2] = torch.randn(2, 6)
     found = approach(ends, torch.full((3,), 0.5, dtype=torch.float64))
-    three = torch.stack(directions(found), dim=1)
-    eye = torch.eye(3, dtype=torch.float64).expand(3, 3, 3)
-    assert (three @ three.mT).numpy() == pytest.approx(eye.numpy(), abs=1e-9)
+    both = torch.stack(directions(found), dim=1)
+    eye = torch.eye(2, dtype=torch.float64).expand(3, 2, 2)
+    assert (both @ both.mT).numpy() == pytest.approx(eye.numpy(), abs=1e-9)
     assert found.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert found.distance[1] == pytest.approx(2.0)
 

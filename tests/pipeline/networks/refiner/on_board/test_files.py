@@ -45,7 +45,7 @@ def model():
     refiner = find("refiner")
     encoding = Encoding(PROBLEM, 10, "line", "offset", (1.0,) * 6, (1.0,) * 6)
     made = refiner.network(refiner.config, encoding, 0.0)
-    torch.nn.init.normal_(made.agree.weight, std=0.05)
+    torch.nn.init.normal_(made.offer.weight, std=0.05)
     return Model("refiner", refiner.config, "tuned", encoding, made)
 
 
@@ -68,7 +68,7 @@ def flown(exported, ends):
         return found
 
     # One round more, of which only the look at the last controls counts.
-    found = list(fly_rounds(noting, *ends, RADIUS, memory=MEMORY, rounds=ROUNDS + 1))
+    found = list(fly_rounds(noting, *ends, RADIUS, rounds=ROUNDS + 1))
     return np.stack(found[:-1]), near >= SAFE * RADIUS, counts
 
 
@@ -125,7 +125,7 @@ def test_the_files_say_by_name_what_goes_in_and_out(exported):
 
 def test_files_of_other_weights_are_found_out(model, exported):
     other = find("refiner").network(model.config, model.encoding, 0.0)
-    torch.nn.init.normal_(other.agree.weight, std=0.05)
+    torch.nn.init.normal_(other.offer.weight, std=0.05)
     files = {name: exported.folder / f"{name}.onnx" for name in STEPS}
     with pytest.raises(ProlearnError, match="controls differ from torch's by"):
         check(files, replace(model, network=other))

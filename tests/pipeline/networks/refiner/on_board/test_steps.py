@@ -33,7 +33,7 @@ def network(spread):
     torch.manual_seed(0)
     encoding = Encoding(PROBLEM, 10, "line", "offset", (1.0,) * 6, (1.0,) * 6)
     made = REFINER.network(REFINER.config, encoding, 0.0)
-    torch.nn.init.normal_(made.agree.weight, std=spread)
+    torch.nn.init.normal_(made.offer.weight, std=spread)
     return made.eval().requires_grad_(False)
 
 
@@ -51,9 +51,7 @@ def by_craft(made, initial, goal, count=8):
         found = steps[name](*given)
         return dict(zip(STEPS[name].gives, (one.numpy() for one in found), strict=True))
 
-    flown = fly_rounds(
-        run, initial, goal, PROBLEM.collision_radius, memory=made.memory, rounds=count
-    )
+    flown = fly_rounds(run, initial, goal, PROBLEM.collision_radius, rounds=count)
     return np.stack(list(flown))
 
 
@@ -153,12 +151,12 @@ def test_the_own_optimum_that_a_craft_looks_up_is_the_swarm_s():
             assert own.cost.numpy() == pytest.approx(same.cost.numpy(), abs=1e-7)
 
 
-def test_a_craft_tells_65_numbers_for_each_live_encounter_in_a_round():
+def test_a_craft_tells_50_numbers_for_each_live_encounter_in_a_round():
     """As many as a swarm really exchanges, where a name is told by every step that says so."""
-    told = told_each_round(REFINER.config["memory"])
-    looks, network_tells = {"first_price": 1, "standing": 3}, {"heard": 32, "memory": 16}
+    told = told_each_round(REFINER.config["message"])
+    looks, network_tells = {"first_price": 1, "standing": 3}, {"heard": 32, "offer": 1}
     assert told == {**looks, **network_tells, "nodes": 12, "price": 1}
-    assert sum(told.values()) == 17 + 3 * REFINER.config["memory"] == 65
+    assert sum(told.values()) == 18 + 2 * REFINER.config["message"] == 50
     seen = {}
     made, (initial, goal) = network(0.05), drawn("dense", 4, 0)
 
@@ -170,5 +168,5 @@ def test_a_craft_tells_65_numbers_for_each_live_encounter_in_a_round():
             seen.update({one: prod(given[one].shape[1:]) for one in step.tells})
         return given
 
-    list(fly_rounds(run, initial, goal, 15.0, memory=made.memory, rounds=1))
+    list(fly_rounds(run, initial, goal, 15.0, rounds=1))
     assert seen == told
