@@ -13,7 +13,7 @@ REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart transfer-times ablate report paper ui test lint bench docs clean
+.PHONY: help demo dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test lint bench docs clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -38,6 +38,7 @@ demo: $(BIN)/prolearn ## the whole line at small scale: dataset, seven networks,
 	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
 	$(BIN)/prolearn warmstart --data data/demo --optimizer plain --trials 4
 	$(BIN)/prolearn transfer-times --data data/demo --nodes 6,11,21 --trials 10
+	$(BIN)/prolearn flights --data data/demo --trials 5 --flights 4 --jobs $(JOBS)
 	$(BIN)/prolearn report --out reports
 	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
 
@@ -73,6 +74,9 @@ warmstart: $(BIN)/prolearn ## experiment 3, with the expert and with a plain SCP
 transfer-times: $(BIN)/prolearn ## experiment 4
 	$(BIN)/prolearn transfer-times --data $(DATA) --resume
 
+flights: $(BIN)/prolearn ## experiment 5
+	$(BIN)/prolearn flights --data $(DATA) --jobs $(JOBS) --resume
+
 PARTS := share trade margin tilt third memory
 ABLATIONS := tuned short $(PARTS:%=no-%) uncrowded
 ablate: $(BIN)/prolearn ## what each idea of the refiner is worth; then make report
@@ -84,7 +88,7 @@ ablate: $(BIN)/prolearn ## what each idea of the refiner is worth; then make rep
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports
 
-paper: dataset train-all evaluate warmstart transfer-times report ## the whole paper: what is done stays done; SEEDS=3 trains each network thrice
+paper: dataset train-all evaluate warmstart transfer-times flights report ## the whole paper: what is done stays done; SEEDS=3 trains each network thrice
 
 ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/python -c 'from registry.store import connect; connect()'

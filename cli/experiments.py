@@ -174,6 +174,54 @@ def transfer_times(
     _done("Transfer times done", outcome, as_json=as_json)
 
 
+def flights(
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Networks that answer on any time grid, such as refiner,lstm2; by default the "
+            "newest refiners trained on the data.",
+            show_default=False,
+        ),
+    ] = None,
+    data: Data = "data/paper",
+    n: Annotated[int, typer.Option("--n", help="Swarm size.")] = 10,
+    trials: Annotated[int, typer.Option(help="Most scenarios.")] = 100,
+    flights: Annotated[
+        int, typer.Option(help="Flights of each scenario, each with other errors.")
+    ] = 10,
+    seed: Annotated[int, typer.Option(help="Root seed of the errors.")] = 0,
+    jobs: Annotated[int, typer.Option(help="Processes; -1 for one a core.")] = -1,
+    resume: Resume = False,
+    as_json: AsJson = False,
+) -> None:
+    """Experiment 5: what flies.
+
+    Plans of expert, networks and baselines are flown in the linear model and about an oblate
+    Earth, without and with errors of thrust and navigation: as they are, made anew at every node,
+    and with margin. The expert makes a network's plans safe where they are not.
+
+    Examples:
+
+        prolearn flights
+        prolearn flights --n 10 --trials 20 --flights 5 --seed 1
+    """
+    from cli.stages.flights import flights as run
+
+    with beside(as_json), progress("flying") as shown:
+        outcome = run(
+            name_list(models),
+            data,
+            n=n,
+            trials=trials,
+            flights=flights,
+            seed=seed,
+            jobs=jobs,
+            resume=resume,
+            progress=shown,
+        )
+    _done("Flights done", outcome, as_json=as_json)
+
+
 def ablate(
     models: Annotated[
         str | None,
@@ -231,8 +279,8 @@ def report(
     """Write tables, figures and the report of an evaluation.
 
     Warm starts, transfer times and trainings go in where they are of the same models on the same
-    data, ablations where they are on the same data; the report says what is missing or was made
-    with other versions.
+    data, flights and ablations where they are on the same data; the report says what is missing
+    or was made with other versions.
 
     Examples:
 

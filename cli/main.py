@@ -42,7 +42,7 @@ ORDER = (
     *("scenario", "plan", "fly", "tradeoff", "show", "convert"),
     *("sample", "solve", "dataset", "verify"),
     *("train", "tune", "models"),
-    *("evaluate", "warmstart", "transfer-times", "ablate", "report"),
+    *("evaluate", "warmstart", "transfer-times", "flights", "ablate", "report"),
 )
 """Commands as the help has them; Typer would put those that have subcommands last."""
 
@@ -115,5 +115,6 @@ app.add_typer(models.app, name="models", rich_help_panel=NETWORKS)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.evaluate)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.warmstart)
 app.command(name="transfer-times", rich_help_panel=EXPERIMENTS)(experiments.transfer_times)
+app.command(rich_help_panel=EXPERIMENTS)(experiments.flights)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.ablate)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.report)

@@ -23,8 +23,9 @@ MADE_WITH = "made_with"
 TRAINED_BY = ("orbit", "scenario", "networks", "training"), ("numpy", "torch")
 EVALUATED_BY = (
     (
-        *("orbit", "scenario", "plan", "expert", "networks", "planners", "experiments/trials.py"),
-        *("experiments/*/run.py", "experiments/experiment3/rows.py"),
+        *("orbit", "scenario", "plan", "expert", "networks", "planners", "flight"),
+        *("experiments/trials.py", "experiments/*/run.py"),
+        *("experiments/experiment3/rows.py", "experiments/experiment5/rows.py"),
     ),
     ("numpy", "scipy", "clarabel", "torch"),
 )

@@ -66,7 +66,7 @@ def earlier_run(
     """The newest finished run of an experiment, where it had these parameters and versions.
 
     Args:
-        experiment: EVALUATION, WARMSTART, TRANSFER_TIMES or ABLATIONS.
+        experiment: of EXPERIMENTS but TRAINING.
         params: settings.
         kind: those of the settings that tell kinds of runs apart: the newest run of the same kind
             is looked at.
@@ -99,7 +99,7 @@ def record(
     """Record what came of an experiment and return the id of its run.
 
     Args:
-        experiment: EVALUATION, WARMSTART, TRANSFER_TIMES or ABLATIONS.
+        experiment: of EXPERIMENTS but TRAINING.
         table: a row for each trial.
         params: settings.
         files: a folder whose content becomes the run's artifacts ``files/``.
@@ -128,7 +128,7 @@ def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | No
     """The newest finished run of an experiment, or None.
 
     Args:
-        experiment: EVALUATION, WARMSTART, TRANSFER_TIMES or ABLATIONS.
+        experiment: of EXPERIMENTS but TRAINING.
         having: parameters that the run must have, such as the optimizer of WARMSTART.
 
     Raises:

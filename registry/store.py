@@ -27,8 +27,9 @@ TRAINING = "prolearn-training"
 EVALUATION = "prolearn-evaluation"
 WARMSTART = "prolearn-warmstart"
 TRANSFER_TIMES = "prolearn-transfer-times"
+FLIGHTS = "prolearn-flights"
 ABLATIONS = "prolearn-ablations"
-EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, ABLATIONS)
+EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, FLIGHTS, ABLATIONS)
 
 TUNING = "prolearn-tuning"
 """Made when it is first needed."""

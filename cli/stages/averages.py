@@ -8,14 +8,16 @@ import pandas as pd
 from pipeline.experiments.ablations.summary import summarize_ablations
 from pipeline.experiments.experiment3.summary import summarize_warmstarts
 from pipeline.experiments.experiment4.summary import summarize_times
+from pipeline.experiments.experiment5.summary import summarize_flights
 from pipeline.experiments.summary import summarize
 from registry.results import table_of
-from registry.store import ABLATIONS, EVALUATION, TRANSFER_TIMES, WARMSTART
+from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 SUMMARIES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     EVALUATION: summarize,
     WARMSTART: summarize_warmstarts,
     TRANSFER_TIMES: summarize_times,
+    FLIGHTS: summarize_flights,
     ABLATIONS: summarize_ablations,
 }
 """How the trials of an experiment are summed up, by its name in MLflow."""

@@ -49,7 +49,7 @@ class HeldOut:
         """Run an experiment and record it, unless it was done before and that will do.
 
         Args:
-            experiment: EVALUATION, WARMSTART, TRANSFER_TIMES or ABLATIONS.
+            experiment: of EXPERIMENTS but TRAINING.
             params: its settings, beside data, models and trials.
             make: gives a row for each trial, and leaves files for the run in a folder.
             kind: settings that tell kinds of its runs apart.

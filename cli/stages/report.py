@@ -15,7 +15,7 @@ from pipeline.report import ReportFiles, Results, build_report, no_rows
 from registry.environment import versions_of
 from registry.models import list_versions
 from registry.results import Run, evaluation, fetch_files, latest
-from registry.store import ABLATIONS, TRANSFER_TIMES, WARMSTART
+from registry.store import ABLATIONS, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.tables import training_tables
 from registry.version import ModelVersion
 
@@ -49,10 +49,15 @@ PARTS = {
         for name in OPTIMIZERS
     },
     "Experiment 4": Part(TRANSFER_TIMES, "transfer-times"),
+    # Of the networks, those alone take part whose plans can be made anew on the way.
+    "Experiment 5": Part(FLIGHTS, "flights", same=DATA),
     # Refiners that lack something take part in no evaluation.
     "Ablations": Part(ABLATIONS, "ablate", same=DATA),
 }
 """By name."""
+
+OTHERS = [name for name, part in PARTS.items() if part.same == DATA]
+"""Those that may have other models than the evaluation."""
 
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
@@ -68,18 +73,19 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     """
     first = evaluation(run_id)
     parts = {name: _run_of(part, first) for name, part in PARTS.items()}
-    versions, ablated = _models(first), _models(parts["Ablations"])
+    versions, others = _models(first), {name: _models(parts[name]) for name in OTHERS}
     training, curves = training_tables(versions)
     results = Results(
         trials=first.table,
         warmstarts=_joined("warmstarts", parts, WARMSTART),
         transfer_times=_joined("transfer_times", parts, TRANSFER_TIMES),
+        flights=_joined("flights", parts, FLIGHTS),
         ablations=_joined("ablations", parts, ABLATIONS),
         training=training,
         curves=curves,
         examples=_examples(first),
-        provenance=_provenance(first, parts, {v.uri: v for v in [*versions, *ablated]}.values()),
-        notes=_notes(first, parts, versions) + _other_refiners(versions, ablated),
+        provenance=_provenance(first, parts, _once(versions, *others.values())),
+        notes=_notes(first, parts, versions) + _other_models(versions, others),
     )
     return build_report(results, out)
 
@@ -128,16 +134,26 @@ def _notes(
     return notes
 
 
-def _other_refiners(versions: Sequence[ModelVersion], ablated: Sequence[ModelVersion]) -> list[str]:
-    """What a reader must know where the ablations are about another refiner than the rest."""
-    evaluated = {version.uri for version in versions}
-    others = [
-        version.uri
-        for version in ablated
-        if version.uri not in evaluated and not for_comparison(version.arch, version.recipe)
-    ]
-    said = f"Ablations: {', '.join(others)} took part there and not in this evaluation."
-    return [said] if others else []
+def _once(*models: Sequence[ModelVersion]) -> Iterable[ModelVersion]:
+    """All models, each once."""
+    return {version.uri: version for some in models for version in some}.values()
+
+
+def _other_models(
+    versions: Sequence[ModelVersion], others: Mapping[str, Sequence[ModelVersion]]
+) -> list[str]:
+    """What a reader must know where a part is about other models than the evaluation."""
+    evaluated, notes = {version.uri for version in versions}, []
+    for name, there in others.items():
+        found = [
+            version.uri
+            for version in there
+            if version.uri not in evaluated and not for_comparison(version.arch, version.recipe)
+        ]
+        if found:
+            who = ", ".join(found)
+            notes.append(f"{name}: {who} took part there and not in this evaluation.")
+    return notes
 
 
 def _provenance(

@@ -38,18 +38,21 @@ class Table:
         frame: the numbers.
         columns: what the page shows of them.
         trainings: most trainings that a number is the average of.
+        printed: for each row whether the page shows it, or None where it shows all.
     """
 
     name: str
     frame: pd.DataFrame
     columns: Sequence[Column]
     trainings: int = 1
+    printed: "pd.Series[bool] | None" = None
 
     @property
     def markdown(self) -> str:
         """The printed columns as a Markdown table, numbers aligned right."""
+        rows = self.frame if self.printed is None else self.frame[self.printed]
         return tabulate(
-            list(zip(*(_texts(self.frame, column) for column in self.columns), strict=True)),
+            list(zip(*(_texts(rows, column) for column in self.columns), strict=True)),
             headers=[column.title for column in self.columns],
             colalign=["left" if column.text is None else "right" for column in self.columns],
             tablefmt="pipe",

@@ -26,7 +26,7 @@ class Average(Column):
     """
 
     of: str = ""
-    how: str = "mean"
+    how: "str | Callable[[pd.Series[Any]], object]" = "mean"
     over: "str | Callable[[pd.Series[Any]], object]" = "mean"
     label: str = ""
 

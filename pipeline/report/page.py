@@ -13,6 +13,7 @@ from pipeline.experiments.experiment1.section import section as experiment1
 from pipeline.experiments.experiment2.section import section as experiment2
 from pipeline.experiments.experiment3.section import section as experiment3
 from pipeline.experiments.experiment4.section import section as experiment4
+from pipeline.experiments.experiment5.section import section as experiment5
 from pipeline.experiments.summary import prepared, reference_size, summarize
 from pipeline.experiments.trainings.section import section as trainings
 from pipeline.files import write_text
@@ -62,6 +63,7 @@ def build_report(results: Results, out: Path) -> ReportFiles:
         *beyond(prepared(results.trials), results.training, look),
         experiment3(results.warmstarts, look),
         experiment4(results.transfer_times, look),
+        experiment5(results.flights, look),
         ablations(results.ablations, look),
         examples(results.examples),
         provenance(results.provenance),

@@ -15,6 +15,7 @@ from pipeline.experiments.experiment1.verdict import networks_answer, paper_answ
 from pipeline.experiments.experiment2.verdict import families_answer, others_answer
 from pipeline.experiments.experiment3.verdict import seeds_answer
 from pipeline.experiments.experiment4.verdict import times_answers
+from pipeline.experiments.experiment5.verdict import flight_answers
 from pipeline.experiments.summary import prepared
 from pipeline.report.results import Results
 
@@ -42,6 +43,7 @@ def section(results: Results, summary: pd.DataFrame, n: int) -> Section:
         *families_answer(summary),
         *seeds_answer(results.warmstarts),
         *times_answers(results.transfer_times, results.training),
+        *flight_answers(results.flights),
         *ablation_answers(results.ablations),
         *paper_answers(summary),
     ]

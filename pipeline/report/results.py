@@ -13,6 +13,7 @@ from pipeline.experiments.ablations.run import ROUNDS
 from pipeline.experiments.examples.run import Example
 from pipeline.experiments.experiment3.rows import NO_SEED, WarmStart
 from pipeline.experiments.experiment4.run import TIME
+from pipeline.experiments.experiment5.rows import Flight
 from pipeline.experiments.trainings.rows import Epoch, Training
 from pipeline.experiments.trials import Trial
 
@@ -27,6 +28,7 @@ COLUMNS = {
     "training": _names(Training),
     "curves": _names(Epoch),
     "transfer_times": (*TIME, *_names(Trial)),
+    "flights": _names(Flight),
     "ablations": (*ROUNDS, *_names(Trial)),
 }
 """The columns that each table must have."""
@@ -54,6 +56,7 @@ class Results:
         notes: what a reader must know of parts that are left out or were made otherwise.
         transfer_times: a row for each trial at each transfer time (experiment 4).
         ablations: a row for each trial after each number of rounds.
+        flights: a row for each flight of each planner in each world and loop (experiment 5).
 
     Raises:
         InputError: ``trials`` is empty, or a table lacks a column of ``COLUMNS``.
@@ -68,6 +71,7 @@ class Results:
     notes: Sequence[str] = ()
     transfer_times: pd.DataFrame = field(default_factory=partial(no_rows, "transfer_times"))
     ablations: pd.DataFrame = field(default_factory=partial(no_rows, "ablations"))
+    flights: pd.DataFrame = field(default_factory=partial(no_rows, "flights"))
 
     def __post_init__(self) -> None:
         if self.trials.empty:
@@ -86,7 +90,7 @@ class Results:
     @property
     def planners(self) -> set[str]:
         """Every planner that some table names."""
-        tables = (self.trials, self.transfer_times, self.ablations)
+        tables = (self.trials, self.transfer_times, self.flights, self.ablations)
         named = [table["planner"] for table in tables]
         named += [self.training["arch"], self.curves["arch"]]
         return {*pd.concat(named), *map(planner_of, self.warmstarts["seed"])} - {NO_SEED}

@@ -37,6 +37,9 @@ CASES = {
         ["transfer-times", "--data", "none", "--time-step", "60,,90"],
         "60,72.5,240",
     ),
+    "no dataset to fly on": (["flights", "--data", "none"], "none does not exist"),
+    "no scenarios to fly": (["flights", "--data", "none", "--trials", "0"], "trials is 0"),
+    "no processes to fly with": (["flights", "--data", "none", "--jobs", "0"], "jobs is 0"),
     "less than no timing": (
         ["evaluate", "--data", "none", "--n", "2", "--timed", "-1"],
         "timed is -1",

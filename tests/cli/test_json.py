@@ -31,6 +31,7 @@ COMMANDS = {
     "evaluate again": [*EVALUATE, "--resume", "--json"],
     "warmstart": ["warmstart", *CRAFT, "--trials", "1", "--json"],
     "transfer-times": ["transfer-times", *CRAFT, "--nodes", "6,11", "--trials", "1", "--json"],
+    "flights": ["flights", *CRAFT, *["--trials", "1", "--flights", "1", "--jobs", "1", "--json"]],
     "report": ["report", "--out", "reports", "--json"],
     "list": ["models", "list", "--json"],
     "show": ["models", "show", "prolearn-ff1/2", "--json"],
@@ -152,6 +153,14 @@ def test_other_experiments_tell_their_averages(given, folder, command, by):
     means = trials_of(folder, told).groupby(by)["fuel"].mean()
     found = {tuple(row[name] for name in by): row["fuel_mean"] for row in told["averages"]}
     assert found == {key: pytest.approx(mean) for key, mean in means.items()}
+
+
+def test_flights_tell_theirs(given, folder):
+    told = strict(given("flights"))
+    by = ["planner", "world", "errors", "loop"]
+    means = trials_of(folder, told).groupby(by)["goal_error"].median()
+    found = {tuple(row[name] for name in by): row["goal_error_median"] for row in told["averages"]}
+    assert found == {key: pytest.approx(value) for key, value in means.items()}
 
 
 def test_ablate_and_tune_tell_theirs(given, folder):

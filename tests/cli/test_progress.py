@@ -78,6 +78,10 @@ def test_experiments_count_what_is_done_and_nothing_where_they_were_done_before(
     assert steps(run(*times), "transfer times") == all_of(3)
     assert run(*times, "--resume").stderr == ""
 
+    flights = ("flights", "--data", data, "--n", 2, "--flights", 1, "--jobs", 1)
+    assert steps(run(*flights), "flying") == all_of(2)
+    assert run(*flights, "--resume").stderr == ""
+
 
 def test_a_training_that_ends_early_ends_its_progress_and_says_why(run, data):
     # large steps, one instance each: the validation loss soon falls no longer

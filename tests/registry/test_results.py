@@ -157,6 +157,8 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
         "experiments/experiment3/rows.py",
         "experiments/experiment3/run.py",
         "experiments/experiment4/run.py",
+        "experiments/experiment5/rows.py",
+        "experiments/experiment5/run.py",
     }
 
 

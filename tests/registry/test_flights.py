@@ -1,0 +1,87 @@
+"""Experiment 5 with registered networks, on the test split of a small dataset."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from cli.stages.evaluate import evaluate
+from cli.stages.flights import flights
+from cli.stages.report import report
+from pipeline.errors import InputError
+from pipeline.experiments.experiment5.rows import LINEAR, NO_ERRORS, OPEN, REPLANNED
+from pipeline.networks.recipes import Recipe
+from pipeline.progress import Progress
+from pipeline.training.loop import Trained
+from registry.results import Done, latest
+from registry.store import FLIGHTS
+from registry.training import DatasetInfo, record_training
+
+CRAFT = 3
+ASKED: dict[str, Any] = {"n": CRAFT, "trials": 1, "flights": 1, "jobs": 1}
+
+
+class Counts(Progress):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.expected, self.count = 0, 0
+
+    def expect(self, total: int) -> None:
+        self.expected = total
+
+    def done(self, units: int = 1, note: str = "", *, failed: int | None = None) -> None:
+        self.count += units
+
+
+@pytest.fixture
+def registered(
+    folder: Path, trained: Trained, trained_lstm: Trained, recipe: Recipe, on_solved: DatasetInfo
+) -> None:
+    """A feed-forward network and an LSTM, and no refiner."""
+    for one in (trained, trained_lstm):
+        record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+
+
+def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_baselines(
+    registered: None, solved: Path, folder: Path
+) -> None:
+    told = Counts()
+    done = flights(["lstm1"], solved, **ASKED, progress=told)
+    found = latest(FLIGHTS)
+    assert found is not None
+    assert done == Done(found.run_id)
+    assert (told.expected, told.count) == (1, 1)
+    assert flights(["lstm1"], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
+    kept = {name: found.params[name] for name in ("n", "trials", "flights", "seed", "networks")}
+    assert kept == {"n": "3", "trials": "1", "flights": "1", "seed": "0", "networks": "lstm1 tuned"}
+    table = found.table
+    assert set(table.planner) == {"expert", "minimum energy", "own LP", "lstm1"}
+    planned = table[(table.world == LINEAR) & (table.errors == NO_ERRORS)]
+    safe = planned[planned.planner.isin(["expert", "lstm1"])]
+    assert not safe.within_radius.any()
+    assert set(safe.loop) == {OPEN, REPLANNED}
+
+    evaluate(["ff1"], solved, sizes=[CRAFT], trials=1, timed=0)
+    files = report(folder / "reports")
+    text = files.markdown.read_text()
+    assert "Plans of 1 test scenario of n = 3" in text
+    assert "Experiment 5: models:/prolearn-lstm1/1 took part there and not in this" in text
+    provenance = pd.read_csv(folder / "reports/tables/provenance.csv").set_index("part")["run"]
+    assert provenance["Experiment 5"] == found.run_id
+
+
+def test_networks_that_serve_one_number_of_nodes_are_refused(
+    registered: None, solved: Path
+) -> None:
+    with pytest.raises(InputError, match=r"network ff1, .* do not fit nodes 4"):
+        flights(["ff1"], solved, **ASKED)
+
+
+def test_without_a_refiner_expert_and_baselines_fly_alone(registered: None, solved: Path) -> None:
+    flights([], solved, **ASKED)
+    found = latest(FLIGHTS)
+    assert found is not None
+    assert set(found.table.planner) == {"expert", "minimum energy", "own LP"}
+    assert found.params["models"] == ""
