@@ -120,6 +120,7 @@ class ClosedLoop:
             margin: asked for beyond the collision radius, m, where estimates allow it.
         """
         self._scenario, self._planner, self._margin = scenario, planner, margin
+        self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
         self.unsafe = np.zeros(trials, dtype=int)
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
@@ -139,7 +140,7 @@ class ClosedLoop:
     def _plan_anew(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
-        choice = Choice(problem, estimate, corrected)
+        choice = Choice(problem, estimate, corrected, self._allowance)
         if problem.intervals > DETERMINED:
             self._ask(choice, node, estimate, problem)
         self._ahead = choice.controls
@@ -183,11 +184,23 @@ class Choice:
     """
 
     def __init__(
-        self, problem: Problem, estimate: Float[Array, "K n 6"], under_way: SomeControls
+        self,
+        problem: Problem,
+        estimate: Float[Array, "K n 6"],
+        under_way: SomeControls,
+        allowance: float = np.inf,
     ) -> None:
-        """Begin with what is under way, corrected for the goal."""
+        """Begin with what is under way, corrected for the goal.
+
+        Args:
+            problem: of what is left.
+            estimate: states, as they are known, m and m/s.
+            under_way: its controls, m/s².
+            allowance: fuel beyond its own which more separation than r_col may cost, m/s².
+        """
         self._problem, self._estimate = problem, estimate
         self.controls = self._within_limit(under_way)
+        self._most = _fuel(self.controls) + allowance
         self.separation = self._separation(slice(None), self.controls)
         self.open = np.ones(len(estimate), dtype=bool)
         self._to_goal = np.abs(self.controls - under_way).max(axis=(1, 2, 3)) <= LIMIT_TOLERANCE
@@ -196,7 +209,8 @@ class Choice:
         """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
 
         Where neither is, the one remains that keeps craft further apart; but one that misses the
-        goal does not take the place of one that meets it.
+        goal does not take the place of one that meets it. Where a margin has a price that is out of
+        all proportion, as where all craft must turn round for it, the plan counts as none.
 
         Args:
             which: trials, all of them open.
@@ -206,10 +220,11 @@ class Choice:
         controls = self._within_limit(np.stack([plan.controls for plan in plans]))
         separation = self._separation(which, controls)
         to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
-        safe = to_goal & (separation > radius)
+        worth = (_fuel(controls) <= self._most[which]) | (radius <= self._problem.collision_radius)
+        safe = worth & to_goal & (separation > radius)
         kept = self._to_goal[which] & (self.separation[which] > radius)
         cheaper = _fuel(controls) < _fuel(self.controls[which])
-        further = (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
+        further = worth & (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
         better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
         taken = which[better]
         self.controls[taken], self.separation[taken] = controls[better], separation[better]

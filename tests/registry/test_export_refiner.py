@@ -51,7 +51,7 @@ def test_a_refiner_becomes_a_folder_with_a_card_that_names_every_input_and_outpu
     done = CliRunner().invoke(app, ["models", "export", "refiner"])
     assert done.exit_code == 0, done.output
     assert "prolearn-refiner-v1/: one craft's steps: begin" in done.output
-    assert "for each live encounter: 65 numbers" in done.output
+    assert "for each live encounter: 50 numbers" in done.output
     card = (refiner / "prolearn-refiner-v1.md").read_text(encoding="utf-8")
     for name, step in STEPS.items():
         part = card.split(f"\n## {name}\n")[1].split("\n## ")[0]
@@ -59,7 +59,7 @@ def test_a_refiner_becomes_a_folder_with_a_card_that_names_every_input_and_outpu
         named = [(way.strip(), one.strip().strip("`")) for way, one in rows[2:]]
         wanted = [("input", one) for one in takes(step)]
         assert named == wanted + [("output", one) for one in outputs(step)]
-    for words in ("65 numbers", "x y z (m), vx vy vz (m/s)", "(P, 2, 6)", "another optimum"):
+    for words in ("50 numbers", "x y z (m), vx vy vz (m/s)", "(P, 2, 6)", "another optimum"):
         assert words in card
 
 

@@ -95,6 +95,20 @@ def test_a_margin_keeps_craft_apart_that_come_too_close_without(tight):
     assert np.median(wider.nearest.distance) > 15 + allowed / 2
 
 
+def test_a_margin_is_not_had_at_any_price():
+    """In this flight the one plan that keeps it would turn the swarm round, for 9 times the Δv."""
+    scenario = draw("rings", 0, 10, 19, Problem(), "test")
+    plan = solve(scenario)
+    margin = default_margin(COLD_GAS, plan.controls, scenario.problem)
+    controls, allowed = with_margin(scenario, plan.controls, Expert(), margin)
+    guide = ClosedLoop(scenario, controls, Expert(), 1, allowed)
+    drawn = draws(0, range(97, 98), scenario.n, scenario.problem.intervals)
+    world = LinearWorld(scenario.problem.dynamics)
+    found = fly_trials(scenario, world, guide, drawn, COLD_GAS)
+    assert found.delta_v[0] < 1.2 * plan.certificate.delta_v
+    assert found.nearest.distance[0] > 15
+
+
 def test_the_default_margin_is_three_standard_deviations_of_what_trials_show(tight):
     """Of two craft that know where they are as badly as told, and burn as hard as the plan does."""
     scenario, plan = tight
