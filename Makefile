@@ -31,8 +31,8 @@ demo: $(BIN)/prolearn ## the whole line at small scale: dataset, seven networks,
 	$(BIN)/prolearn dataset --preset demo --out data/demo --jobs $(JOBS)
 	$(BIN)/prolearn train --arch $(FF) --recipe tuned --data data/demo
 	$(BIN)/prolearn train --arch $(FF) --recipe paper --data data/demo
-	$(BIN)/prolearn train --arch $(LSTM) --recipe tuned --data data/demo --epochs 8
-	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 8
+	$(BIN)/prolearn train --arch $(LSTM) --recipe tuned --data data/demo --epochs 5
+	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 5
 	$(BIN)/prolearn train --arch $(REFINER) --recipe tuned --data data/demo --epochs 3 --crowded 500
 	$(BIN)/prolearn evaluate --data data/demo --timed 5
 	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
