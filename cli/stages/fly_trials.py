@@ -10,10 +10,10 @@ from pipeline.dataset.stages.workers import Workers
 from pipeline.errors import InputError
 from pipeline.exhibits.style import save
 from pipeline.files import published
-from pipeline.flight.closed_loop import default_margin, with_margin
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
 from pipeline.flight.figure import trials_figure
+from pipeline.flight.margin import default_margin, with_margin
 from pipeline.flight.montecarlo import Loop, MonteCarlo, fly_all, portion_of
 from pipeline.flight.summary import Summary, summarize
 from pipeline.flight.world import World

@@ -10,26 +10,21 @@ In the last one three are left, and the goal can only be met in part: the contro
 leaves the least ‖Δp‖² + ‖Δv/e‖², which is about the size of the orbit that the error becomes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.flight.errors import Errors
-from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
-from pipeline.orbit.bezier import norm
+from pipeline.flight.choice import Choice
+from pipeline.flight.margin import apart_at
+from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separations
-from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import SOLVED, Plan
-from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.orbit.transfer import meet_goal
+from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
-
-SIGMAS = 3.0
-"""Standard deviations of a relative position that the default margin covers."""
 
 DETERMINED = 2
 """Intervals left in which the goal determines all controls, so that nobody need be asked."""
@@ -39,57 +34,6 @@ GRAIN = 1 / 60
 
 LESS = (0.02, 0.1, 0.3)
 """Shares of r_col by which less is asked for, in turn, where no safe plan is found."""
-
-MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
-"""Shares of a margin that are tried in turn at the first node, until there is a safe plan."""
-
-Controls = Float[Array, "n intervals 3"]
-SomeControls = Float[Array, "K n left 3"]
-
-
-def default_margin(errors: Errors, controls: Controls, problem: Problem) -> float:
-    """Three standard deviations of a relative position one interval ahead, m.
-
-    What two craft's navigation errors grow to, and what the errors of a burn do meanwhile, along
-    the worst direction, for the largest burn of a plan. Fixed errors are counted with it.
-
-    Args:
-        errors: of each craft.
-        controls: of the plan, m/s².
-        problem: whose dynamics and time step.
-    """
-    h, burn = problem.time_step, float(norm(controls).max())
-    A, B = problem.dynamics.step(h)
-    position = errors.position**2 + errors.position_bias**2
-    velocity = errors.velocity**2 + errors.velocity_bias**2
-    share, fixed = (
-        max(errors.magnitude, errors.direction),
-        max(errors.magnitude_fixed, errors.direction_fixed),
-    )
-    thrust = (share * burn) ** 2 + (fixed / h) ** 2 * (burn > 0)
-    late = (errors.timing * burn) ** 2
-    covariance = A[:3] @ np.diag(np.repeat([position, velocity], 3)) @ A[:3].T
-    covariance += thrust * B[:3] @ B[:3].T + late * A[:3, 3:] @ A[:3, 3:].T
-    return SIGMAS * float(np.sqrt(2 * np.linalg.eigvalsh(covariance).max()))
-
-
-def with_margin(
-    scenario: Scenario, controls: Controls, planner: Planner, margin: float
-) -> tuple[Controls, float]:
-    """Controls with more separation than r_col, m/s², and how much more, m.
-
-    As much of the margin as both formations leave room for, or the largest share of that with
-    which the planner finds a safe plan; where there is none, the controls that are given.
-    """
-    radius = scenario.problem.collision_radius
-    room = min(float(_apart(end[None])[0]) for end in (scenario.initial, scenario.goal)) - radius
-    most = min(margin, room - 2 * TOLERANCE)
-    for share in MARGIN_SHARES if most > 0 else ():
-        wider = replace(scenario.problem, collision_radius=radius + share * most)
-        (plan,) = planner.plan([replace(scenario, problem=wider)])
-        if plan.status == SOLVED:
-            return plan.controls, share * most
-    return controls, 0.0
 
 
 class ClosedLoop:
@@ -105,7 +49,7 @@ class ClosedLoop:
     def __init__(
         self,
         scenario: Scenario,
-        controls: Controls,
+        controls: Float[Array, "n intervals 3"],
         planner: Planner,
         trials: int,
         margin: float = 0.0,
@@ -151,7 +95,7 @@ class ClosedLoop:
     ) -> None:
         """Ask the planner, for less separation each time where it finds nothing safe."""
         self.seconds[:, node] = 0.0
-        for asked in _asked(problem, _apart(estimate), self._margin):
+        for asked in _asked(problem, apart_at(estimate), self._margin):
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
                 which = np.flatnonzero(choice.open & (asked == radius))
                 told = replace(problem, collision_radius=radius)
@@ -174,100 +118,6 @@ class ClosedLoop:
         self.unsafe += choice.separation <= problem.collision_radius
 
 
-class Choice:
-    """Of several plans for each of K trials, the one that is flown.
-
-    Attributes:
-        controls: of the best so far, (K, n, intervals, 3), m/s².
-        separation: no pair comes closer than this on them, from the estimate, (K,), m.
-        open: whether none of them is both safe and to the goal, (K,).
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        estimate: Float[Array, "K n 6"],
-        under_way: SomeControls,
-        allowance: float = np.inf,
-    ) -> None:
-        """Begin with what is under way, corrected for the goal.
-
-        Args:
-            problem: of what is left.
-            estimate: states, as they are known, m and m/s.
-            under_way: its controls, m/s².
-            allowance: fuel beyond its own which more separation than r_col may cost, m/s².
-        """
-        self._problem, self._estimate = problem, estimate
-        self.controls = self._within_limit(under_way)
-        self._most = _fuel(self.controls) + allowance
-        self.separation = self._separation(slice(None), self.controls)
-        self.open = np.ones(len(estimate), dtype=bool)
-        self._to_goal = np.abs(self.controls - under_way).max(axis=(1, 2, 3)) <= LIMIT_TOLERANCE
-
-    def offer(self, which: Int[Array, "k"], plans: Sequence[Plan], radius: float) -> None:
-        """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
-
-        Where neither is, the one remains that keeps craft further apart; but one that misses the
-        goal does not take the place of one that meets it. Where a margin has a price that is out of
-        all proportion, as where all craft must turn round for it, the plan counts as none.
-
-        Args:
-            which: trials, all of them open.
-            plans: for each of them.
-            radius: separation that was asked for, m.
-        """
-        controls = self._within_limit(np.stack([plan.controls for plan in plans]))
-        separation = self._separation(which, controls)
-        to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
-        worth = (_fuel(controls) <= self._most[which]) | (radius <= self._problem.collision_radius)
-        safe = worth & to_goal & (separation > radius)
-        kept = self._to_goal[which] & (self.separation[which] > radius)
-        cheaper = _fuel(controls) < _fuel(self.controls[which])
-        further = worth & (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
-        better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
-        taken = which[better]
-        self.controls[taken], self.separation[taken] = controls[better], separation[better]
-        self._to_goal[taken] = to_goal[better]
-        self.open[which] = ~(safe | kept)
-
-    def safe(self, radius: float) -> Bool[Array, "K"]:
-        """Whether what is flown meets the goal and is safe from the estimate, m."""
-        return self._to_goal & (self.separation > radius)
-
-    def offer_end(self, controls: SomeControls) -> None:
-        """Take controls of the last interval where they are safe, or no less so than others."""
-        limited = self._within_limit(controls)
-        separation = self._separation(slice(None), limited)
-        safe = separation > self._problem.collision_radius
-        better = safe | (separation >= self.separation)
-        self.controls = np.where(better[:, None, None, None], limited, self.controls)
-        self.separation = np.where(better, separation, self.separation)
-
-    def _within_limit(self, controls: SomeControls) -> SomeControls:
-        limit = self._problem.max_acceleration
-        return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
-
-    def _separation(
-        self, which: Int[Array, "k"] | slice, controls: SomeControls
-    ) -> Float[Array, "k"]:
-        trials, n, intervals, _ = controls.shape
-        initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
-        states = _nodes(initial, flat, self._problem)
-        found = least_separations(states, flat, self._problem, side_by_side((n,) * trials))
-        return np.array([one.bound for one in found])
-
-
-def _nodes(
-    initial: Float[Array, "N 6"], controls: Float[Array, "N intervals 3"], problem: Problem
-) -> Float[Array, "N T 6"]:
-    """Node states of what controls fly, of however few intervals."""
-    if controls.shape[1] == problem.intervals:
-        return fly(initial, controls, problem)
-    A, B = problem.dynamics.step(problem.time_step)
-    return np.stack([initial, np.matvec(A, initial) + np.matvec(B, controls[:, 0])], axis=1)
-
-
 def _asked(
     problem: Problem, apart: Float[Array, "K"], margin: float
 ) -> Iterator[Float[Array, "K"]]:
@@ -283,24 +133,6 @@ def _asked(
     yield np.where(least < most, least, 0.0)
     for share in LESS:
         yield least * (1 - share)
-
-
-def _apart(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
-    """Least distance of any pair, m; infinite without a pair."""
-    i, j = pairs(states.shape[1])
-    return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
-
-
-def _is_at_goal(plan: Plan, problem: Problem) -> bool:
-    """Whether a plan, safe or not, meets the goal and keeps to the thrust limit."""
-    missed = plan.certificate.goal_error, plan.certificate.goal_velocity_error
-    limit = np.inf if problem.max_acceleration is None else problem.max_acceleration
-    within = float(np.abs(plan.controls).max()) <= limit + LIMIT_TOLERANCE
-    return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
-
-
-def _fuel(controls: SomeControls) -> Float[Array, "K"]:
-    return np.abs(controls).sum(axis=(1, 2, 3))
 
 
 def _seconds(plan: Plan) -> float:

@@ -25,9 +25,10 @@ from pipeline.experiments.experiment5.rows import (
     Flight,
 )
 from pipeline.experiments.trials import Entrant
-from pipeline.flight.closed_loop import ClosedLoop, default_margin, with_margin
+from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.errors import COLD_GAS, Errors, draws
+from pipeline.flight.margin import default_margin, with_margin
 from pipeline.flight.montecarlo import Loop
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld, World

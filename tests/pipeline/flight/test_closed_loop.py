@@ -7,8 +7,9 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
-from pipeline.flight.closed_loop import ClosedLoop, default_margin, with_margin
+from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import COLD_GAS, Errors, burnt, draws, navigation_error
+from pipeline.flight.margin import default_margin, with_margin
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld
 from pipeline.networks.architecture import find

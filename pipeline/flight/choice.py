@@ -1,0 +1,122 @@
+"""Of several plans from where craft seem to be, the one that is flown."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pipeline.arrays import Array
+from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import least_separations
+from pipeline.orbit.transfer import fly
+from pipeline.plan import Plan
+from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
+
+SomeControls = Float[Array, "K n left 3"]
+
+
+class Choice:
+    """Of several plans for each of K trials, the one that is flown.
+
+    Attributes:
+        controls: of the best so far, (K, n, intervals, 3), m/s².
+        separation: no pair comes closer than this on them, from the estimate, (K,), m.
+        open: whether none of them is both safe and to the goal, (K,).
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        estimate: Float[Array, "K n 6"],
+        under_way: SomeControls,
+        allowance: float = np.inf,
+    ) -> None:
+        """Begin with what is under way, corrected for the goal.
+
+        Args:
+            problem: of what is left.
+            estimate: states, as they are known, m and m/s.
+            under_way: its controls, m/s².
+            allowance: fuel beyond its own which more separation than r_col may cost, m/s².
+        """
+        self._problem, self._estimate = problem, estimate
+        self.controls = self._within_limit(under_way)
+        self._most = _fuel(self.controls) + allowance
+        self.separation = self._separation(slice(None), self.controls)
+        self.open = np.ones(len(estimate), dtype=bool)
+        self._to_goal = np.abs(self.controls - under_way).max(axis=(1, 2, 3)) <= LIMIT_TOLERANCE
+
+    def offer(self, which: Int[Array, "k"], plans: Sequence[Plan], radius: float) -> None:
+        """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
+
+        Where neither is, the one remains that keeps craft further apart; but one that misses the
+        goal does not take the place of one that meets it. Where a margin has a price that is out of
+        all proportion, as where all craft must turn round for it, the plan counts as none.
+
+        Args:
+            which: trials, all of them open.
+            plans: for each of them.
+            radius: separation that was asked for, m.
+        """
+        controls = self._within_limit(np.stack([plan.controls for plan in plans]))
+        separation = self._separation(which, controls)
+        to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
+        worth = (_fuel(controls) <= self._most[which]) | (radius <= self._problem.collision_radius)
+        safe = worth & to_goal & (separation > radius)
+        kept = self._to_goal[which] & (self.separation[which] > radius)
+        cheaper = _fuel(controls) < _fuel(self.controls[which])
+        further = worth & (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
+        better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
+        taken = which[better]
+        self.controls[taken], self.separation[taken] = controls[better], separation[better]
+        self._to_goal[taken] = to_goal[better]
+        self.open[which] = ~(safe | kept)
+
+    def safe(self, radius: float) -> Bool[Array, "K"]:
+        """Whether what is flown meets the goal and is safe from the estimate, m."""
+        return self._to_goal & (self.separation > radius)
+
+    def offer_end(self, controls: SomeControls) -> None:
+        """Take controls of the last interval where they are safe, or no less so than others."""
+        limited = self._within_limit(controls)
+        separation = self._separation(slice(None), limited)
+        safe = separation > self._problem.collision_radius
+        better = safe | (separation >= self.separation)
+        self.controls = np.where(better[:, None, None, None], limited, self.controls)
+        self.separation = np.where(better, separation, self.separation)
+
+    def _within_limit(self, controls: SomeControls) -> SomeControls:
+        limit = self._problem.max_acceleration
+        return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
+
+    def _separation(
+        self, which: Int[Array, "k"] | slice, controls: SomeControls
+    ) -> Float[Array, "k"]:
+        trials, n, intervals, _ = controls.shape
+        initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
+        states = _nodes(initial, flat, self._problem)
+        found = least_separations(states, flat, self._problem, side_by_side((n,) * trials))
+        return np.array([one.bound for one in found])
+
+
+def _nodes(
+    initial: Float[Array, "N 6"], controls: Float[Array, "N intervals 3"], problem: Problem
+) -> Float[Array, "N T 6"]:
+    """Node states of what controls fly, of however few intervals."""
+    if controls.shape[1] == problem.intervals:
+        return fly(initial, controls, problem)
+    A, B = problem.dynamics.step(problem.time_step)
+    return np.stack([initial, np.matvec(A, initial) + np.matvec(B, controls[:, 0])], axis=1)
+
+
+def _is_at_goal(plan: Plan, problem: Problem) -> bool:
+    """Whether a plan, safe or not, meets the goal and keeps to the thrust limit."""
+    missed = plan.certificate.goal_error, plan.certificate.goal_velocity_error
+    limit = np.inf if problem.max_acceleration is None else problem.max_acceleration
+    within = float(np.abs(plan.controls).max()) <= limit + LIMIT_TOLERANCE
+    return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
+
+
+def _fuel(controls: SomeControls) -> Float[Array, "K"]:
+    return np.abs(controls).sum(axis=(1, 2, 3))
