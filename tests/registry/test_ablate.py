@@ -80,7 +80,7 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
         ("rule", ""): [2, 8],
         **{("refiner", recipe): [2, 8] for recipe in models},
     }
-    assert (table.own_rounds == 8).all()
+    assert (table.own_rounds == 10).all()
     assert table.groupby(["planner", "recipe", "rounds"])["seconds"].count().eq(1).all()
     for (recipe, rounds), rows in table[table.planner == "refiner"].groupby(["recipe", "rounds"]):
         planner = Flown(with_rounds(models[recipe], rounds), "refiner")

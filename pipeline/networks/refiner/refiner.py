@@ -95,7 +95,7 @@ class Refiner:
 
     width: int = 32
     message: int = 16
-    rounds: int = 8
+    rounds: int = 10
 
     @property
     def config(self) -> Mapping[str, Any]:
