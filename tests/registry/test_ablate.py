@@ -72,13 +72,13 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     assert done == Done(found.run_id)
     assert ablate([], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
     assert not ablate([], solved, **{**ASKED, "rounds": [1]}, resume=True).earlier
-    assert (found.params["rounds"], found.params["sizes"]) == ("0,2,8", "3")
+    assert (found.params["rounds"], found.params["sizes"]) == ("0,2,10", "3")
     table = found.table
     counted = table.groupby(["planner", "recipe"])["rounds"].agg(lambda k: sorted(set(k)))
     assert dict(counted) == {
         ("own LP", ""): [0],
-        ("rule", ""): [2, 8],
-        **{("refiner", recipe): [2, 8] for recipe in models},
+        ("rule", ""): [2, 10],
+        **{("refiner", recipe): [2, 10] for recipe in models},
     }
     assert (table.own_rounds == 10).all()
     assert table.groupby(["planner", "recipe", "rounds"])["seconds"].count().eq(1).all()

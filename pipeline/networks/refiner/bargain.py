@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.networks.refiner.hearsay import heard
 from pipeline.networks.refiner.sides import Sides
 
 FEATURES = 18
@@ -44,20 +45,18 @@ class Bargain(nn.Module):
         self.register_buffer("hears", torch.ones(()))
 
     def forward(
-        self, seen: Float[Tensor, "L 2 F"], sides: Sides, likeness: Float[Tensor, "C p p"]
+        self, seen: Float[Tensor, "L 2 F"], sides: Sides, free: Float[Tensor, "L m"]
     ) -> Float[Tensor, "L"]:
         """The trades of L encounters, r_col.
 
         Args:
             seen: what each side sees.
             sides: which craft they are of.
-            likeness: cosines between the planes of each craft.
+            free: unit vectors by which the planes of a craft are alike.
         """
         said = self.read(_with_other(seen))  # (L, 2, H)
-        told = sides.table(self.tell(said))  # (C, p, H)
-        alike, every = sides.back(likeness @ told), sides.each(told.sum(dim=1))
-        heard = self.hears * torch.cat([alike, every], dim=2)
-        one, other = self.offers(said, _with_other(heard)).unbind(dim=1)
+        others = self.hears * heard(self.tell(said), free, sides)  # (L, 2, 2H)
+        one, other = self.offers(said, _with_other(others)).unbind(dim=1)
         return trade_of(one, other)
 
     def offers(

@@ -34,6 +34,8 @@ def best_of(
     best, least = state.controls, _safe_fuel(task, state)
     going = torch.ones_like(least, dtype=torch.bool)
     for number in range(count):
+        if not going.any():
+            break
         before = task.fuel(state.controls)
         state = play(network, task, state, number, going)
         fuel = _safe_fuel(task, state)

@@ -11,13 +11,11 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from pipeline.networks.refiner.nearest import nearest
+from pipeline.networks.refiner.compiled import numbers
+from pipeline.networks.refiner.nearest import close_pairs, nearest
 
 TOUCHING = 1e-4
 """Distance in r_col under which two craft give no direction of their own."""
-
-PAIRS_AT_ONCE = 65_536
-"""Pairs whose nodes are compared together; some 100 MB at eleven nodes."""
 
 STILL = 1e-9
 """Relative speed in r_col/Δt under which two craft do not move past each other."""
@@ -46,9 +44,14 @@ class Encounters:
         return Encounters(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     @property
+    def both(self) -> tuple[Int[Tensor, "k"], Int[Tensor, "k"]]:
+        """First and second craft."""
+        return self.first, self.second
+
+    @property
     def craft(self) -> Int[Tensor, "k 2"]:
-        """Both craft."""
-        return torch.stack([self.first, self.second], dim=1)
+        """The same as pairs."""
+        return torch.stack(self.both, dim=1)
 
     def relative(self, states: Float[Tensor, "N T 6"]) -> Float[Tensor, "k 2 6"]:
         """State of the first craft relative to the second at both ends of the interval."""
@@ -57,8 +60,7 @@ class Encounters:
         node = self.interval[:, None] + torch.arange(2, device=states.device)
         # Copies whole states, forth and back, where brackets would copy number by number.
         one, other = (
-            flat.index_select(0, (craft[:, None] * T + node).reshape(-1))
-            for craft in (self.first, self.second)
+            flat.index_select(0, (craft[:, None] * T + node).reshape(-1)) for craft in self.both
         )
         return (one - other).reshape(-1, 2, 6)
 
@@ -68,8 +70,8 @@ class Look:
     """When and how close the craft of each encounter come; gradients do not run through it.
 
     Attributes:
-        share: when, as a share of the interval, (k,).
-        distance: (k,).
+        share: when, as a share of the interval, (k,); 0 where it was not looked at.
+        distance: (k,); infinite where it was not looked at.
     """
 
     share: Float[Tensor, "k"]
@@ -98,25 +100,15 @@ def candidates(
 ) -> Encounters:
     """Pairs of the same swarm of n, and intervals in which they come within a distance.
 
-    All pairs are compared, portion by portion, so that memory does not grow with their number.
-
     Args:
         states: of all craft.
         n: craft of each swarm.
         within: the distance, r_col.
         of_extent: the same as a part of the swarm's extent, where that is more.
     """
-    first, second = torch.triu_indices(n, n, 1, device=states.device)
     least = (of_extent * extents(states, n)).clamp(min=within)
-    parts = []
-    for start in range(0, max(1, len(least) * len(first)), PAIRS_AT_ONCE):
-        stop = min(start + PAIRS_AT_ONCE, len(least) * len(first))
-        number = torch.arange(start, stop, device=states.device)
-        swarm = number // max(1, len(first))
-        pair = number - swarm * len(first)
-        one, other = swarm * n + first[pair], swarm * n + second[pair]
-        parts.append(_meeting(states, one, other, least[swarm]))
-    return Encounters(*(torch.cat(each) for each in zip(*parts, strict=True)))
+    found = close_pairs(numbers(states), n, numbers(least))
+    return Encounters(*torch.from_numpy(found).to(states.device))
 
 
 def extents(states: Float[Tensor, "N T 6"], n: int) -> Float[Tensor, "b"]:
@@ -125,33 +117,21 @@ def extents(states: Float[Tensor, "N T 6"], n: int) -> Float[Tensor, "b"]:
     return (position.amax(dim=1) - position.amin(dim=1)).amax(dim=1) / 2
 
 
-def _meeting(
-    states: Float[Tensor, "N T 6"],
-    one: Int[Tensor, "p"],
-    other: Int[Tensor, "p"],
-    within: Float[Tensor, "p"],
-) -> tuple[Int[Tensor, "k"], Int[Tensor, "k"], Int[Tensor, "k"]]:
-    """Of some pairs, those that come within their distances, and in which intervals."""
-    position = states[..., :3]
-    gap = position.index_select(0, one) - position.index_select(0, other)  # (p, T, 3)
-    distance = torch.linalg.vector_norm(gap, dim=-1)
-    chord = torch.linalg.vector_norm(gap[:, 1:] - gap[:, :-1], dim=-1)
-    least = (distance[:, 1:] + distance[:, :-1] - chord) / 2  # by the triangle inequality
-    pair, interval = (least <= within[:, None]).nonzero(as_tuple=True)
-    met = Encounters(one[pair], other[pair], interval)
-    close = look(met, states).distance <= within[pair]
-    return met.first[close], met.second[close], met.interval[close]
+def look(
+    met: Encounters, states: Float[Tensor, "N T 6"], within: Float[Tensor, "k"] | None = None
+) -> Look:
+    """When and how close craft of given node states come.
 
-
-def look(met: Encounters, states: Float[Tensor, "N T 6"]) -> Look:
-    """When and how close craft of given node states come."""
+    Args:
+        met: pairs and intervals.
+        states: of all craft.
+        within: distance beyond which an encounter may go unseen, as infinitely far away, r_col;
+            all are seen by default.
+    """
     share, distance = torch.empty(2, len(met.first), dtype=torch.float64)
-    given = (states, met.first, met.second, met.interval)
-    nearest(
-        *(part.detach().cpu().contiguous().numpy() for part in given),
-        share.numpy(),
-        distance.numpy(),
-    )
+    within = torch.full_like(share, torch.inf) if within is None else within
+    given = (states, met.first, met.second, met.interval, within)
+    nearest(*map(numbers, given), share.numpy(), distance.numpy())
     return Look(share.to(states.device), distance.to(states.device))
 
 

@@ -25,14 +25,14 @@ class Grid:
         step: Δt, s.
         drift: (6T, 6).
         reach: (6T, m), with m = 3(T-1) controls.
-        free_reach: the same of the part of controls that leaves the final state alone, (6T, m).
+        free: takes from controls the part that changes the final state, (m, m), symmetric.
     """
 
     nodes: int
     step: float
     drift: Float[Tensor, "_ 6"]
     reach: Float[Tensor, "_ m"]
-    free_reach: Float[Tensor, "_ m"]
+    free: Float[Tensor, "m m"]
 
     @property
     def to_goal(self) -> Float[Tensor, "6 m"]:
@@ -56,7 +56,7 @@ def grid_of(problem: Problem, device: torch.device) -> Grid:
     drift = (drift * per_step[:, None] / per_step).reshape(-1, 6)
     reach = (reach * per_step[:, None] / step**2).reshape(len(drift), -1)
     goal = reach[-6:]
-    free = reach - reach @ torch.linalg.pinv(goal) @ goal
+    free = torch.eye(len(reach.T), dtype=reach.dtype) - torch.linalg.pinv(goal) @ goal
     return Grid(problem.nodes, step, *(part.to(device) for part in (drift, reach, free)))
 
 

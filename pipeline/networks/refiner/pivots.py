@@ -30,111 +30,73 @@ MOST_PIVOTS = 500
 @no_type_check
 @njit(cache=True)
 def solve_all(
-    tableau, own, basis, others, sides, costs, row, asked, start, dearest, controls, price, change
-):
-    """The optimum of each of C programs; all arrays are contiguous float64 or int64.
-
-    Args:
-        tableau: B⁻¹ R of own optima, (C, 6, m - 6).
-        own: own optima, (C, m).
-        basis: basic controls there, (C, 6).
-        others: the other controls, (C, m - 6).
-        sides: sign of each basic control, (C, 6).
-        costs: duals of the others, (C, m - 6).
-        row: planes of all craft, one craft's after the other's, (S, m).
-        asked: what each plane asks for, (S,).
-        start: where each craft's planes begin, and S, (C + 1,).
-        dearest: cost of what is missing at a plane.
-        controls: result, (C, m).
-        price: result, (S,).
-        change: result ∂u/∂asked, (S, m), or (0, m) where it is not wanted.
-    """
-    C, m = own.shape
-    most = np.max(start[1:] - start[:-1])
-    body, value, side = np.empty((6 + most, m - 6)), np.empty(6 + most), np.empty(6 + most)
-    basic, other = np.empty(6 + most, np.int64), np.empty(m - 6, np.int64)
-    cost = np.empty(m - 6)
-    for craft in range(C):
-        first, p = start[craft], start[craft + 1] - start[craft]
-        begin(
-            tableau[craft],
-            own[craft],
-            basis[craft],
-            others[craft],
-            sides[craft],
-            costs[craft],
-            row,
-            asked,
-            first,
-            p,
-            body,
-            value,
-            side,
-            basic,
-            other,
-            cost,
-        )
-        for _ in range(MOST_PIVOTS):
-            if not pivot(6 + p, m, dearest, body, value, side, basic, other, cost):
-                break
-        finish(
-            first,
-            6 + p,
-            m,
-            dearest,
-            body,
-            value,
-            side,
-            basic,
-            other,
-            cost,
-            controls[craft],
-            price,
-            change,
-        )
-
-
-@no_type_check
-@njit(cache=True)
-def begin(
     tableau,
     own,
     basis,
     others,
     sides,
     costs,
-    row,
+    crafts,
+    start,
+    order,
+    gain,
     asked,
-    first,
-    p,
-    body,
-    value,
-    side,
-    basic,
-    other,
-    cost,
+    dearest,
+    controls,
+    price,
+    change,
 ):
-    """The tableau at the own optimum, where what is left at the planes is basic."""
-    K = len(others)
-    for k in range(K):
-        other[k], cost[k] = others[k], costs[k]
-    for i in range(6):
-        value[i], side[i], basic[i] = own[basis[i]], sides[i], basis[i]
-        for k in range(K):
-            body[i, k] = tableau[i, k]
-    for c in range(p):
-        g = row[first + c]
-        left = -asked[first + c]
-        for k in range(len(own)):
-            left += g[k] * own[k]
-        value[6 + c], side[6 + c], basic[6 + c] = left, 1.0, len(own) + c
-    for c in range(p):
-        g = row[first + c]
-        for k in range(K):
-            moved = -g[others[k]]
-            for i in range(6):
-                moved += g[basis[i]] * tableau[i, k]
-            body[6 + c, k] = moved
+    """The optimum of each of C programs; all arrays are contiguous float64 or int64.
+
+    A plane has two sides, 2l and 2l + 1, for the two craft between which it is.
+
+    Args:
+        tableau: B⁻¹ R of own optima, (N, 6, m - 6).
+        own: own optima, (N, m).
+        basis: basic controls there, (N, 6).
+        others: the other controls, (N, m - 6).
+        sides: sign of each basic control, (N, 6).
+        costs: duals of the others, (N, m - 6).
+        crafts: whose programs they are, (C,).
+        start: where the sides of each begin in ``order``, and their number, (C + 1,).
+        order: sides of planes, one craft's after the other's, (S,).
+        gain: rows of planes for the first craft of each, (L, m); the second's are their negatives.
+        asked: what is asked of either, (L, 2).
+        dearest: cost of what is missing at a plane.
+        controls: result, (C, m).
+        price: result, (L, 2); that of other sides stays.
+        change: result ∂u/∂asked, (L, 2, m), or (0, 2, m) where it is not wanted.
+    """
+    C, m = len(crafts), own.shape[1]
+    most = np.max(start[1:] - start[:-1])
+    body, value, side = np.empty((6 + most, m - 6)), np.empty(6 + most), np.empty(6 + most)
+    basic, other = np.empty(6 + most, np.int64), np.empty(m - 6, np.int64)
+    cost, g = np.empty(m - 6), np.empty(m)
+    for c in range(C):
+        craft, mine = crafts[c], order[start[c] : start[c + 1]]
+        rows = 6 + len(mine)
+        for k in range(m - 6):
+            other[k], cost[k] = others[craft, k], costs[craft, k]
+        for i in range(6):
+            basic[i], side[i] = basis[craft, i], sides[craft, i]
+            value[i] = own[craft, basic[i]]
+            body[i] = tableau[craft, i]
+        for i in range(6, rows):
+            plane, second = mine[i - 6] >> 1, mine[i - 6] & 1
+            left = -asked[plane, second]
+            for k in range(m):
+                g[k] = -gain[plane, k] if second else gain[plane, k]
+                left += g[k] * own[craft, k]
+            value[i], side[i], basic[i] = left, 1.0, m + i - 6
+            for k in range(m - 6):
+                body[i, k] = -g[other[k]]
+            for b in range(6):
+                for k in range(m - 6):
+                    body[i, k] += g[basic[b]] * body[b, k]
+        for _ in range(MOST_PIVOTS):
+            if not pivot(rows, m, dearest, body, value, side, basic, other, cost):
+                break
+        finish(mine, m, dearest, body, value, side, basic, other, cost, controls[c], price, change)
 
 
 @no_type_check
@@ -200,19 +162,20 @@ def exchange(rows, leaving, entering, body, value, basic, other):
 
 @no_type_check
 @njit(cache=True)
-def finish(first, rows, m, dearest, body, value, side, basic, other, cost, controls, price, change):
+def finish(mine, m, dearest, body, value, side, basic, other, cost, controls, price, change):
     """Read the optimum off the tableau."""
     controls[:] = 0.0
-    for i in range(rows):
+    for i in range(6 + len(mine)):
         if basic[i] < m:
             controls[basic[i]] = value[i]
         else:  # what is left at a plane, or missing
-            price[first + basic[i] - m] = 0.0 if side[i] > 0 else dearest
-    for k in range(len(other)):
+            plane = mine[basic[i] - m]
+            price[plane >> 1, plane & 1] = 0.0 if side[i] > 0 else dearest
+    for k in range(m - 6):
         if other[k] >= m:
-            plane = first + other[k] - m
-            price[plane] = -cost[k]
+            plane, second = mine[other[k] - m] >> 1, mine[other[k] - m] & 1
+            price[plane, second] = -cost[k]
             if len(change):
-                for i in range(rows):
+                for i in range(6 + len(mine)):
                     if basic[i] < m:
-                        change[plane, basic[i]] = -body[i, k]
+                        change[plane, second, basic[i]] = -body[i, k]

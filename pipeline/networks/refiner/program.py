@@ -15,13 +15,13 @@ The price of a plane, its multiplier λ in [0, Λ], is what another unit of sepa
 
 from dataclasses import dataclass, fields
 
-import numpy as np
 import torch
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from pipeline.arrays import Array
+from pipeline.networks.refiner.compiled import numbers
 from pipeline.networks.refiner.pivots import SMALL, solve_all
+from pipeline.networks.refiner.sides import Sides
 
 DEAREST = 50.0
 """Λ: fuel at which a plane is given up, r_col/Δt² a r_col; few ever cost more than 2."""
@@ -65,15 +65,15 @@ class Optimum:
     """The optimum of each program.
 
     Attributes:
-        controls: (C, m).
-        price: of each plane, (S,).
-        change: of a craft's controls with what a plane of its own asks for, ∂u/∂d, (S, m); (0, m)
+        controls: of each craft that has planes, (C, m).
+        price: of each plane for either craft, (L, 2).
+        change: of a craft's controls with what a plane asks of it, ∂u/∂d, (L, 2, m); (0, 2, m)
             where it was not wanted.
     """
 
     controls: Float[Tensor, "C m"]
-    price: Float[Tensor, "S"]
-    change: Float[Tensor, "_ m"]
+    price: Float[Tensor, "L 2"]
+    change: Float[Tensor, "_ 2 m"]
 
 
 def own_tableau(
@@ -86,57 +86,54 @@ def own_tableau(
     N, m = controls.shape
     nonbasic = torch.ones(N, m, dtype=torch.bool, device=controls.device).scatter(1, basis, False)
     others = nonbasic.nonzero()[:, 1].reshape(N, m - 6)
-    tableau = torch.linalg.solve(reach.T[basis].mT, reach.T[others].mT)
+    tableau = torch.linalg.solve(reach.T[basis].mT, reach.T[others].mT).contiguous()
     return Own(controls, basis, others, side, tableau, torch.einsum("ni,nij->nj", side, tableau))
 
 
 def optimum(
-    own: Own, row: Float[Tensor, "S m"], asked: Float[Tensor, "S"], count: Int[Tensor, "C"]
-) -> tuple[Float[Tensor, "C m"], Float[Tensor, "S"]]:
+    own: Own, sides: Sides, gain: Float[Tensor, "L m"], asked: Float[Tensor, "L 2"]
+) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
     """Controls and prices of each craft's program.
 
     Gradients run from the controls to rows and what is asked for, as the optimum moves while its
     basis stays; prices have none.
 
     Args:
-        own: own optima.
-        row: g of each plane, one craft's after the other's.
-        asked: d of each plane.
-        count: planes of each craft, at least one.
+        own: own optima of all craft.
+        sides: which planes are whose.
+        gain: g of each plane for its first craft; that of the second is -g.
+        asked: d of each plane, for either craft.
     """
-    wanted = row.requires_grad or asked.requires_grad
-    found = solve(own, row, asked, count, differentiable=wanted)
+    wanted = gain.requires_grad or asked.requires_grad
+    found = solve(own, sides, gain, asked, differentiable=wanted)
     controls = found.controls
     if wanted:
-        craft = torch.arange(len(count), device=count.device).repeat_interleave(count)
-        theirs = controls.index_select(0, craft)
-        more = asked - asked.detach() - ((row - row.detach()) * theirs).sum(dim=1)
-        controls = controls.index_add(0, craft, found.change * more[:, None])
+        place = sides.place
+        theirs = controls.index_select(0, place).reshape(found.change.shape)
+        moved = ((gain - gain.detach())[:, None] * theirs).sum(dim=2)
+        more = asked - asked.detach() - torch.stack([moved[:, 0], -moved[:, 1]], dim=1)
+        change = found.change * more[..., None]
+        controls = controls.index_add(0, place, change.flatten(0, 1))
     return controls, found.price
 
 
 def solve(
     own: Own,
-    row: Float[Tensor, "S m"],
-    asked: Float[Tensor, "S"],
-    count: Int[Tensor, "C"],
+    sides: Sides,
+    gain: Float[Tensor, "L m"],
+    asked: Float[Tensor, "L 2"],
     *,
     differentiable: bool = False,
 ) -> Optimum:
     """The optimum of each craft's program, with its change where it is wanted; on the CPU."""
-    (S, m), C = row.shape, len(count)
+    (L, m), C = gain.shape, len(sides.craft)
     found = Optimum(
         torch.empty(C, m, dtype=torch.float64),
-        torch.zeros(S, dtype=torch.float64),
-        torch.zeros(S if differentiable else 0, m, dtype=torch.float64),
+        torch.zeros(L, 2, dtype=torch.float64),
+        torch.zeros(L if differentiable else 0, 2, m, dtype=torch.float64),
     )
-    start = np.concatenate([[0], np.cumsum(_array(count))])
-    given = (own.tableau, own.controls, own.basis, own.others, own.side, own.cost, row, asked)
-    results = (part.numpy() for part in (found.controls, found.price, found.change))
-    solve_all(*map(_array, given), start, DEAREST, *results)
-    return Optimum(*(getattr(found, one.name).to(row.device) for one in fields(found)))
-
-
-def _array(values: Tensor) -> Shaped[Array, "..."]:
-    """The same numbers for compiled code."""
-    return values.detach().cpu().contiguous().numpy()
+    tableaux = (own.tableau, own.controls, own.basis, own.others, own.side, own.cost)
+    given = (*tableaux, sides.craft, sides.start, sides.order, gain, asked)
+    results = (found.controls, found.price, found.change)
+    solve_all(*map(numbers, given), DEAREST, *(part.numpy() for part in results))
+    return Optimum(*(getattr(found, one.name).to(gain.device) for one in fields(found)))

@@ -26,7 +26,7 @@ from pipeline.networks.refiner.encounters import (
 )
 from pipeline.networks.refiner.grid import Grid, grid_of, in_units
 from pipeline.networks.refiner.program import Own, optimum, own_tableau
-from pipeline.networks.refiner.seen import Meeting, likeness, seen
+from pipeline.networks.refiner.seen import Meeting, free_directions, seen
 from pipeline.networks.refiner.sides import sides_of
 from pipeline.networks.swarms import Swarms
 
@@ -131,7 +131,7 @@ def start(task: Task) -> State:
     """The own optima, before anybody has met."""
     controls = task.own.controls
     nothing = controls.new_zeros(len(task.met.first), 2)
-    return _state(task, controls, Known(nothing, nothing))
+    return _state(task, controls, task.grid.fly(task.initial, controls), Known(nothing, nothing))
 
 
 def play(
@@ -160,40 +160,40 @@ def play(
         return state
     met, found = state.approaches(task, which)
     along, motion = directions(found)
-    row = plane_rows(met, found.share, along, task.grid.nodes)
-    known = _with_first_prices(task, state.known, which, row.detach())
+    gain = plane_rows(met, found.share, along, task.grid.nodes) @ task.grid.reach
+    known = _with_first_prices(task, state.known, which, gain.detach())
     meeting = Meeting(
-        met, found, along, motion, row, known.price[which], known.first_price[which], number
+        met, found, along, motion, gain, known.price[which], known.first_price[which], number
     )
-    sides, trade = sides_of(met.craft), None
+    sides, trade = sides_of(met.craft, len(state.controls)), None
     if network is not None:
         sight = seen(meeting, task.own, state.controls, task.grid)
-        trade = network(sight, sides, likeness(row, sides, task.grid))
-    gain, give = planes(task.grid, meeting, trade)
-    theirs = state.controls.index_select(0, met.craft.reshape(-1)).reshape(gain.shape)
-    asked = (gain * theirs).sum(dim=2) + give
-    own = task.own.of(sides.craft)
-    best, paid = optimum(own, sides.listed(gain), sides.listed(asked), sides.count)
+        trade = network(sight, sides, free_directions(gain, task.grid))
+    first, second = ((gain * state.controls.index_select(0, k)).sum(dim=1) for k in met.both)
+    asked = torch.stack([first, -second], dim=1) + to_give(meeting, trade)
+    best, paid = optimum(task.own, sides, gain, asked)
     controls = state.controls.index_copy(0, sides.craft, best)
-    price = torch.zeros_like(known.price).index_copy(0, which, sides.unlisted(paid))
-    return _state(task, controls, replace(known, price=price))
+    flown = task.grid.fly(task.initial[sides.craft], best)
+    states = state.states.index_copy(0, sides.craft, flown)
+    price = torch.zeros_like(known.price).index_copy(0, which, paid)
+    return _state(task, controls, states, replace(known, price=price))
 
 
-def _state(task: Task, controls: Float[Tensor, "N m"], known: Known) -> State:
-    states = task.grid.fly(task.initial, controls)
-    return State(controls, states, look(task.met, states), known)
+def _state(
+    task: Task, controls: Float[Tensor, "N m"], states: Float[Tensor, "N T 6"], known: Known
+) -> State:
+    # Who has no plane yet is of no interest before it comes near.
+    within = torch.where(known.first_price[:, 0] > 0, torch.inf, WATCHED)
+    return State(controls, states, look(task.met, states, within), known)
 
 
-def planes(
-    grid: Grid, meeting: Meeting, trade: Float[Tensor, "L"] | None
-) -> tuple[Float[Tensor, "L 2 m"], Float[Tensor, "L 2"]]:
-    """What each side's controls gain in separation, and by how much either craft is to give way."""
+def to_give(meeting: Meeting, trade: Float[Tensor, "L"] | None) -> Float[Tensor, "L 2"]:
+    """By how much either craft is to give way, r_col."""
     needed = 1 + MARGIN - (meeting.found.gap * meeting.along).sum(dim=1)
     first = torch.sigmoid(_usual_share(needed, meeting.price, meeting.first_price)) * needed
     if trade is not None:
         first = first + trade.to(first.dtype)
-    gain = meeting.row @ grid.reach
-    return torch.stack([gain, -gain], dim=1), torch.stack([first, needed - first], dim=1)
+    return torch.stack([first, needed - first], dim=1)
 
 
 def _usual_share(
@@ -211,14 +211,13 @@ def _usual_share(
 
 
 def _with_first_prices(
-    task: Task, known: Known, which: Int[Tensor, "L"], row: Float[Tensor, "L _"]
+    task: Task, known: Known, which: Int[Tensor, "L"], gain: Float[Tensor, "L m"]
 ) -> Known:
     """First prices of encounters that are live for the first time."""
     new = (known.first_price[which, 0] == 0).nonzero()[:, 0]
     if len(new) == 0:
         return known
-    gain = row[new] @ task.grid.reach
-    met = task.met.of(which[new])
+    met, gain = task.met.of(which[new]), gain[new]
     prices = [task.own.of(met.first).price(gain), task.own.of(met.second).price(-gain)]
     both = torch.stack(prices, dim=1).clamp(min=LEAST_PRICE)
     return replace(known, first_price=known.first_price.index_copy(0, which[new], both))

@@ -1,4 +1,4 @@
-"""What the sides of an encounter see, and how alike the planes of a craft are."""
+"""What the sides of an encounter see, and by what the planes of a craft are alike."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,6 @@ from torch import Tensor
 from pipeline.networks.refiner.encounters import Approach, Encounters
 from pipeline.networks.refiner.grid import Grid
 from pipeline.networks.refiner.program import Own
-from pipeline.networks.refiner.sides import Sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +20,7 @@ class Meeting:
         found: their closest approaches.
         along: unit vector along the gap, (L, 3).
         motion: unit vector along the motion past it, (L, 3).
-        row: plane along the gap, over the states of all nodes, (L, 6T).
+        gain: how the first craft's controls move it along the gap, (L, m).
         price: what the plane cost either craft in the round before, (L, 2).
         first_price: what the first unit costs either craft, (L, 2).
         number: of the round.
@@ -31,7 +30,7 @@ class Meeting:
     found: Approach
     along: Float[Tensor, "L 3"]
     motion: Float[Tensor, "L 3"]
-    row: Float[Tensor, "L _"]
+    gain: Float[Tensor, "L m"]
     price: Float[Tensor, "L 2"]
     first_price: Float[Tensor, "L 2"]
     number: int | Int[Tensor, ""]
@@ -71,7 +70,7 @@ def seen(
 def features(meeting: Meeting, standing: Standing, grid: Grid) -> Float[Tensor, "L 2 F"]:
     """Prices and fuel of each side's craft, the encounter, and directions from there."""
     found, price = meeting.found, meeting.price
-    gain = torch.linalg.vector_norm(meeting.row @ grid.reach, dim=1)
+    gain = torch.linalg.vector_norm(meeting.gain, dim=1)
     speed = torch.linalg.vector_norm(found.speed, dim=1)
     shared = [
         3 * (1 - found.distance).clamp(-2, 2),
@@ -94,15 +93,7 @@ def features(meeting: Meeting, standing: Standing, grid: Grid) -> Float[Tensor, 
     return torch.cat([numbers, torch.stack([around, -around], dim=1)], dim=2).float()
 
 
-@torch.no_grad()
-def likeness(row: Float[Tensor, "L _"], sides: Sides, grid: Grid) -> Float[Tensor, "C p p"]:
-    """Cosines between the planes of each craft, as far as controls that keep its goal move it."""
-    free = free_directions(row, grid)
-    table = sides.table(torch.stack([free, -free], dim=1))
-    return table @ table.mT
-
-
-def free_directions(row: Float[Tensor, "L _"], grid: Grid) -> Float[Tensor, "L m"]:
+def free_directions(gain: Float[Tensor, "L m"], grid: Grid) -> Float[Tensor, "L m"]:
     """How controls that keep the goal move each plane most, as unit vectors."""
-    free = row @ grid.free_reach
+    free = gain.detach() @ grid.free
     return (free / torch.linalg.vector_norm(free, dim=1, keepdim=True).clamp(min=1e-9)).float()

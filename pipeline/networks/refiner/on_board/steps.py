@@ -36,7 +36,7 @@ from pipeline.networks.refiner.rounds import (
     NEAR,
     NEAR_OF_EXTENT,
     WATCHED,
-    planes,
+    to_give,
 )
 from pipeline.networks.refiner.seen import Meeting, Standing, features, free_directions
 from pipeline.orbit.problem import Problem
@@ -51,14 +51,14 @@ class Scene:
         found: their closest approaches.
         along: unit vector along the gap, (P, 3).
         motion: along the motion past it, (P, 3).
-        row: plane along the gap, over the states of all nodes, (P, 6T).
+        gain: how this craft's controls move it along the gap, (P, m).
     """
 
     met: Encounters
     found: Approach
     along: Float[Tensor, "P 3"]
     motion: Float[Tensor, "P 3"]
-    row: Float[Tensor, "P _"]
+    gain: Float[Tensor, "P m"]
 
     def meeting(
         self,
@@ -68,7 +68,7 @@ class Scene:
     ) -> Meeting:
         """With the prices of both sides, in the round of a number."""
         return Meeting(
-            self.met, self.found, self.along, self.motion, self.row, price, first_price, number
+            self.met, self.found, self.along, self.motion, self.gain, price, first_price, number
         )
 
 
@@ -125,8 +125,8 @@ class Step(nn.Module):
         ends = self.scaled(nodes, r_col) - self.scaled(told_nodes, r_col)
         found, here = approach(ends, nearest(ends)), torch.zeros_like(interval)
         met, (along, motion) = Encounters(here, here + 1, interval), directions(found)
-        row = plane_rows(met, found.share, along, self.grid.nodes)
-        return Scene(met, found, along, motion, row)
+        gain = plane_rows(met, found.share, along, self.grid.nodes) @ self.grid.reach
+        return Scene(met, found, along, motion, gain)
 
 
 class Begin(Step):
@@ -156,14 +156,11 @@ class Meet(Step):
         """By craft and interval, (Q, T-1); as ``encounters.candidates`` finds them."""
         every = self.scaled(torch.cat([states[None], told_states]), r_col)
         relative = every[:1] - every[1:]
-        position = relative[..., :3]
-        distance = torch.linalg.vector_norm(position, dim=-1)
-        chord = torch.linalg.vector_norm(position[:, 1:] - position[:, :-1], dim=-1)
-        least = (distance[:, 1:] + distance[:, :-1] - chord) / 2
-        ends = torch.stack([relative[:, :-1], relative[:, 1:]], dim=2).reshape(-1, 2, 6)
-        closest = approach(ends, nearest(ends)).distance.reshape(least.shape)
+        each = torch.stack([relative[:, :-1], relative[:, 1:]], dim=2)  # (Q, T-1, 2, 6)
+        ends = each.reshape(-1, 2, 6)
+        closest = approach(ends, nearest(ends)).distance.reshape(each.shape[:2])
         within = (NEAR_OF_EXTENT * extents(every, every.shape[0])).clamp(min=NEAR)  # (1,)
-        return ((least <= within) & (closest <= within),)
+        return (closest <= within,)
 
 
 class Look(Step):
@@ -189,7 +186,7 @@ class Look(Step):
         distance = scene.found.distance
         live = (distance < WATCHED) | (first_price > 0)
         one_each = own.of(torch.zeros_like(interval))
-        asked = one_each.price(scene.row @ self.grid.reach).clamp(min=LEAST_PRICE)
+        asked = one_each.price(scene.gain).clamp(min=LEAST_PRICE)
         first_price = torch.where(live & (first_price == 0), asked, first_price)
         spent = (controls / self.acceleration(r_col)).abs().sum() - own.controls.abs().sum()
         standing = torch.stack([live.sum().to(price.dtype), price.sum(), spent])
@@ -225,7 +222,7 @@ class Speak(Step):
         seen = torch.where(live[:, None, None], seen, 0.0)
         said = self.network.read(seen.flatten(1))
         told = torch.where(live[:, None], self.network.tell(said), 0.0)
-        free = free_directions(scene.row, self.grid)
+        free = free_directions(scene.gain, self.grid)
         every = told.sum(dim=0).expand(told.shape)
         return said, self.network.hears * torch.cat([free @ free.T @ told, every], dim=1)
 
@@ -273,11 +270,10 @@ class Settle(Step):
         prices = torch.stack([price, told_price], dim=1)
         first_prices = torch.stack([first_price, told_first_price], dim=1)
         meeting = scene.meeting(prices, first_prices, 0)  # of which round makes no difference here
-        found = planes(self.grid, meeting, trade_of(offer, told_offer))
-        gain, give = (both[:, 0] for both in found)
+        give = to_give(meeting, trade_of(offer, told_offer))[:, 0]
         now = controls / self.acceleration(r_col)
         own = self.own(initial, goal, r_col)
-        best, paid = solve_one(own, gain, gain @ now + give, live)
+        best, paid = solve_one(own, scene.gain, scene.gain @ now + give, live)
         best = torch.where(live.any(), best, now)
         states = self.fly(initial, best, r_col)
         both = torch.stack([states[interval], states[interval + 1]], dim=1)

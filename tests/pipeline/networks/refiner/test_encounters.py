@@ -8,7 +8,6 @@ import pytest
 import torch
 from scipy.interpolate import CubicHermiteSpline
 
-from pipeline.networks.refiner import encounters
 from pipeline.networks.refiner.encounters import (
     Encounters,
     approach,
@@ -88,13 +87,18 @@ def test_fast_passes_are_found_as_well():
     assert found.distance.numpy() == pytest.approx(least, abs=2e-3)
 
 
-def test_pairs_looked_at_in_portions_are_those_looked_at_together(monkeypatch):
-    together = candidates(SCALED, N, 5.0, 0.1)
-    for portion in (1, 7, 28):  # 28 pairs in each of three swarms
-        monkeypatch.setattr(encounters, "PAIRS_AT_ONCE", portion)
-        apart = candidates(SCALED, N, 5.0, 0.1)
-        for one, other in zip(vars(apart).values(), vars(together).values(), strict=True):
-            assert torch.equal(one, other)
+def test_who_is_sure_to_stay_beyond_a_distance_is_not_looked_at_and_nobody_else():
+    """Random motion about a distance of 3: what is seen is exact, what is not is beyond 2."""
+    rng = np.random.default_rng(1)
+    ends = rng.normal(size=(3000, 2, 6)) * [2, 2, 2, 1, 1, 1]
+    met, states = pairs_of(ends)
+    every = look(met, states)
+    some = look(met, states, torch.full_like(every.distance, 2.0))
+    unseen = some.distance.isinf()
+    assert (every.distance[unseen] > 2).all()
+    assert torch.equal(some.distance[~unseen], every.distance[~unseen])
+    assert torch.equal(some.share[~unseen], every.share[~unseen])
+    assert unseen.sum() > 0.5 * (every.distance > 2).sum() > 500
 
 
 def test_all_pairs_of_a_large_swarm_are_looked_at_in_bounded_memory():
@@ -113,7 +117,7 @@ def test_all_pairs_of_a_large_swarm_are_looked_at_in_bounded_memory():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     found, megabytes = map(int, done.stdout.split())
     assert found == (n - 1) * 10
-    assert megabytes < 250  # all at once would take over 500 MB
+    assert megabytes < 250  # comparing all at once would take over 500 MB
 
 
 def test_a_wide_swarm_is_looked_at_further_out_than_a_narrow_one_beside_it():

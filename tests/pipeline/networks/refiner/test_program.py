@@ -6,8 +6,10 @@ import torch
 from scipy.optimize import linprog
 
 from pipeline.networks.least_fuel import least_fuel
+from pipeline.networks.refiner import program
 from pipeline.networks.refiner.grid import grid_of
-from pipeline.networks.refiner.program import DEAREST, optimum, own_tableau, solve
+from pipeline.networks.refiner.program import DEAREST, own_tableau
+from pipeline.networks.refiner.sides import sides_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -37,6 +39,21 @@ def programs(problem, seed=0):
     return own, row[real], asked[real], count, grid.to_goal
 
 
+def first_sides(asked, count):
+    """Sides of planes of which nothing is asked of the second craft, the one after the first."""
+    first = torch.arange(len(count)).repeat_interleave(count)
+    sides = sides_of(torch.stack([first, (first + 1) % len(count)], dim=1), len(count))
+    return sides, torch.stack([asked, torch.full_like(asked, -1000.0)], dim=1)
+
+
+def solve(own, row, asked, count):
+    """Controls and prices; planes stand one craft's after the other's."""
+    sides, both = first_sides(asked, count)
+    found = program.solve(own, sides, row, both)
+    assert (found.price[:, 1] == 0).all()
+    return found.controls, found.price[:, 0]
+
+
 def by_craft(values, count):
     """Planes of each craft, as arrays."""
     return [part.numpy() for part in torch.split(values, count.tolist())]
@@ -58,16 +75,34 @@ def by_highs(goal, row, asked, reach):
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_the_optimum_and_its_prices_are_those_of_highs(problem):
     own, row, asked, count, reach = programs(problem)
-    found = solve(own, row, asked, count)
+    flown, price = solve(own, row, asked, count)
     goal = (own.controls @ reach.T).numpy()
-    assert np.abs((found.controls @ reach.T).numpy() - goal).max() < 1e-9
-    every = (by_craft(values, count) for values in (row, asked, found.price))
+    assert np.abs((flown @ reach.T).numpy() - goal).max() < 1e-9
+    every = (by_craft(values, count) for values in (row, asked, price))
     for k, (rows, wanted, prices) in enumerate(zip(*every, strict=True)):
-        controls = found.controls[k].numpy()
+        controls = flown[k].numpy()
         mine = np.abs(controls).sum() + DEAREST * np.maximum(wanted - rows @ controls, 0).sum()
-        least, price = by_highs(goal[k], rows, wanted, reach.numpy())
+        least, theirs = by_highs(goal[k], rows, wanted, reach.numpy())
         assert mine == pytest.approx(least, rel=1e-7)
-        assert prices == pytest.approx(price, abs=1e-6)
+        assert prices == pytest.approx(theirs, abs=1e-6)
+    assert (price > 0).any()
+
+
+def test_the_second_craft_of_a_plane_sees_it_from_the_other_side():
+    own, row, asked, _, _ = programs(Problem())
+    pair, one = torch.tensor([[3, 8], [8, 20]]), row[:2]
+    both = torch.stack([asked[:2], asked[2:4]], dim=1)
+    sides = sides_of(pair, CRAFT)
+    found = program.solve(own, sides, one, both)
+    assert sides.craft.tolist() == [3, 8, 20]
+    asked_of = {3: [(0, 0)], 8: [(0, 1), (1, 0)], 20: [(1, 1)]}
+    for k, craft in enumerate(sides.craft.tolist()):
+        planes = torch.stack([(-1.0) ** side * one[which] for which, side in asked_of[craft]])
+        wanted = torch.stack([both[which, side] for which, side in asked_of[craft]])
+        alone = solve(own.of(torch.tensor([craft])), planes, wanted, torch.tensor([len(planes)]))
+        assert torch.equal(found.controls[k], alone[0][0])
+        price = [float(found.price[which, side]) for which, side in asked_of[craft]]
+        assert price == alone[1].tolist()
     assert (found.price > 0).any()
 
 
@@ -76,16 +111,16 @@ def test_what_cannot_be_had_is_given_up_at_the_dearest_price():
     one = row[:1].expand(CRAFT, -1)
     both = torch.stack([one, -one], dim=1).reshape(2 * CRAFT, -1)  # both sides of a plane
     asked, count = torch.full((2 * CRAFT,), 0.5).double(), torch.full((CRAFT,), 2)
-    found = solve(own, both, asked, count)
-    assert torch.isfinite(found.controls).all()
-    assert found.price.reshape(CRAFT, 2).amax(dim=1).numpy() == pytest.approx(DEAREST)
+    controls, price = solve(own, both, asked, count)
+    assert torch.isfinite(controls).all()
+    assert price.reshape(CRAFT, 2).amax(dim=1).numpy() == pytest.approx(DEAREST)
 
 
 def test_a_craft_whose_planes_are_far_away_keeps_its_own_optimum():
     own, row, asked, count, _ = programs(Problem())
-    found = solve(own, row, asked - 100, count)
-    assert found.controls.numpy() == pytest.approx(own.controls.numpy(), abs=1e-12)
-    assert (found.price == 0).all()
+    controls, price = solve(own, row, asked - 100, count)
+    assert controls.numpy() == pytest.approx(own.controls.numpy(), abs=1e-12)
+    assert (price == 0).all()
 
 
 def test_gradients_are_how_the_optimum_moves():
@@ -93,11 +128,12 @@ def test_gradients_are_how_the_optimum_moves():
     torch.manual_seed(0)
     taste = torch.randn_like(own.controls)
     rows, wanted = row.clone().requires_grad_(), asked.clone().requires_grad_()
-    controls, _ = optimum(own, rows, wanted, count)
+    sides, both = first_sides(wanted, count)
+    controls, _ = program.optimum(own, sides, rows, both)
     (controls * taste).sum().backward()
     step, move = 1e-6, (torch.randn_like(row), torch.randn_like(asked))
     ahead, behind = (
-        (solve(own, row + s * move[0], asked + s * move[1], count).controls - controls.detach()) / s
+        (solve(own, row + s * move[0], asked + s * move[1], count)[0] - controls.detach()) / s
         for s in (step, -step)
     )
     smooth = (ahead - behind).abs().amax(dim=1) < 1e-2  # others are at a kink
@@ -113,10 +149,10 @@ def test_the_first_unit_along_a_row_costs_what_a_small_step_does():
     own, row, _, count, _ = programs(Problem())
     step, one = 1e-6, row[count.cumsum(0) - count]
     asked = (one * own.controls).sum(dim=1) + step
-    found = solve(own, one, asked, torch.ones_like(count))
-    more = found.controls.abs().sum(dim=1) - own.controls.abs().sum(dim=1)
+    controls, price = solve(own, one, asked, torch.ones_like(count))
+    more = controls.abs().sum(dim=1) - own.controls.abs().sum(dim=1)
     assert (more / step).numpy() == pytest.approx(own.price(one).numpy(), rel=1e-4)
-    assert found.price.numpy() == pytest.approx(own.price(one).numpy(), rel=1e-6)
+    assert price.numpy() == pytest.approx(own.price(one).numpy(), rel=1e-6)
 
 
 def test_what_no_control_moves_costs_the_same_however_it_is_rounded():

@@ -24,7 +24,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 
-PROBLEM, ROUNDS, MEMORY = Problem(), 8, 16
+PROBLEM, ROUNDS, MEMORY = Problem(), 10, 16
 RADIUS = PROBLEM.collision_radius
 UNIT = RADIUS / PROBLEM.time_step**2
 RINGS, DENSE = [(2, 0), (5, 11), (10, 1), (10, 4)], [(5, 0), (5, 2)]

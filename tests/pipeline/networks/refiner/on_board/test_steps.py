@@ -19,6 +19,7 @@ from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, takes, told_e
 from pipeline.networks.refiner.on_board.swarm import fly_rounds
 from pipeline.networks.refiner.program import DEAREST, solve
 from pipeline.networks.refiner.rounds import begin
+from pipeline.networks.refiner.sides import Sides
 from pipeline.networks.swarms import swarms
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
@@ -42,7 +43,7 @@ def drawn(family, n, k, problem=PROBLEM):
     return scenario.initial, scenario.goal
 
 
-def by_craft(made, initial, goal, count=8):
+def by_craft(made, initial, goal):
     """Controls of every round, each craft by itself."""
     steps = {name: step(made, PROBLEM) for name, step in STEPS.items()}
 
@@ -51,7 +52,7 @@ def by_craft(made, initial, goal, count=8):
         found = steps[name](*given)
         return dict(zip(STEPS[name].gives, (one.numpy() for one in found), strict=True))
 
-    flown = fly_rounds(run, initial, goal, PROBLEM.collision_radius, rounds=count)
+    flown = fly_rounds(run, initial, goal, PROBLEM.collision_radius, rounds=made.rounds)
     return np.stack(list(flown))
 
 
@@ -114,10 +115,12 @@ def test_one_craft_s_program_is_that_of_many():
         dearest = 0.0
         for k in range(10):
             own, some = task.own.of(torch.tensor([k])), real[k]
-            wanted = solve(own, row[k, some], asked[k, some], some.sum()[None])
+            count = int(some.sum())
+            first = Sides(torch.tensor([0]), torch.tensor([0, count]), 2 * torch.arange(count))
+            wanted = solve(own, first, row[k, some], asked[k, some, None].expand(-1, 2))
             controls, price = solve_one(own, row[k], asked[k], some)
             assert controls.numpy() == pytest.approx(wanted.controls[0].numpy(), abs=1e-8)
-            assert price[some].numpy() == pytest.approx(wanted.price.numpy(), abs=1e-7)
+            assert price[some].numpy() == pytest.approx(wanted.price[:, 0].numpy(), abs=1e-7)
             assert (price[~some] == 0).all()
             dearest = max(dearest, float(price.amax()))
         assert dearest == pytest.approx(DEAREST)

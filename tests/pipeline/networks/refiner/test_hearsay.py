@@ -1,0 +1,55 @@
+"""What sides hear of each other against sums over all pairs of sides, written out."""
+
+import pytest
+import torch
+
+from pipeline.networks.refiner.hearsay import heard
+from pipeline.networks.refiner.sides import sides_of
+
+CRAFT, ENCOUNTERS, H, M = 7, 12, 3, 5
+
+
+@pytest.fixture
+def drawn():
+    """Random encounters of some of the craft, with unit vectors and messages."""
+    torch.manual_seed(0)
+    pair = torch.stack([torch.randperm(CRAFT - 1)[:2] for _ in range(ENCOUNTERS)])
+    free = torch.nn.functional.normalize(torch.randn(ENCOUNTERS, M).double(), dim=1)
+    return pair, free, torch.randn(ENCOUNTERS, 2, H).double()
+
+
+def written_out(pair, free, told):
+    """By the definition, over all pairs of sides of the same craft."""
+    craft, flat = pair.reshape(-1), told.reshape(-1, H)
+    vector = torch.stack([free, -free], dim=1).reshape(-1, M)
+    same = (craft[:, None] == craft[None]).double()
+    sums = [(same * (vector @ vector.T)) @ flat, same @ flat]
+    return torch.cat(sums, dim=1).reshape(len(pair), 2, -1)
+
+
+def test_sides_are_those_of_their_craft_in_order(drawn):
+    pair, _, _ = drawn
+    sides = sides_of(pair, CRAFT)
+    craft = pair.reshape(-1)
+    assert sides.craft.tolist() == sorted(set(craft.tolist()))
+    assert sorted(sides.order.tolist()) == list(range(2 * ENCOUNTERS))
+    for k, one in enumerate(sides.craft.tolist()):
+        mine = sides.order[sides.start[k] : sides.start[k + 1]]
+        assert mine.tolist() == (craft == one).nonzero()[:, 0].tolist()
+    assert torch.equal(sides.craft[sides.place], craft)
+
+
+def test_a_side_hears_all_of_its_craft_s_sides(drawn):
+    pair, free, told = drawn
+    found = heard(told, free, sides_of(pair, CRAFT))
+    torch.testing.assert_close(found, written_out(pair, free, told))
+    assert found.std() > 0.5
+
+
+def test_gradients_are_those_of_the_definition(drawn):
+    pair, free, told = drawn
+    taste, sides = torch.randn(ENCOUNTERS, 2, 2 * H).double(), sides_of(pair, CRAFT)
+    mine, theirs = told.clone().requires_grad_(), told.clone().requires_grad_()
+    (heard(mine, free, sides) * taste).sum().backward()
+    (written_out(pair, free, theirs) * taste).sum().backward()
+    torch.testing.assert_close(mine.grad, theirs.grad)
