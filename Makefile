@@ -77,7 +77,7 @@ transfer-times: $(BIN)/prolearn ## experiment 4
 flights: $(BIN)/prolearn ## experiment 5
 	$(BIN)/prolearn flights --data $(DATA) --jobs $(JOBS) --resume
 
-ABLATIONS := tuned short no-third uncrowded
+ABLATIONS := tuned short no-third uncrowded labelled
 ablate: $(BIN)/prolearn ## what each idea of the refiner is worth; then make report
 	for recipe in $(ABLATIONS); do \
 	  $(BIN)/prolearn train --arch refiner --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \

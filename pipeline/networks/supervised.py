@@ -61,7 +61,7 @@ class Supervised(ABC):
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
         """What the network reads and what it should answer, in float32."""
-        if swarms.states is None:
+        if swarms.states is None or swarms.states.isnan().any():
             raise InputError(
                 "the scenarios have no plans of the expert and the network learns from these; "
                 "expected a recipe with draws 0 and crowded 0, and a solved dataset."

@@ -24,7 +24,7 @@ class Swarms:
         initial: initial states, m and m/s.
         goal: goal states.
         collision_radius: of each swarm, m; it need not be the problem's.
-        states: the expert's node states, or None where nobody has planned.
+        states: the expert's node states; not numbers where it has not planned, or None.
     """
 
     problem: Problem

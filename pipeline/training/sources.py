@@ -72,7 +72,10 @@ def _drawn(source: FreshDraws, number: int, progress: Progress = SILENT) -> Exam
 
 @dataclass(frozen=True, eq=False)
 class Joined:
-    """Scenarios with others after them, all without plans.
+    """Scenarios with others after them that nobody has planned.
+
+    Where the first have plans and stand in one part with others, the states of these are not
+    numbers.
 
     Attributes:
         first: in memory or read part by part.
@@ -106,17 +109,26 @@ class Joined:
         """The parts of the first, and the second as the last one."""
         if self.buffer is None:
             (first,) = self.first.parts()
-            pairs = [(first.initial, self.second.initial), (first.goal, self.second.goal)]
-            yield Examples(self.problem, *(np.concatenate(pair) for pair in pairs))
+            yield _together(first, self.second)
             return
         last = self.part_count - 1
         for number in range(self.part_count) if order is None else order:
-            found = [self.second] if number == last else self.first.parts([number])
-            yield from (Examples(part.problem, part.initial, part.goal) for part in found)
+            yield from [self.second] if number == last else self.first.parts([number])
 
     def __len__(self) -> int:
         """Number of instances."""
         return len(self.first) + len(self.second)
+
+
+def _together(first: Examples, second: Examples) -> Examples:
+    """Both in one; with states where the first have some."""
+    initial = np.concatenate([first.initial, second.initial])
+    goal = np.concatenate([first.goal, second.goal])
+    states = first.states
+    if states is not None:
+        none = np.full((len(second), *states.shape[1:]), np.nan)
+        states = np.concatenate([states, none])
+    return Examples(first.problem, initial, goal, states)
 
 
 def sources(

@@ -134,7 +134,7 @@ def test_networks_of_other_kinds_and_refiners_of_other_rounds_are_refused(
         ablate(["ff1:tuned"], solved, **ASKED)
     register("tuned")
     register("short", rounds=5)
-    with pytest.raises(InputError, match=r"\(refiner short 5, refiner tuned 8\); expected"):
+    with pytest.raises(InputError, match=r"\(refiner short 5, refiner tuned 10\); expected"):
         ablate([], solved, **ASKED)
     with pytest.raises(InputError, match="timed is -1 and rounds 0,2; expected 0 or more"):
         ablate([], solved, **{**ASKED, "timed": -1})

@@ -51,7 +51,8 @@ class Examples:
         problem: the problem that they share.
         initial: initial states (N, n, 6), m and m/s.
         goal: goal states (N, n, 6).
-        states: the expert's node states (N, n, T, 6), or None where nobody has planned.
+        states: the expert's node states (N, n, T, 6); not numbers where it has not planned, or
+            None.
     """
 
     problem: Problem

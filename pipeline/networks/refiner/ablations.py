@@ -7,14 +7,16 @@ Every ablation is the tuned recipe but for one thing and for its epochs, of whic
 REFINER = "refiner"
 """The architecture's name."""
 
-TUNED, SHORT, NO_THIRD, UNCROWDED = "tuned", "short", "no-third", "uncrowded"
+TUNED, SHORT = "tuned", "short"
+
+NO_THIRD, UNCROWDED, LABELLED = "no-third", "uncrowded", "labelled"
 
 EPOCHS = 6
 """Of ``short`` and of every ablation."""
 
-ABLATIONS = (NO_THIRD, UNCROWDED)
-"""Recipes that lack one thing: what a side hears from the other sides of both craft, and crowded
-swarms to learn from."""
+ABLATIONS = (NO_THIRD, UNCROWDED, LABELLED)
+"""Recipes that lack one thing: what a side hears from the other sides of both craft, crowded
+swarms to learn from, and freedom from the expert's plans."""
 
 UNSAFE = 0.1
 """What an unsafe swarm counts as in the score, as fuel over the lower bound."""

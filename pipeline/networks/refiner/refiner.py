@@ -1,13 +1,13 @@
 """The refiner as an architecture: rounds of bargaining that end with the cheapest safe iterate.
 
-It learns from no plans. What it makes small is fuel over the lower bound, and what encounters
-lack of the collision radius, in the iterates of every round, the later the more. Swarms of ten
-craft become as crowded as larger ones by raising the collision radius as far as both formations
-allow: in units of r_col nothing else of a swarm matters.
+It learns from no plans, but for an ablation that does. What it makes small is fuel over the lower
+bound, and what encounters lack of the collision radius, in the iterates of every round, the later
+the more. Swarms of ten craft become as crowded as larger ones by raising the collision radius as
+far as both formations allow: in units of r_col nothing else of a swarm matters.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import torch
@@ -15,11 +15,13 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
+from pipeline.errors import InputError
 from pipeline.networks.architecture import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner.ablations import (
     EPOCHS,
+    LABELLED,
     NO_THIRD,
     SHORT,
     TUNED,
@@ -71,6 +73,8 @@ class Lesson(BaseModel):
         earlier: what a round counts for the one after it.
         raised: whether collision radii are raised.
         third: whether sides hear of the other sides of both craft.
+        labels: what a r_col of average distance from the expert's nodes counts as, where it has
+            planned; these swarms' collision radii are not raised then.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -81,6 +85,7 @@ class Lesson(BaseModel):
     earlier: float = 0.5
     raised: bool = True
     third: bool = True
+    labels: float = Field(default=0.0, ge=0)
 
 
 @dataclass(frozen=True)
@@ -122,6 +127,7 @@ class Refiner:
             SHORT: short,
             NO_THIRD: {**short, "options": _options(third=False)},
             UNCROWDED: {**short, "options": _options(raised=False), "crowded": 0},
+            LABELLED: {**short, "options": _options(labels=0.1)},
         }
 
     @property
@@ -140,7 +146,7 @@ class Refiner:
         return Bargain(sizes.width, sizes.message, sizes.rounds)
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
-        """Ends, collision radii, and the radii to which these may be raised, m and m/s."""
+        """Ends, collision radii and those to which they may be raised, and plans: m and m/s."""
         given = {"initial": swarms.initial, "goal": swarms.goal, "radius": swarms.collision_radius}
         apart = torch.full_like(swarms.collision_radius, torch.inf)
         for k in range(0, len(apart), AT_ONCE):
@@ -148,6 +154,7 @@ class Refiner:
                 found = drift_separations(ends[k : k + AT_ONCE].numpy(), swarms.problem)
                 apart[k : k + AT_ONCE] = apart[k : k + AT_ONCE].minimum(torch.from_numpy(found))
         radius = swarms.collision_radius
+        given["states"] = _known(swarms).float()
         return {**given, "most": (apart / CROWDED).clamp(min=radius, max=RAISED * radius)}
 
     def loss(
@@ -156,14 +163,22 @@ class Refiner:
         """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
         lesson, bargain = Lesson.model_validate(dict(recipe.options)), _bargain(network)
         bargain.hears.fill_(float(lesson.third))  # before the first step, kept with the weights
-        given = _raised(batch, encoding) if lesson.raised else _as_given(batch, encoding)
-        task, terms = begin(_turned(given)), []
+        if lesson.labels and recipe.draws:
+            raise InputError(
+                f"labels is {lesson.labels:g} and draws {recipe.draws}, whose scenarios nobody has "
+                "planned; expected labels 0, or draws 0 to learn from a dataset's plans."
+            )
+        given = _turned(_crowded(batch, encoding, lesson))
+        task, terms = begin(given), []
         state = start(task)
         for number in range(lesson.rounds):
             state = play(bargain, task, state, number)
             lack = lesson.violation * _lack(task, state, 1 + lesson.clear)
             # By its logarithm, or the hardest swarms would be all that is learned from.
             terms.append(torch.log(_ratio(task, state.controls) + lack).mean())
+            if given.states is not None:
+                apart = _from_expert(given.states, given.collision_radius, state)
+                terms[-1] = terms[-1] + lesson.labels * apart
         weight = torch.tensor([lesson.earlier**k for k in reversed(range(len(terms)))])
         mean = (torch.stack(terms) * weight.to(lack)).sum() / weight.sum()
         return mean + 0.0 * bargain.offer.weight.sum()  # a gradient also where nobody meets
@@ -221,11 +236,38 @@ def _as_given(batch: Batch, encoding: Encoding) -> Swarms:
     return Swarms(encoding.problem, batch["initial"], batch["goal"], batch["radius"])
 
 
-def _raised(batch: Batch, encoding: Encoding) -> Swarms:
-    """Collision radii somewhere between what they are and the most that they may be."""
+def _known(swarms: Swarms) -> Float[Tensor, "b n T 6"]:
+    """The expert's states; not numbers where it has not planned."""
+    if swarms.states is not None:
+        return swarms.states
+    b, n, _ = swarms.initial.shape
+    return swarms.initial.new_full((b, n, swarms.problem.nodes, 6), torch.nan)
+
+
+def _crowded(batch: Batch, encoding: Encoding, lesson: Lesson) -> Swarms:
+    """Collision radii somewhere between what they are and the most that they may be.
+
+    Those of plans that are learned from stay.
+    """
+    given = _as_given(batch, encoding)
     least, most = batch["radius"], batch["most"]
+    if not lesson.raised:
+        return given
     radius = least + (most - least) * torch.rand_like(least)
-    return Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
+    if not lesson.labels:
+        return replace(given, collision_radius=radius)
+    states = batch["states"].double()
+    radius = torch.where(states.isnan().flatten(1).any(dim=1), radius, least)
+    return replace(given, collision_radius=radius, states=states)
+
+
+def _from_expert(
+    expert: Float[Tensor, "b n T 6"], radius: Float[Tensor, "b"], state: State
+) -> Float[Tensor, ""]:
+    """Average distance of nodes from the expert's, r_col; 0 in swarms that it has not planned."""
+    wanted = expert[..., :3] / radius[:, None, None, None]
+    apart = state.states[..., :3] - wanted.flatten(0, 1)
+    return torch.linalg.vector_norm(apart.nan_to_num(), dim=2).mean()
 
 
 def _turned(swarms: Swarms) -> Swarms:
@@ -235,9 +277,8 @@ def _turned(swarms: Swarms) -> Swarms:
     axes = torch.ones(len(behind), 1, 6, dtype=behind.dtype, device=behind.device)
     axes[:, :, 2::3] = mirror[:, None, None]  # out of plane: z and its velocity
     turn = axes * behind[:, None, None]
-    return Swarms(
-        swarms.problem, swarms.initial * turn, swarms.goal * turn, swarms.collision_radius
-    )
+    states = None if swarms.states is None else swarms.states * turn[:, :, None]
+    return replace(swarms, initial=swarms.initial * turn, goal=swarms.goal * turn, states=states)
 
 
 REFINER = Refiner()
