@@ -237,14 +237,17 @@ def ablate(
         str, typer.Option(help="Numbers of rounds, beside those of the refiners' answers.")
     ] = "0,1,2,3,4,6,8,12,16,20,30",
     trials: Annotated[int | None, typer.Option(help="Most trials of each size.")] = None,
+    dense: Annotated[
+        int, typer.Option(help="Swarms of ten of the family dense, drawn to be tried, too.")
+    ] = 300,
     timed: Annotated[int, typer.Option(help="Trials of each size that are timed.")] = 10,
     resume: Resume = False,
     as_json: AsJson = False,
 ) -> None:
     """Ablations: refiners that lack one thing each, beside the rule without learning.
 
-    All plan the same test scenarios, after other numbers of rounds, too. `make ablate` trains the
-    refiners first.
+    All plan the same test scenarios; those that lack nothing and the rule after other numbers of
+    rounds, too. `make ablate` trains the refiners first.
 
     Examples:
 
@@ -261,6 +264,7 @@ def ablate(
             sizes=sizes,
             rounds=counts,
             trials=trials,
+            dense=dense,
             timed=timed,
             resume=resume,
             progress=shown,

@@ -6,21 +6,26 @@ from pathlib import Path
 import pandas as pd
 
 from cli.stages.entrants import Network, newest_on
-from cli.stages.experiment import held_out, listed
+from cli.stages.experiment import HeldOut, held_out, listed
 from pipeline.dataset.storage.folder import Where
 from pipeline.errors import InputError
 from pipeline.experiments.ablations.run import run_ablations
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.trials import Entrant
+from pipeline.networks.refiner.ablations import ABLATIONS as PARTS
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.network import Flown
 from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
+from pipeline.scenario import Scenario, draw
 from registry.results import Done
 from registry.store import ABLATIONS
 from registry.version import ModelVersion
+
+DENSE_CRAFT = 10
+"""Spacecraft of each dense swarm."""
 
 OWN_LP = next(planner for planner in BASELINES if planner.name == FREE)
 """What any refiner plans without a round."""
@@ -33,6 +38,7 @@ def ablate(
     sizes: Sequence[int],
     rounds: Sequence[int],
     trials: int | None,
+    dense: int,
     timed: int,
     resume: bool = False,
     progress: Progress = SILENT,
@@ -45,6 +51,7 @@ def ablate(
         sizes: swarm sizes.
         rounds: how many are tried, beside those that the refiners' answers take, and none.
         trials: most scenarios of a size, or all.
+        dense: swarms of the family dense that are drawn and tried beside; at most ``trials``.
         timed: scenarios of each size that are timed one at a time.
         resume: leave it where it was done before, with the same data, models and settings.
         progress: told of each planner's trials, and where other versions did it before.
@@ -54,9 +61,12 @@ def ablate(
             different numbers of rounds, sizes that are not in the dataset, or bad numbers.
         ProlearnError: where the store fails.
     """
-    if timed < 0 or min(rounds, default=0) < 0:
-        raise InputError(f"timed is {timed} and rounds {listed(rounds)}; expected 0 or more each.")
+    if min(timed, dense, *rounds) < 0:
+        raise InputError(
+            f"timed is {timed}, dense {dense} and rounds {listed(rounds)}; expected 0 or more each."
+        )
     ground = held_out(references, data, sizes, trials, refiners_on)
+    tried = [*ground.scenarios.values(), _dense(ground, min(dense, trials or dense))]
     own = _common_rounds(ground.networks)
     counts = sorted({0, *rounds, own})
 
@@ -64,25 +74,36 @@ def ablate(
         """The refiners and the rule; without a round all of them are the own LP."""
         if count == 0:
             return [Entrant(OWN_LP)]
-        return [_with_rounds(network, count) for network in ground.networks] + [
-            Entrant(Rule(count))
-        ]
+        if count == own:
+            every = [_with_rounds(network, count) for network in ground.networks]
+            return [*every, Entrant(Rule(count)), Entrant(Rule(count, null_space=True))]
+        # What lacks something is of interest as an answer alone.
+        whole = [one for one in ground.networks if one.version.recipe not in PARTS]
+        return [*(_with_rounds(network, count) for network in whole), Entrant(Rule(count))]
 
     def run(_: Path) -> pd.DataFrame:
-        progress.expect(len(ground.scenarios) * sum(len(entrants(count)) for count in counts))
+        progress.expect(len(tried) * sum(len(entrants(count)) for count in counts))
         tables = [
             run_ablations(entrants, some, counts, own, timed=timed, progress=progress)
-            for some in ground.scenarios.values()
+            for some in tried
+            if some
         ]
         return pd.concat(tables, ignore_index=True)
 
     params = {
         "sizes": listed(ground.scenarios),
         "rounds": listed(counts),
+        "dense": dense,
         "timed": timed,
         "networks": listed(network.label for network in ground.networks),
     }
     return ground.run(ABLATIONS, params, run, resume=resume, progress=progress)
+
+
+def _dense(ground: HeldOut, count: int) -> list[Scenario]:
+    """Test scenarios of the family dense, on the data's orbit and time grid."""
+    problem = next(iter(ground.scenarios.values()))[0].problem
+    return [draw("dense", 0, DENSE_CRAFT, k, problem, "test") for k in range(count)]
 
 
 def refiners_on(data: Where) -> list[ModelVersion]:

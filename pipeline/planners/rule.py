@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.networks.refiner.null_space import LeastChange
 from pipeline.networks.refiner.other_rounds import by_rule
+from pipeline.networks.refiner.program import LEAST_FUEL
 from pipeline.orbit.transfer import meet_goal
 from pipeline.plan import Plan
 from pipeline.planners.certified import certified
 from pipeline.scenario import Scenario
 
-RULE = "rule"
+RULE, NULL_SPACE = "rule", "rule, null space"
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,16 @@ class Rule:
 
     Attributes:
         rounds: how many.
-        name: what tables call it.
+        null_space: whether steps lie in the null space, instead of each craft's program.
     """
 
     rounds: int
-    name: str = RULE
+    null_space: bool = False
+
+    @property
+    def name(self) -> str:
+        """What tables call it."""
+        return NULL_SPACE if self.null_space else RULE
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
@@ -34,7 +41,8 @@ class Rule:
         problem, started = scenarios[0].problem, time.perf_counter()
         initial = np.stack([scenario.initial for scenario in scenarios])
         goal = np.stack([scenario.goal for scenario in scenarios])
-        answer = by_rule(initial, goal, problem, self.rounds)
+        program = LeastChange() if self.null_space else LEAST_FUEL
+        answer = by_rule(initial, goal, problem, self.rounds, program)
         controls = meet_goal(initial, answer, goal, problem)
         seconds = time.perf_counter() - started
         flat = controls.reshape(-1, *controls.shape[2:])

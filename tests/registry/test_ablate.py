@@ -23,14 +23,14 @@ from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import NO_THIRD
 from pipeline.networks.refiner.other_rounds import with_rounds
 from pipeline.planners.network import Flown
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, draw
 from pipeline.training.loop import Trained
 from registry.results import Done, latest
 from registry.store import ABLATIONS
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
-ASKED: dict[str, Any] = {"sizes": [CRAFT], "rounds": [0, 2], "trials": 2, "timed": 1}
+ASKED: dict[str, Any] = {"sizes": [CRAFT], "rounds": [0, 2], "trials": 2, "dense": 1, "timed": 1}
 
 Register = Callable[..., Model]
 
@@ -78,13 +78,20 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     assert dict(counted) == {
         ("own LP", ""): [0],
         ("rule", ""): [2, 10],
-        **{("refiner", recipe): [2, 10] for recipe in models},
+        ("rule, null space", ""): [10],
+        ("refiner", "tuned"): [2, 10],
+        ("refiner", "short"): [2, 10],
+        ("refiner", "no-third"): [10],
     }
     assert (table.own_rounds == 10).all()
-    assert table.groupby(["planner", "recipe", "rounds"])["seconds"].count().eq(1).all()
-    for (recipe, rounds), rows in table[table.planner == "refiner"].groupby(["recipe", "rounds"]):
-        planner = Flown(with_rounds(models[recipe], rounds), "refiner")
-        asked = scenarios(solved)
+    each = table.groupby(["family", "planner", "recipe", "rounds"])
+    assert each["seconds"].count().eq(1).all()
+    dense = draw("dense", 0, 10, 0, models["tuned"].problem, "test")
+    tried = {("rings", CRAFT): scenarios(solved), ("dense", 10): [dense]}
+    each = table[table.planner == "refiner"].groupby(["family", "n", "recipe", "rounds"])
+    assert len(each) == 2 * 5
+    for (family, n, recipe, rounds), rows in each:
+        planner, asked = Flown(with_rounds(models[recipe], rounds), "refiner"), tried[family, n]
         reports = [judged(s, plan) for s, plan in zip(asked, planner.plan(asked), strict=True)]
         check_rows(rows, reports)
     own = table[table.planner == "own LP"]
@@ -136,5 +143,5 @@ def test_networks_of_other_kinds_and_refiners_of_other_rounds_are_refused(
     register("short", rounds=5)
     with pytest.raises(InputError, match=r"\(refiner short 5, refiner tuned 10\); expected"):
         ablate([], solved, **ASKED)
-    with pytest.raises(InputError, match="timed is -1 and rounds 0,2; expected 0 or more"):
+    with pytest.raises(InputError, match="timed is -1, dense 1 and rounds 0,2; expected 0 or more"):
         ablate([], solved, **{**ASKED, "timed": -1})

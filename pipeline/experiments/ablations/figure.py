@@ -8,10 +8,12 @@ from matplotlib.ticker import MaxNLocator
 
 from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.style import GREY, PAGE_WIDTH, Style, in_style
-from pipeline.experiments.ablations.summary import EXCESS, RULE, UNSAFE_SHARE
+from pipeline.experiments.ablations.ground import grounds
+from pipeline.experiments.ablations.summary import EXCESS, UNSAFE_SHARE
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.lines import draw_lines, planner_handles
 from pipeline.networks.refiner.ablations import SHORT, TUNED
+from pipeline.planners.rule import RULE
 
 SHORT_COLOUR = "#E69F00"
 """Of Okabe and Ito's palette, beside whatever colour the tuned refiner has."""
@@ -32,7 +34,7 @@ def lines_of(summary: pd.DataFrame) -> pd.DataFrame:
 
 @in_style
 def rounds_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
-    """Unsafe trials above, fuel over its bound below; a column for each n.
+    """Unsafe trials above, fuel over its bound below; a column for each family and n.
 
     The dashed line is the number of rounds that an answer takes; a band is the standard deviation
     between trainings, where there are several.
@@ -42,18 +44,18 @@ def rounds_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
         look: a style for each planner.
     """
     lines, own = _in_percent(lines_of(summary)), int(summary["own_rounds"].iloc[0])
-    sizes, named = sorted({int(n) for n in summary["n"]}), _styles(lines, look)
-    width = PAGE_WIDTH if len(sizes) > 1 else 0.6 * PAGE_WIDTH
+    parts, named = grounds(lines), _styles(lines, look)
+    width = PAGE_WIDTH if len(parts) > 1 else 0.6 * PAGE_WIDTH
     figure = Figure(figsize=(width, 5.2), layout="constrained")
-    panels = figure.subplots(2, len(sizes), sharex=True, squeeze=False)
-    for k, n in enumerate(sizes):
-        rows, (unsafe, fuel) = lines[lines["n"] == n], panels[:, k]
+    panels = figure.subplots(2, len(parts), sharex=True, squeeze=False)
+    for k, (ground, rows) in enumerate(parts.items()):
+        unsafe, fuel = panels[:, k]
         draw_lines(unsafe, rows, "rounds", UNSAFE_SHARE, named)
-        fit_scale(unsafe, "y", lines[UNSAFE_SHARE.source])  # the same at each n
+        fit_scale(unsafe, "y", lines[UNSAFE_SHARE.source])  # the same on each
         draw_lines(fuel, rows[rows["rounds"] > 0], "rounds", EXCESS, named)
         for ax in (unsafe, fuel):
             ax.axvline(own, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
-        unsafe.set_title(f"n = {n}")
+        unsafe.set_title(ground.label)
         fuel.set_xlabel("rounds")
         fuel.xaxis.set_major_locator(MaxNLocator(nbins=7, integer=True))
     for ax, average in zip(panels[:, 0], (UNSAFE_SHARE, EXCESS), strict=True):

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pipeline.experiments.ablations.summary import RULE, difference
+from pipeline.experiments.ablations.summary import difference
 from pipeline.experiments.compare import CHANCE, Compared, compare
 from pipeline.networks.refiner.ablations import SHORT, TUNED
+from pipeline.planners.rule import RULE
 
 DIVIDED = {("safer", "dearer"), ("less safe", "cheaper")}
 """Words of which one is for learning and one against it."""
@@ -57,7 +58,7 @@ def gain(rows: pd.DataFrame) -> Gain | None:
     """The tuned refiner beside the rule, or the short one where there is no other.
 
     Args:
-        rows: from ``scored``, of one n and of the networks' own rounds.
+        rows: from ``scored``, on one ground and of the networks' own rounds.
     """
     rule = rows[rows["planner"] == RULE]
     for recipe in (TUNED, SHORT):

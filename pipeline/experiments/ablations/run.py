@@ -8,8 +8,9 @@ from pipeline.experiments.trials import Entrant, run_trials
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
-ROUNDS = ("rounds", "own_rounds")
-"""Columns beside those of Trial: rounds that were taken, and those that an answer takes."""
+ROUNDS = ("family", "rounds", "own_rounds")
+"""Columns beside those of Trial: the scenarios' family, rounds that were taken, and those that an
+answer takes."""
 
 EntrantsAfter = Callable[[int], Sequence[Entrant]]
 """Who takes part with a number of rounds."""
@@ -28,7 +29,7 @@ def run_ablations(
 
     Args:
         entrants_after: who takes part with a number of rounds.
-        scenarios: of one problem and one n.
+        scenarios: of one problem, one family and one n.
         rounds: how many are tried.
         own: those that the networks' answers take.
         timed: how many of the scenarios are planned once more one at a time, to take the time.
@@ -41,6 +42,6 @@ def run_ablations(
     for count in rounds:
         alone = min(timed, len(scenarios))
         table = run_trials(entrants_after(count), scenarios, timed=alone, progress=progress)
-        table = table.assign(rounds=count, own_rounds=own)
+        table = table.assign(family=scenarios[0].family, rounds=count, own_rounds=own)
         tables.append(table[[*ROUNDS, *table.columns.drop(list(ROUNDS))]])
     return pd.concat(tables, ignore_index=True)

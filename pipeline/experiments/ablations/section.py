@@ -9,6 +9,7 @@ from pipeline.exhibits.numbers import MISSING, count
 from pipeline.exhibits.sections import Section
 from pipeline.exhibits.style import Style
 from pipeline.experiments.ablations.figure import lines_of, rounds_figure
+from pipeline.experiments.ablations.ground import Ground, grounds
 from pipeline.experiments.ablations.summary import (
     EXCESS,
     UNSAFE_SHARE,
@@ -28,24 +29,25 @@ COLUMNS = [
     *(Column("Refiner", "name"), Column("Lacks", "lacks"), UNSAFE_SHARE, COLLISIONS, EXCESS),
     *(Column("Score, over short", "against_short"), SECONDS),
 ]
-"""What the table of each n shows."""
+"""What the table on each ground shows."""
 
 
 def section(ablations: pd.DataFrame, look: Mapping[str, Style]) -> Section:
-    """Verdicts, a table for each n, and what becomes of a plan with further rounds."""
+    """Verdicts, a table for each family and n, and what further rounds make of a plan."""
     if ablations.empty:
-        return Section(TEMPLATE, {"sizes": []})
-    summary = summarize_ablations(ablations)
+        return Section(TEMPLATE, {"grounds": []})
+    summary, trials = summarize_ablations(ablations), grounds(scored(ablations))
     values = {
         "sentences": sentences(ablations),
-        "sizes": [
+        "grounds": [
             {
-                "n": n,
+                "at": ground.label,
+                "other": ground.other,
                 "trials": int(rows["trials"].max()),
-                "parts": parts_table(ablations, summary, n),
-                "rounds": rounds_table(summary, n),
+                "parts": parts_table(ground, trials[ground], rows),
+                "rounds": rounds_table(ground, rows),
             }
-            for n, rows in ((int(str(n)), rows) for n, rows in summary.groupby("n"))
+            for ground, rows in grounds(summary).items()
         ],
         "own": int(summary["own_rounds"].iloc[0]),
         "trainings": int(summary["seeds"].max()),
@@ -56,10 +58,15 @@ def section(ablations: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     return Section(TEMPLATE, values)
 
 
-def parts_table(ablations: pd.DataFrame, summary: pd.DataFrame, n: int) -> Table:
-    """Each refiner at the rounds that its answer takes, the rule alone and the own LP."""
-    frame = at_own_rounds(summary[summary["n"] == n]).reset_index(drop=True)
-    trials = at_own_rounds(scored(ablations[ablations["n"] == n]))
+def parts_table(ground: Ground, trials: pd.DataFrame, summary: pd.DataFrame) -> Table:
+    """Each refiner at the rounds that its answer takes, the rule alone and the own LP.
+
+    Args:
+        ground: whose rows they are.
+        trials: scored.
+        summary: of these trials.
+    """
+    frame, trials = at_own_rounds(summary).reset_index(drop=True), at_own_rounds(trials)
     short = trials[trials["recipe"] == SHORT]
     rows = []
     for planner, recipe in frame[["planner", "recipe"]].itertuples(index=False):
@@ -68,7 +75,7 @@ def parts_table(ablations: pd.DataFrame, summary: pd.DataFrame, n: int) -> Table
     columns = ["score_over_short", "score_low", "score_high", "against_short"]
     frame = frame.join(pd.DataFrame(rows, columns=columns))
     frame["against_short"] = frame["against_short"].fillna(MISSING)
-    return Table(f"ablations-n{n}", frame, COLUMNS, int(frame["seeds"].max()))
+    return Table(f"ablations-{ground.slug}", frame, COLUMNS, int(frame["seeds"].max()))
 
 
 def _against(mine: pd.DataFrame, short: pd.DataFrame) -> dict[str, float | str]:
@@ -80,9 +87,9 @@ def _against(mine: pd.DataFrame, short: pd.DataFrame) -> dict[str, float | str]:
     return {**numbers, "against_short": text}
 
 
-def rounds_table(summary: pd.DataFrame, n: int) -> Table:
+def rounds_table(ground: Ground, summary: pd.DataFrame) -> Table:
     """A row for each number of rounds: unsafe trials and fuel of tuned, short and the rule."""
-    lines = lines_of(summary[summary["n"] == n])
+    lines = lines_of(summary)
     frame = pd.DataFrame({"rounds": sorted(set(lines["rounds"]))})
     columns = [Column("Rounds", "rounds", count)]
     shown = {"unsafe": UNSAFE_SHARE, "fuel over bound": EXCESS}
@@ -101,4 +108,4 @@ def rounds_table(summary: pd.DataFrame, n: int) -> Table:
                     interval=(f"{name} {low}", f"{name} {high}") if average.interval else None,
                 )
             )
-    return Table(f"ablations-rounds-n{n}", frame, columns, int(lines["seeds"].max()))
+    return Table(f"ablations-rounds-{ground.slug}", frame, columns, int(lines["seeds"].max()))

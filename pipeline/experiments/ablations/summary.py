@@ -10,16 +10,24 @@ from pipeline.exhibits.planners import name_of
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.averages import Average, averaged
 from pipeline.experiments.summary import COLLISIONS, SECONDS, prepared
-from pipeline.networks.refiner.ablations import ABLATIONS, REFINER, SHORT, TUNED, UNCROWDED, UNSAFE
-
-RULE = "rule"
-"""The planner that goes by the rule alone."""
+from pipeline.networks.refiner.ablations import (
+    ABLATIONS,
+    LABELLED,
+    NO_THIRD,
+    REFINER,
+    SHORT,
+    TUNED,
+    UNCROWDED,
+    UNSAFE,
+)
+from pipeline.planners.rule import NULL_SPACE, RULE
 
 LACKS = {
     TUNED: "nothing",
     SHORT: "most epochs",
-    "no-third": "what other sides say",
+    NO_THIRD: "what other sides say",
     UNCROWDED: "crowded swarms to learn from",
+    LABELLED: "freedom from the expert's plans",
 }
 """What a refiner lacks, by its recipe; every ablation lacks most epochs, too."""
 
@@ -60,7 +68,7 @@ SCORE = Average(*("Score, av.", "score_mean", percent, "score_spread"), of="scor
 
 AVERAGES = (UNSAFE_SHARE, COLLISIONS, EXCESS, SCORE, SECONDS)
 
-GROUP = ["planner", "recipe", "n", "rounds"]
+GROUP = ["planner", "recipe", "family", "n", "rounds"]
 """What a row of the summary stands for."""
 
 
@@ -90,7 +98,7 @@ def summarize_ablations(ablations: pd.DataFrame) -> pd.DataFrame:
         lacks=[_lacks(p, r) for p, r in zip(summary["planner"], summary["recipe"], strict=True)],
         place=[_place(p, r) for p, r in zip(summary["planner"], summary["recipe"], strict=True)],
     )
-    order = ["n", "place", "recipe", "planner", "rounds"]
+    order = ["family", "n", "place", "recipe", "planner", "rounds"]
     return summary.sort_values(order, ignore_index=True).drop(columns="place")
 
 
@@ -100,19 +108,20 @@ def at_own_rounds(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _name(planner: str, recipe: str) -> str:
-    if planner == RULE:
-        return "Rule alone"
+    if planner in (RULE, NULL_SPACE):
+        return planner.replace("rule", "Rule alone")
     if not recipe:
         return name_of(planner)
     return recipe if planner == REFINER else f"{recipe} ({planner})"
 
 
 def _lacks(planner: str, recipe: str) -> str:
-    return {RULE: "learning", FREE: "rounds"}.get(planner) or LACKS.get(recipe, "")
+    without = {RULE: "learning", NULL_SPACE: "learning, and programs", FREE: "rounds"}
+    return without.get(planner) or LACKS.get(recipe, "")
 
 
 def _place(planner: str, recipe: str) -> int:
-    order = [TUNED, SHORT, *ABLATIONS]
-    if planner in (RULE, FREE):
-        return len(order) + 1 + (planner == FREE)
+    order, unlearned = [TUNED, SHORT, *ABLATIONS], [RULE, NULL_SPACE, FREE]
+    if planner in unlearned:
+        return len(order) + 1 + unlearned.index(planner)
     return order.index(recipe) if recipe in order else len(order)

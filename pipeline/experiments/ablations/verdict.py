@@ -5,6 +5,7 @@ import pandas as pd
 from pipeline.exhibits.intervals import share_interval
 from pipeline.exhibits.numbers import percents, share
 from pipeline.experiments.ablations.gains import NOTHING, Gain, gain
+from pipeline.experiments.ablations.ground import Ground, grounds
 from pipeline.experiments.ablations.losses import Loss, losses
 from pipeline.experiments.ablations.summary import (
     LACKS,
@@ -23,10 +24,10 @@ ONCE = ", for one training"
 
 
 def sentences(ablations: pd.DataFrame) -> list[str]:
-    """A paragraph for each n: what learning buys, and which lack costs most."""
+    """A paragraph for each family and n: what learning buys, and which lack costs most."""
     found = []
-    for n, rows in _by_size(ablations).items():
-        said = [_gain_sentence(n, gain(rows)), _loss_sentence(losses(rows)), _once(rows)]
+    for ground, rows in _answers(ablations).items():
+        said = [_gain_sentence(ground, gain(rows)), _loss_sentence(losses(rows)), _once(rows)]
         found.append(" ".join(filter(None, said)))
     return found
 
@@ -37,46 +38,44 @@ def ablation_answers(ablations: pd.DataFrame) -> list[Answer]:
     Args:
         ablations: a row for each trial and number of rounds.
     """
-    sizes = _by_size(ablations)
-    gains = {n: one for n, rows in sizes.items() if (one := gain(rows))}
-    costs = {n: found for n, rows in sizes.items() if (found := losses(rows))}
-    free = {n: rows[rows["planner"] == FREE] for n, rows in sizes.items()}
-    beside = _told({n: f"Own LP: {measured(rows).text}" for n, rows in free.items() if len(rows)})
+    answers_on = _answers(ablations)
+    gains = {g: one for g, rows in answers_on.items() if (one := gain(rows))}
+    costs = {g: found for g, rows in answers_on.items() if (found := losses(rows))}
+    free = {g: rows[rows["planner"] == FREE] for g, rows in answers_on.items()}
+    beside = _told({g: f"Own LP: {measured(rows).text}" for g, rows in free.items() if len(rows)})
     answers = []
     if gains:
         once = ONCE if any(_trainings(one.mine) == 1 for one in gains.values()) else ""
-        said = _told({n: one.verdict for n, one in gains.items()})
-        numbers = _told({n: one.text for n, one in gains.items()})
+        said = _told({g: one.verdict for g, one in gains.items()})
+        numbers = _told({g: one.text for g, one in gains.items()})
         answers.append(Answer(GAIN, _capital(said) + once, numbers, beside))
     if costs:
-        tried = [sizes[n][sizes[n]["recipe"].isin([SHORT, *ABLATIONS])] for n in costs]
+        tried = [rows[rows["recipe"].isin([SHORT, *ABLATIONS])] for rows in answers_on.values()]
         once = ONCE if any(_trainings(rows) == 1 for rows in tried) else ""
-        said = _told({n: _part_verdict(found) for n, found in costs.items()})
+        said = _told({g: _part_verdict(found) for g, found in costs.items()})
         numbers = _told(
             {
-                n: ", ".join(f"{one.recipe} {one.cost}" for one in found)
-                for n, found in costs.items()
+                g: ", ".join(f"{one.recipe} {one.cost}" for one in found)
+                for g, found in costs.items()
             }
         )
         answers.append(Answer(NEED, _capital(said) + once, numbers))
     return answers
 
 
-def _by_size(ablations: pd.DataFrame) -> dict[int, pd.DataFrame]:
-    if ablations.empty:
-        return {}
-    rows = at_own_rounds(scored(ablations))
-    return {int(str(n)): part for n, part in rows.groupby("n")}
+def _answers(ablations: pd.DataFrame) -> dict[Ground, pd.DataFrame]:
+    """The scored trials of answers as they are, by family and n."""
+    return {} if ablations.empty else grounds(at_own_rounds(scored(ablations)))
 
 
-def _gain_sentence(n: int, found: Gain | None) -> str:
+def _gain_sentence(ground: Ground, found: Gain | None) -> str:
     if found is None:
         return ""
     held, (low, high) = found.held, found.held.safe_interval
     bought = (
-        f"At n = {n} learning buys nothing over the rule alone that is beyond chance"
+        f"{ground.where} learning buys nothing over the rule alone that is beyond chance"
         if found.verdict == NOTHING
-        else f"At n = {n} learning makes plans {found.verdict} than the rule alone"
+        else f"{ground.where} learning makes plans {found.verdict} than the rule alone"
     )
     return (
         f"{bought}: {found.recipe} leaves {_unsafe(found.mine)} of trials unsafe at "
@@ -128,11 +127,11 @@ def _once(rows: pd.DataFrame) -> str:
     return said if once and len(trained) else ""
 
 
-def _told(by_size: dict[int, str]) -> str:
-    """What is said at each n, once where it is the same at all."""
-    if len(set(by_size.values())) == 1 and len(by_size) > 1:
-        return next(iter(by_size.values()))
-    return "; ".join(f"n = {n}: {text}" for n, text in by_size.items())
+def _told(said: dict[Ground, str]) -> str:
+    """What is said on each ground, once where it is the same on all."""
+    if len(set(said.values())) == 1 and len(said) > 1:
+        return next(iter(said.values()))
+    return "; ".join(f"{ground.label}: {text}" for ground, text in said.items())
 
 
 def _capital(text: str) -> str:

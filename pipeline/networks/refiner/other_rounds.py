@@ -12,6 +12,7 @@ from pipeline.arrays import Array
 from pipeline.networks.model import Model, portions
 from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.best import refined
+from pipeline.networks.refiner.program import LEAST_FUEL, Program
 from pipeline.orbit.problem import Problem
 
 
@@ -29,7 +30,11 @@ def with_rounds(model: Model, rounds: int) -> Model:
 
 @torch.inference_mode()
 def by_rule(
-    initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"], problem: Problem, rounds: int
+    initial: Float[Array, "N n 6"],
+    goal: Float[Array, "N n 6"],
+    problem: Problem,
+    rounds: int,
+    program: Program = LEAST_FUEL,
 ) -> Float[Array, "N n _ 3"]:
     """Controls after some rounds by the rule alone, m/s².
 
@@ -38,6 +43,7 @@ def by_rule(
         goal: their goal states.
         problem: orbit, time grid and collision radius.
         rounds: how many; after none each craft keeps its own optimum.
+        program: what each craft solves.
     """
     asked = portions(problem, initial, goal)
-    return np.concatenate([refined(None, some, rounds).numpy() for some in asked])
+    return np.concatenate([refined(None, some, rounds, program).numpy() for some in asked])

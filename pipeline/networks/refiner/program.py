@@ -14,12 +14,14 @@ The price of a plane, its multiplier λ in [0, Λ], is what another unit of sepa
 """
 
 from dataclasses import dataclass, fields
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from pipeline.networks.refiner.compiled import numbers
+from pipeline.networks.refiner.grid import Grid
 from pipeline.networks.refiner.pivots import SMALL, solve_all
 from pipeline.networks.refiner.sides import Sides
 
@@ -58,6 +60,48 @@ class Own:
         rise = torch.where(gain > 0, 1 - self.cost, 1 + self.cost)
         rise = torch.where(gain.abs() < SMALL, 1.0, rise)  # the sign of rounding says nothing
         return (rise / gain.abs().clamp(min=SMALL)).amin(dim=1)
+
+
+@runtime_checkable
+class Program(Protocol):
+    """What each craft solves."""
+
+    def price(self, own: Own, gain: Float[Tensor, "N m"], grid: Grid) -> Float[Tensor, "N"]:
+        """What the first unit along a row of each craft costs, before it has planes."""
+        ...
+
+    def optimum(
+        self,
+        own: Own,
+        sides: Sides,
+        gain: Float[Tensor, "L m"],
+        asked: Float[Tensor, "L 2"],
+        grid: Grid,
+    ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
+        """Controls of each craft that has planes, and prices, as ``optimum`` has them."""
+        ...
+
+
+class LeastFuel:
+    """The program above."""
+
+    def price(self, own: Own, gain: Float[Tensor, "N m"], grid: Grid) -> Float[Tensor, "N"]:
+        """By the dual simplex ratio."""
+        return own.price(gain)
+
+    def optimum(
+        self,
+        own: Own,
+        sides: Sides,
+        gain: Float[Tensor, "L m"],
+        asked: Float[Tensor, "L 2"],
+        grid: Grid,
+    ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
+        """By the dual simplex method."""
+        return optimum(own, sides, gain, asked)
+
+
+LEAST_FUEL = LeastFuel()
 
 
 @dataclass(frozen=True, eq=False)

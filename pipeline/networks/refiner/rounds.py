@@ -25,7 +25,7 @@ from pipeline.networks.refiner.encounters import (
     plane_rows,
 )
 from pipeline.networks.refiner.grid import Grid, grid_of, in_units
-from pipeline.networks.refiner.program import Own, optimum, own_tableau
+from pipeline.networks.refiner.program import LEAST_FUEL, Own, Program, own_tableau
 from pipeline.networks.refiner.seen import Meeting, free_directions, seen
 from pipeline.networks.refiner.sides import sides_of
 from pipeline.networks.swarms import Swarms
@@ -140,6 +140,7 @@ def play(
     state: State,
     number: int,
     among: Bool[Tensor, "b"] | None = None,
+    program: Program = LEAST_FUEL,
 ) -> State:
     """One round; by the rule alone without a network.
 
@@ -149,6 +150,7 @@ def play(
         state: where the rounds stand.
         number: of the round, from 0.
         among: swarms that go on; the others keep their controls. All of them by default.
+        program: what each craft solves.
     """
     # A plane once put up stays, or pairs would forget each other and meet again.
     live = (state.found.distance < WATCHED) | (state.known.first_price[:, 0] > 0)
@@ -161,7 +163,7 @@ def play(
     met, found = state.approaches(task, which)
     along, motion = directions(found)
     gain = plane_rows(met, found.share, along, task.grid.nodes) @ task.grid.reach
-    known = _with_first_prices(task, state.known, which, gain.detach())
+    known = _with_first_prices(task, state.known, which, gain.detach(), program)
     meeting = Meeting(
         met, found, along, motion, gain, known.price[which], known.first_price[which], number
     )
@@ -171,7 +173,7 @@ def play(
         trade = network(sight, sides, free_directions(gain, task.grid))
     first, second = ((gain * state.controls.index_select(0, k)).sum(dim=1) for k in met.both)
     asked = torch.stack([first, -second], dim=1) + to_give(meeting, trade)
-    best, paid = optimum(task.own, sides, gain, asked)
+    best, paid = program.optimum(task.own, sides, gain, asked, task.grid)
     controls = state.controls.index_copy(0, sides.craft, best)
     flown = task.grid.fly(task.initial[sides.craft], best)
     states = state.states.index_copy(0, sides.craft, flown)
@@ -211,13 +213,20 @@ def _usual_share(
 
 
 def _with_first_prices(
-    task: Task, known: Known, which: Int[Tensor, "L"], gain: Float[Tensor, "L m"]
+    task: Task,
+    known: Known,
+    which: Int[Tensor, "L"],
+    gain: Float[Tensor, "L m"],
+    program: Program,
 ) -> Known:
     """First prices of encounters that are live for the first time."""
     new = (known.first_price[which, 0] == 0).nonzero()[:, 0]
     if len(new) == 0:
         return known
     met, gain = task.met.of(which[new]), gain[new]
-    prices = [task.own.of(met.first).price(gain), task.own.of(met.second).price(-gain)]
+    prices = [
+        program.price(task.own.of(craft), sign * gain, task.grid)
+        for craft, sign in zip(met.both, (1, -1), strict=True)
+    ]
     both = torch.stack(prices, dim=1).clamp(min=LEAST_PRICE)
     return replace(known, first_price=known.first_price.index_copy(0, which[new], both))

@@ -7,8 +7,14 @@ from planted import cells, row
 from pipeline.errors import InputError
 from pipeline.exhibits.style import styles
 from pipeline.experiments.ablations.figure import rounds_figure
+from pipeline.experiments.ablations.ground import Ground
 from pipeline.experiments.ablations.section import parts_table, rounds_table
-from pipeline.experiments.ablations.summary import difference, percent, summarize_ablations
+from pipeline.experiments.ablations.summary import (
+    difference,
+    percent,
+    scored,
+    summarize_ablations,
+)
 from pipeline.experiments.ablations.verdict import ablation_answers, sentences
 from pipeline.report import Results, build_report
 
@@ -20,11 +26,11 @@ LOOK = styles(["refiner", "rule", "own LP"])
 def tried(rows):
     """A refiner's rows: fuel over bound, unsafe trials of 40, rounds taken of the own 8."""
 
-    def made(planner, recipe, excess, unsafe=0, rounds=8, n=10, seed=0):
+    def made(planner, recipe, excess, unsafe=0, rounds=8, n=10, seed=0, family="rings"):
         fuel = [1 + excess] * TRIALS
         safe = [k >= unsafe for k in range(TRIALS)]
         close = [0 if kept else 2 for kept in safe]
-        told = {"training_seed": seed, "rounds": rounds, "own_rounds": 8}
+        told = {"training_seed": seed, "family": family, "rounds": rounds, "own_rounds": 8}
         return rows(planner, recipe, "plan", n, close, fuel, safe, **told)
 
     return made
@@ -34,16 +40,18 @@ def tried(rows):
 def some(tried):
     """Third sides are worth 0.8 %, crowded swarms nothing, or less than that."""
 
-    def made(n=10, rule=(0.02, 0), tuned=0.01, uncrowded=0.012):
+    def made(n=10, rule=(0.02, 0), tuned=0.01, uncrowded=0.012, family="rings"):
+        on = {"n": n, "family": family}
         return [
-            *tried("rule", "", *rule, n=n),
-            *tried("own LP", "", 0.0, 20, rounds=0, n=n),
-            *tried("refiner", "no-third", 0.020, n=n),
-            *tried("refiner", "uncrowded", uncrowded, n=n),
-            *tried("refiner", "short", 0.012, n=n),
-            *tried("refiner", "tuned", tuned, n=n),
-            *tried("refiner", "tuned", 0.03, 4, rounds=2, n=n),
-            *tried("rule", "", 0.04, 10, rounds=2, n=n),
+            *tried("rule", "", *rule, **on),
+            *tried("rule, null space", "", 0.05, **on),
+            *tried("own LP", "", 0.0, 20, rounds=0, **on),
+            *tried("refiner", "no-third", 0.020, **on),
+            *tried("refiner", "uncrowded", uncrowded, **on),
+            *tried("refiner", "short", 0.012, **on),
+            *tried("refiner", "tuned", tuned, **on),
+            *tried("refiner", "tuned", 0.03, 4, rounds=2, **on),
+            *tried("rule", "", 0.04, 10, rounds=2, **on),
         ]
 
     return made
@@ -64,9 +72,11 @@ def test_a_row_has_the_averages_of_its_trials_and_the_score_counts_an_unsafe_one
 
 
 def test_rows_stand_in_the_order_of_what_is_left_out(some):
-    _, body = cells(parts_table(table := pd.DataFrame(some()), summarize_ablations(table), 10))
-    names = ["tuned", "short", "no-third", "uncrowded", "Rule alone", "Own LP"]
-    assert [line[0] for line in body] == names
+    table = pd.DataFrame(some())
+    _, body = cells(parts_table(Ground("", 10), scored(table), summarize_ablations(table)))
+    names = ["tuned", "short", "no-third", "uncrowded", "Rule alone", "Rule alone, null space"]
+    assert [line[0] for line in body] == [*names, "Own LP"]
+    assert [line[1] for line in body][-3:] == ["learning", "learning, and programs", "rounds"]
     assert body[2] == [
         *("no-third", "what other sides say", "0 % [0.0, 8.8]", "0", "2.00 %"),
         *("+0.800 % [+0.800, +0.800]", "0.250"),
@@ -77,7 +87,7 @@ def test_rows_stand_in_the_order_of_what_is_left_out(some):
 
 
 def test_the_table_of_rounds_begins_with_the_own_lp_for_all(some):
-    header, body = cells(rounds_table(summarize_ablations(pd.DataFrame(some())), 10))
+    header, body = cells(rounds_table(Ground("", 10), summarize_ablations(pd.DataFrame(some()))))
     assert header[:3] == ["Rounds", "tuned, unsafe", "tuned, fuel over bound"]
     assert header[-2:] == ["Rule alone, unsafe", "Rule alone, fuel over bound"]
     by_rounds = {line[0]: line[1:] for line in body}
@@ -154,6 +164,21 @@ def test_answers_join_swarm_sizes_that_agree_and_part_those_that_do_not(some):
     assert "no-third +0.800 % " in need.numbers
 
 
+def test_dense_swarms_are_spoken_of_by_themselves_and_last(some):
+    """Numbers of one family are not averaged with those of another of the same size."""
+    table = pd.DataFrame([*some(10, rule=(0.015, 0), family="dense"), *some(10)])
+    rings, dense = sentences(table)
+    assert rings.startswith("At n = 10 learning makes plans cheaper than the rule alone")
+    assert "-1.000 % [-1.000, -1.000] in fuel" in rings
+    assert dense.startswith("In dense swarms of 10 learning makes plans cheaper")
+    assert "-0.500 % [-0.500, -0.500] in fuel" in dense
+    gain, _ = ablation_answers(table)
+    assert gain.numbers.index("n = 10: tuned's fuel -1.000") == 0
+    assert "; dense, n = 10: tuned's fuel -0.500" in gain.numbers
+    panels = rounds_figure(summarize_ablations(table), LOOK).axes[:2]
+    assert [ax.get_title("left") for ax in panels] == ["n = 10", "dense, n = 10"]
+
+
 def test_without_a_short_refiner_no_part_is_judged(some):
     table = pd.DataFrame(some())
     (gain,) = ablation_answers(table[table["recipe"] != "short"])
@@ -169,13 +194,16 @@ def test_percentages_show_no_more_than_anyone_can_use():
 
 
 def test_the_report_has_the_section_with_figure_and_tables(trials, some, tmp_path):
-    files = build_report(Results(trials, ablations=pd.DataFrame([*some(10), *some(30)])), tmp_path)
+    table = pd.DataFrame([*some(10), *some(30), *some(10, family="dense")])
+    files = build_report(Results(trials, ablations=table), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Ablations: what each idea of the refiner is worth\n\n")[1]
     assert section.startswith("At n = 10 learning makes plans cheaper than the rule alone")
     assert "ablations" in {path.stem for path in files.figures}
     by_name = {path.stem: pd.read_csv(path) for path in files.tables}
     assert {"ablations-n10", "ablations-n30", "ablations-rounds-n30"} <= set(by_name)
+    assert {"ablations-dense-n10", "ablations-rounds-dense-n10"} <= set(by_name)
+    assert "Refiners that lack one thing, dense, n = 10, over 40 trials of that family" in text
     parts = by_name["ablations-n30"].set_index("name")
     assert parts.loc["no-third", "score_over_short"] == pytest.approx(0.008)
     assert "Is the refiner worse without each of its parts?" in text
