@@ -120,7 +120,7 @@ def busy(tmp_path):
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"
-    sample(folder, {6: Sample(count=60, shard_rows=2)}, Problem(), jobs=1)
+    sample(folder, {6: Sample(count=120, shard_rows=2)}, Problem(), jobs=1)
     return folder
 
 
@@ -149,9 +149,11 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
         [sys.executable, "-c", SOLVE, str(busy)], stdout=subprocess.PIPE, text=True
     )
     assert until(lambda: list(busy.glob("n=6/part-*")))
+    os.kill(run.pid, signal.SIGSTOP)  # no more work is given out, however slow this process is
     workers = workers_of(run.pid)
     assert len(workers) == 2
     os.kill(workers[0], signal.SIGKILL)
+    os.kill(run.pid, signal.SIGCONT)
     said, _ = run.communicate(timeout=60)
     assert run.returncode == 0
     assert "a worker process was killed" in said
