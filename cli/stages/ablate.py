@@ -12,8 +12,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.ablations.run import run_ablations
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.trials import Entrant
-from pipeline.networks.refiner.ablations import ABLATIONS as PARTS
-from pipeline.networks.refiner.ablations import REFINER
+from pipeline.networks.refiner.ablations import REFINER, SHORT, TUNED
 from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.network import Flown
@@ -77,8 +76,8 @@ def ablate(
         if count == own:
             every = [_with_rounds(network, count) for network in ground.networks]
             return [*every, Entrant(Rule(count)), Entrant(Rule(count, null_space=True))]
-        # What lacks something is of interest as an answer alone.
-        whole = [one for one in ground.networks if one.version.recipe not in PARTS]
+        # The others are of interest as an answer alone.
+        whole = [one for one in ground.networks if one.version.recipe in (TUNED, SHORT)]
         return [*(_with_rounds(network, count) for network in whole), Entrant(Rule(count))]
 
     def run(_: Path) -> pd.DataFrame:

@@ -1,5 +1,6 @@
 """What the refiner loses with each thing that it lacks."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -42,15 +43,16 @@ class Loss:
         return difference(self.score, self.interval)
 
 
-def losses(rows: pd.DataFrame) -> list[Loss]:
-    """What each thing's lack costs, the dearest first; none where ``short`` was not tried.
+def losses(rows: pd.DataFrame, recipes: Sequence[str] = ABLATIONS) -> list[Loss]:
+    """What another way to be trained costs, the dearest first; none where ``short`` was not tried.
 
     Args:
         rows: as for ``gain``.
+        recipes: those ways; each lacks one thing by default.
     """
     short = rows[rows["recipe"] == SHORT]
     found = []
-    for recipe in ABLATIONS if len(short) else ():
+    for recipe in recipes if len(short) else ():
         mine = rows[rows["recipe"] == recipe]
         if len(mine):
             held = compare(mine, short, "score")

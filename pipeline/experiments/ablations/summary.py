@@ -27,7 +27,7 @@ LACKS = {
     SHORT: "most epochs",
     NO_THIRD: "what other sides say",
     UNCROWDED: "crowded swarms to learn from",
-    LABELLED: "freedom from the expert's plans",
+    LABELLED: "most epochs, but has labels",
 }
 """What a refiner lacks, by its recipe; every ablation lacks most epochs, too."""
 
@@ -121,7 +121,7 @@ def _lacks(planner: str, recipe: str) -> str:
 
 
 def _place(planner: str, recipe: str) -> int:
-    order, unlearned = [TUNED, SHORT, *ABLATIONS], [RULE, NULL_SPACE, FREE]
+    order, unlearned = [TUNED, SHORT, *ABLATIONS, LABELLED], [RULE, NULL_SPACE, FREE]
     if planner in unlearned:
         return len(order) + 1 + unlearned.index(planner)
     return order.index(recipe) if recipe in order else len(order)

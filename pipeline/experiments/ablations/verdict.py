@@ -15,10 +15,13 @@ from pipeline.experiments.ablations.summary import (
     scored,
 )
 from pipeline.experiments.answer import FREE, Answer, measured
-from pipeline.networks.refiner.ablations import ABLATIONS, SHORT
+from pipeline.networks.refiner.ablations import ABLATIONS, LABELLED, SHORT
 
 GAIN = "What does learning buy over the refiner's rule alone?"
 NEED = "Is the refiner worse without each of its parts?"
+LABELS = "Do the expert's plans as labels help the refiner to learn?"
+
+NO_DIFFERENCE = "no difference beyond noise"
 
 ONCE = ", for one training"
 
@@ -27,13 +30,15 @@ def sentences(ablations: pd.DataFrame) -> list[str]:
     """A paragraph for each family and n: what learning buys, and which lack costs most."""
     found = []
     for ground, rows in _answers(ablations).items():
-        said = [_gain_sentence(ground, gain(rows)), _loss_sentence(losses(rows)), _once(rows)]
+        labels = losses(rows, [LABELLED])
+        said = [_gain_sentence(ground, gain(rows)), _loss_sentence(losses(rows))]
+        said += [_labels_sentence(labels), _once(rows)]
         found.append(" ".join(filter(None, said)))
     return found
 
 
 def ablation_answers(ablations: pd.DataFrame) -> list[Answer]:
-    """A row on learning and one on parts, where refiners were tried that tell.
+    """A row on learning, one on parts and one on labels, where refiners were tried that tell.
 
     Args:
         ablations: a row for each trial and number of rounds.
@@ -60,6 +65,11 @@ def ablation_answers(ablations: pd.DataFrame) -> list[Answer]:
             }
         )
         answers.append(Answer(NEED, _capital(said) + once, numbers))
+    labels = {g: one for g, rows in answers_on.items() for one in losses(rows, [LABELLED])}
+    if labels:
+        said = _told({g: _labels_verdict(one) for g, one in labels.items()})
+        numbers = _told({g: f"score {one.cost}" for g, one in labels.items()})
+        answers.append(Answer(LABELS, _capital(said), numbers))
     return answers
 
 
@@ -106,6 +116,19 @@ def _loss_sentence(found: list[Loss]) -> str:
     if rest and worse:
         said += f" Within noise: {_listed([LACKS[one.recipe] for one in rest])}."
     return said
+
+
+def _labels_sentence(found: list[Loss]) -> str:
+    if not found:
+        return ""
+    (one,) = found
+    verdict = _labels_verdict(one)
+    said = f"make {verdict}" if verdict == NO_DIFFERENCE else verdict
+    return f"Labels from the expert's plans {said} ({one.cost} in score)."
+
+
+def _labels_verdict(found: Loss) -> str:
+    return "harm" if found.worse else "help" if found.better else NO_DIFFERENCE
 
 
 def _part_verdict(found: list[Loss]) -> str:

@@ -140,6 +140,24 @@ def test_what_is_missed_and_what_is_within_noise_is_said(some):
     assert "Beyond noise it does better without crowded swarms to learn from (-0.100 % " in text
 
 
+@pytest.mark.parametrize(
+    ("excess", "said"),
+    [
+        (0.013, "Labels from the expert's plans harm (+0.100 % [+0.100, +0.100] in score)."),
+        (0.011, "Labels from the expert's plans help (-0.100 % [-0.100, -0.100] in score)."),
+        (0.012, "make no difference beyond noise (0.000 % [0.000, 0.000] in score)."),
+    ],
+)
+def test_whether_labels_help_is_said_by_itself(some, tried, excess, said):
+    table = pd.DataFrame([*some(), *tried("refiner", "labelled", excess)])
+    (text,) = sentences(table)
+    assert said in text
+    assert "Of 2 things left out one at a time" in text
+    *_, labels = ablation_answers(table)
+    assert labels.question == "Do the expert's plans as labels help the refiner to learn?"
+    assert labels.verdict.removeprefix("n = 10: ") in said
+
+
 def test_a_difference_smaller_than_the_spread_between_trainings_is_noise(some, tried):
     again = [
         *tried("refiner", "tuned", 0.010, seed=1),
