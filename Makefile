@@ -77,10 +77,11 @@ transfer-times: $(BIN)/prolearn ## experiment 4
 flights: $(BIN)/prolearn ## experiment 5
 	$(BIN)/prolearn flights --data $(DATA) --jobs $(JOBS) --resume
 
-ABLATIONS := tuned short no-third uncrowded labelled
-ablate: $(BIN)/prolearn ## what each idea of the refiner is worth; then make report
+ABLATIONS := short no-third uncrowded labelled
+ablate: $(BIN)/prolearn ## what each idea of the refiner is worth, each trained SEEDS times; then make report
+	$(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
 	for recipe in $(ABLATIONS); do \
-	  $(BIN)/prolearn train --arch refiner --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
+	  $(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(SEEDS)) --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
 	done
 	$(BIN)/prolearn ablate --data $(DATA) --resume
 
