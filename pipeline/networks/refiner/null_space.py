@@ -14,7 +14,7 @@ all nodes. No network plans with them; ablations show what least fuel is worth.
 from typing import no_type_check
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numba import njit
 from torch import Tensor
 
@@ -36,7 +36,9 @@ NO_GAIN = 1e-12
 class LeastChange:
     """A ``Program`` whose steps lie in the null space of R; without gradients."""
 
-    def price(self, own: Own, gain: Float[Tensor, "N m"], grid: Grid) -> Float[Tensor, "N"]:
+    def price(
+        self, own: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], grid: Grid
+    ) -> Float[Tensor, "k"]:
         """What giving way costs at the margin after a unit, 1 / |F g|²; at first it is free."""
         return 1 / (gain @ grid.free).square().sum(dim=1).clamp(min=NO_GAIN)
 

@@ -101,6 +101,37 @@ def solve_all(
 
 @no_type_check
 @njit(cache=True)
+def first_prices(tableau, basis, others, costs, crafts, gain, price):
+    """What the first unit along a row costs at the own optimum: the dual simplex ratio.
+
+    Args:
+        tableau: B⁻¹ R of own optima, (N, 6, m - 6).
+        basis: basic controls there, (N, 6).
+        others: the other controls, (N, m - 6).
+        costs: duals of the others, (N, m - 6).
+        crafts: whose each row is, (k,).
+        gain: rows, (k, m).
+        price: result, (k,).
+    """
+    moved = np.empty(others.shape[1])
+    for c in range(len(crafts)):
+        craft, g = crafts[c], gain[c]
+        for k in range(len(moved)):
+            moved[k] = g[others[craft, k]]
+        for b in range(6):
+            for k in range(len(moved)):
+                moved[k] -= g[basis[craft, b]] * tableau[craft, b, k]
+        least = np.inf
+        for k in range(len(moved)):
+            size, cost = abs(moved[k]), costs[craft, k]
+            rise = 1.0 - cost if moved[k] > 0 else 1.0 + cost
+            # The sign of rounding says nothing.
+            least = min(least, 1.0 / SMALL if size < SMALL else rise / size)
+        price[c] = least
+
+
+@no_type_check
+@njit(cache=True)
 def slopes(variable, m, dearest):
     """Slopes of a variable's cost below and above 0."""
     return (-1.0, 1.0) if variable < m else (-dearest, 0.0)

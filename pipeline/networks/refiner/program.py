@@ -22,7 +22,7 @@ from torch import Tensor
 
 from pipeline.networks.refiner.compiled import numbers
 from pipeline.networks.refiner.grid import Grid
-from pipeline.networks.refiner.pivots import SMALL, solve_all
+from pipeline.networks.refiner.pivots import first_prices, solve_all
 from pipeline.networks.refiner.sides import Sides
 
 DEAREST = 50.0
@@ -49,25 +49,15 @@ class Own:
     tableau: Float[Tensor, "N 6 _"]
     cost: Float[Tensor, "N _"]
 
-    def of(self, craft: Int[Tensor, "k"]) -> "Own":
-        """Some of the craft, in any order."""
-        return Own(*(getattr(self, one.name)[craft] for one in fields(self)))
-
-    def price(self, row: Float[Tensor, "N m"]) -> Float[Tensor, "N"]:
-        """What the first unit along a row of each craft costs: the dual simplex ratio."""
-        gain = row.gather(1, self.others)
-        gain = gain - torch.einsum("ni,nij->nj", row.gather(1, self.basis), self.tableau)
-        rise = torch.where(gain > 0, 1 - self.cost, 1 + self.cost)
-        rise = torch.where(gain.abs() < SMALL, 1.0, rise)  # the sign of rounding says nothing
-        return (rise / gain.abs().clamp(min=SMALL)).amin(dim=1)
-
 
 @runtime_checkable
 class Program(Protocol):
     """What each craft solves."""
 
-    def price(self, own: Own, gain: Float[Tensor, "N m"], grid: Grid) -> Float[Tensor, "N"]:
-        """What the first unit along a row of each craft costs, before it has planes."""
+    def price(
+        self, own: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], grid: Grid
+    ) -> Float[Tensor, "k"]:
+        """What the first unit along a row costs a craft that has no planes yet."""
         ...
 
     def optimum(
@@ -85,9 +75,14 @@ class Program(Protocol):
 class LeastFuel:
     """The program above."""
 
-    def price(self, own: Own, gain: Float[Tensor, "N m"], grid: Grid) -> Float[Tensor, "N"]:
+    def price(
+        self, own: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], grid: Grid
+    ) -> Float[Tensor, "k"]:
         """By the dual simplex ratio."""
-        return own.price(gain)
+        price = torch.empty(len(craft), dtype=torch.float64)
+        given = (own.tableau, own.basis, own.others, own.cost, craft, gain)
+        first_prices(*map(numbers, given), price.numpy())
+        return price.to(gain.device)
 
     def optimum(
         self,

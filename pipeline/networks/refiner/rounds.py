@@ -225,7 +225,7 @@ def _with_first_prices(
         return known
     met, gain = task.met.of(which[new]), gain[new]
     prices = [
-        program.price(task.own.of(craft), sign * gain, task.grid)
+        program.price(task.own, craft, sign * gain, task.grid)
         for craft, sign in zip(met.both, (1, -1), strict=True)
     ]
     both = torch.stack(prices, dim=1).clamp(min=LEAST_PRICE)

@@ -11,6 +11,7 @@ from torch import Tensor
 from pipeline.errors import InputError
 from pipeline.networks.least_fuel import ROUNDING
 from pipeline.networks.refiner.grid import Grid
+from pipeline.networks.refiner.pivots import SMALL
 from pipeline.networks.refiner.program import Own
 from pipeline.orbit.least_fuel import Facets, facets_of
 from pipeline.orbit.problem import Problem
@@ -48,6 +49,14 @@ def own_optimum(
     controls = miss.new_zeros(m).scatter(0, basis, inverse @ miss)
     record = (controls, basis, others, side, tableau, side @ tableau)
     return Own(*(part[None] for part in record))
+
+
+def price_of_first(own: Own, gain: Float[Tensor, "P m"]) -> Float[Tensor, "P"]:
+    """What the first unit along each row costs the craft: ``pivots.first_prices``."""
+    moved = gain[:, own.others[0]] - gain[:, own.basis[0]] @ own.tableau[0]
+    rise = torch.where(moved > 0, 1 - own.cost, 1 + own.cost)
+    rise = torch.where(moved.abs() < SMALL, 1.0, rise)  # the sign of rounding says nothing
+    return (rise / moved.abs().clamp(min=SMALL)).amin(dim=1)
 
 
 def _met(facets: Facets, part: Float[Tensor, "d"]) -> tuple[Tensor, Float[Tensor, "d d"]]:

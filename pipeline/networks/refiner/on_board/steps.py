@@ -27,7 +27,7 @@ from pipeline.networks.refiner.encounters import (
 )
 from pipeline.networks.refiner.grid import Grid, grid_of, in_units
 from pipeline.networks.refiner.on_board.nearest import nearest
-from pipeline.networks.refiner.on_board.own_optimum import own_optimum
+from pipeline.networks.refiner.on_board.own_optimum import own_optimum, price_of_first
 from pipeline.networks.refiner.on_board.pivots import solve_one
 from pipeline.networks.refiner.on_board.values import NEW, VALUES, sizes_of
 from pipeline.networks.refiner.program import Own
@@ -185,8 +185,7 @@ class Look(Step):
         own, scene = self.own(initial, goal, r_col), self.scene(interval, nodes, told_nodes, r_col)
         distance = scene.found.distance
         live = (distance < WATCHED) | (first_price > 0)
-        one_each = own.of(torch.zeros_like(interval))
-        asked = one_each.price(scene.gain).clamp(min=LEAST_PRICE)
+        asked = price_of_first(own, scene.gain).clamp(min=LEAST_PRICE)
         first_price = torch.where(live & (first_price == 0), asked, first_price)
         spent = (controls / self.acceleration(r_col)).abs().sum() - own.controls.abs().sum()
         standing = torch.stack([live.sum().to(price.dtype), price.sum(), spent])

@@ -38,6 +38,11 @@ def network(spread):
     return made.eval().requires_grad_(False)
 
 
+def one_of(own, craft):
+    """The own optimum of one craft."""
+    return replace(own, **{name: values[craft][None] for name, values in vars(own).items()})
+
+
 def drawn(family, n, k, problem=PROBLEM):
     scenario = draw(family, 0, n, k, problem, "valid")
     return scenario.initial, scenario.goal
@@ -114,7 +119,7 @@ def test_one_craft_s_program_is_that_of_many():
         real = torch.from_numpy(rng.random((10, 5)) < 0.8)
         dearest = 0.0
         for k in range(10):
-            own, some = task.own.of(torch.tensor([k])), real[k]
+            own, some = one_of(task.own, k), real[k]
             count = int(some.sum())
             first = Sides(torch.tensor([0]), torch.tensor([0, count]), 2 * torch.arange(count))
             wanted = solve(own, first, row[k, some], asked[k, some, None].expand(-1, 2))
@@ -147,7 +152,7 @@ def test_the_own_optimum_that_a_craft_looks_up_is_the_swarm_s():
         for k in range(20):
             ends = (torch.from_numpy(end[k : k + 1] * scale) for end in (initial, goal))
             own = own_optimum(*ends, grid, problem)
-            same = task.own.of(torch.tensor([k]))
+            same = one_of(task.own, k)
             assert own.controls.numpy() == pytest.approx(same.controls.numpy(), abs=1e-8)
             assert torch.equal(own.basis, same.basis) and torch.equal(own.others, same.others)
             assert own.tableau.numpy() == pytest.approx(same.tableau.numpy(), abs=1e-7)
