@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.networks.refiner.ablations import NULL_SPACE, RULE
 from pipeline.networks.refiner.null_space import LeastChange
 from pipeline.networks.refiner.other_rounds import by_rule
 from pipeline.networks.refiner.program import LEAST_FUEL
@@ -13,8 +14,6 @@ from pipeline.orbit.transfer import meet_goal
 from pipeline.plan import Plan
 from pipeline.planners.certified import certified
 from pipeline.scenario import Scenario
-
-RULE, NULL_SPACE = "rule", "rule, null space"
 
 
 @dataclass(frozen=True)

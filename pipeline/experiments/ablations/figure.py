@@ -12,8 +12,7 @@ from pipeline.experiments.ablations.ground import grounds
 from pipeline.experiments.ablations.summary import EXCESS, UNSAFE_SHARE
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.lines import draw_lines, planner_handles
-from pipeline.networks.refiner.ablations import SHORT, TUNED
-from pipeline.planners.rule import RULE
+from pipeline.networks.refiner.ablations import RULE, SHORT, TUNED
 
 SHORT_COLOUR = "#E69F00"
 """Of Okabe and Ito's palette, beside whatever colour the tuned refiner has."""

@@ -6,8 +6,7 @@ import pandas as pd
 
 from pipeline.experiments.ablations.summary import difference
 from pipeline.experiments.compare import CHANCE, Compared, compare
-from pipeline.networks.refiner.ablations import SHORT, TUNED
-from pipeline.planners.rule import RULE
+from pipeline.networks.refiner.ablations import RULE, SHORT, TUNED
 
 DIVIDED = {("safer", "dearer"), ("less safe", "cheaper")}
 """Words of which one is for learning and one against it."""

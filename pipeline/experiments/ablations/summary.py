@@ -14,13 +14,14 @@ from pipeline.networks.refiner.ablations import (
     ABLATIONS,
     LABELLED,
     NO_THIRD,
+    NULL_SPACE,
     REFINER,
+    RULE,
     SHORT,
     TUNED,
     UNCROWDED,
     UNSAFE,
 )
-from pipeline.planners.rule import NULL_SPACE, RULE
 
 LACKS = {
     TUNED: "nothing",

@@ -11,6 +11,9 @@ TUNED, SHORT = "tuned", "short"
 
 NO_THIRD, UNCROWDED, LABELLED = "no-third", "uncrowded", "labelled"
 
+RULE, NULL_SPACE = "rule", "rule, null space"
+"""Planners without a network: the rule alone, and with steps in the null space."""
+
 EPOCHS = 6
 """Of ``short`` and of every ablation."""
 
