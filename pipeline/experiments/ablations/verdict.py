@@ -43,10 +43,10 @@ def ablation_answers(ablations: pd.DataFrame) -> list[Answer]:
     Args:
         ablations: a row for each trial and number of rounds.
     """
-    answers_on = _answers(ablations)
-    gains = {g: one for g, rows in answers_on.items() if (one := gain(rows))}
-    costs = {g: found for g, rows in answers_on.items() if (found := losses(rows))}
-    free = {g: rows[rows["planner"] == FREE] for g, rows in answers_on.items()}
+    on = _answers(ablations)
+    gains = {g: one for g, rows in on.items() if (one := gain(rows))}
+    costs = {g: found for g, rows in on.items() if (found := losses(rows))}
+    free = {g: rows[rows["planner"] == FREE] for g, rows in on.items()}
     beside = _told({g: f"Own LP: {measured(rows).text}" for g, rows in free.items() if len(rows)})
     answers = []
     if gains:
@@ -55,7 +55,7 @@ def ablation_answers(ablations: pd.DataFrame) -> list[Answer]:
         numbers = _told({g: one.text for g, one in gains.items()})
         answers.append(Answer(GAIN, _capital(said) + once, numbers, beside))
     if costs:
-        tried = [rows[rows["recipe"].isin([SHORT, *ABLATIONS])] for rows in answers_on.values()]
+        tried = [on[g][on[g]["recipe"].isin([SHORT, *ABLATIONS])] for g in costs]
         once = ONCE if any(_trainings(rows) == 1 for rows in tried) else ""
         said = _told({g: _part_verdict(found) for g, found in costs.items()})
         numbers = _told(
@@ -65,7 +65,7 @@ def ablation_answers(ablations: pd.DataFrame) -> list[Answer]:
             }
         )
         answers.append(Answer(NEED, _capital(said) + once, numbers))
-    labels = {g: one for g, rows in answers_on.items() for one in losses(rows, [LABELLED])}
+    labels = {g: one for g, rows in on.items() for one in losses(rows, [LABELLED])}
     if labels:
         said = _told({g: _labels_verdict(one) for g, one in labels.items()})
         numbers = _told({g: f"score {one.cost}" for g, one in labels.items()})

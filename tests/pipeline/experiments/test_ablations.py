@@ -204,6 +204,10 @@ def test_without_a_short_refiner_no_part_is_judged(some):
     (text,) = sentences(table[table["recipe"] != "short"])
     assert "left out" not in text
     assert ablation_answers(table.head(0)) == []
+    elsewhere = pd.DataFrame(some(30))
+    both = pd.concat([table, elsewhere[elsewhere["planner"] != "refiner"]])
+    _, need = ablation_answers(both)  # no refiner was tried at n = 30
+    assert need.numbers.startswith("n = 10: no-third")
 
 
 def test_percentages_show_no_more_than_anyone_can_use():
@@ -221,7 +225,9 @@ def test_the_report_has_the_section_with_figure_and_tables(trials, some, tmp_pat
     by_name = {path.stem: pd.read_csv(path) for path in files.tables}
     assert {"ablations-n10", "ablations-n30", "ablations-rounds-n30"} <= set(by_name)
     assert {"ablations-dense-n10", "ablations-rounds-dense-n10"} <= set(by_name)
-    assert "Refiners that lack one thing, dense, n = 10, over 40 trials of that family" in text
+    assert (
+        "Refiners that lack one thing, dense, n = 10, over 40 trials of that family, after" in text
+    )
     parts = by_name["ablations-n30"].set_index("name")
     assert parts.loc["no-third", "score_over_short"] == pytest.approx(0.008)
     assert "Is the refiner worse without each of its parts?" in text
