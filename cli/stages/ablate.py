@@ -23,8 +23,8 @@ from registry.results import Done
 from registry.store import ABLATIONS
 from registry.version import ModelVersion
 
-DENSE_CRAFT = 10
-"""Spacecraft of each dense swarm."""
+DENSE, DENSE_CRAFT = "dense", 10
+"""The family that is tried beside the data's, and spacecraft of each such swarm."""
 
 OWN_LP = next(planner for planner in BASELINES if planner.name == FREE)
 """What any refiner plans without a round."""
@@ -50,7 +50,8 @@ def ablate(
         sizes: swarm sizes.
         rounds: how many are tried, beside those that the refiners' answers take, and none.
         trials: most scenarios of a size, or all.
-        dense: swarms of the family dense that are drawn and tried beside; at most ``trials``.
+        dense: swarms of the family dense that are drawn and tried beside; at most ``trials``, and
+            none where the data are of that family.
         timed: scenarios of each size that are timed one at a time.
         resume: leave it where it was done before, with the same data, models and settings.
         progress: told of each planner's trials, and where other versions did it before.
@@ -65,7 +66,9 @@ def ablate(
             f"timed is {timed}, dense {dense} and rounds {listed(rounds)}; expected 0 or more each."
         )
     ground = held_out(references, data, sizes, trials, refiners_on)
-    tried = [*ground.scenarios.values(), _dense(ground, min(dense, trials or dense))]
+    tried = [*ground.scenarios.values()]
+    if swarms := dense_beside(ground, min(dense, trials or dense)):
+        tried.append(swarms)
     own = _common_rounds(ground.networks)
     counts = sorted({0, *rounds, own})
 
@@ -85,7 +88,6 @@ def ablate(
         tables = [
             run_ablations(entrants, some, counts, own, timed=timed, progress=progress)
             for some in tried
-            if some
         ]
         return pd.concat(tables, ignore_index=True)
 
@@ -99,10 +101,12 @@ def ablate(
     return ground.run(ABLATIONS, params, run, resume=resume, progress=progress)
 
 
-def _dense(ground: HeldOut, count: int) -> list[Scenario]:
-    """Test scenarios of the family dense, on the data's orbit and time grid."""
-    problem = next(iter(ground.scenarios.values()))[0].problem
-    return [draw("dense", 0, DENSE_CRAFT, k, problem, "test") for k in range(count)]
+def dense_beside(ground: HeldOut, count: int) -> list[Scenario]:
+    """Test scenarios of the family dense, on the data's orbit and time grid; none beside such."""
+    firsts = [some[0] for some in ground.scenarios.values()]
+    if any(first.family == DENSE for first in firsts):
+        return []  # trials of the same family are told apart by their number alone
+    return [draw(DENSE, 0, DENSE_CRAFT, k, firsts[0].problem, "test") for k in range(count)]
 
 
 def refiners_on(data: Where) -> list[ModelVersion]:

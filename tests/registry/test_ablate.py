@@ -11,9 +11,10 @@ import pytest
 import torch
 from judged import check_rows, judged
 
-from cli.stages.ablate import ablate
+from cli.stages.ablate import ablate, dense_beside
 from cli.stages.entrants import networks
 from cli.stages.evaluate import evaluate
+from cli.stages.experiment import HeldOut
 from cli.stages.report import report
 from pipeline.dataset.reading.read import solved_rows
 from pipeline.dataset.storage.schema import scenarios_of
@@ -22,6 +23,7 @@ from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import NO_THIRD
 from pipeline.networks.refiner.other_rounds import with_rounds
+from pipeline.orbit.problem import Problem
 from pipeline.planners.network import Flown
 from pipeline.scenario import Scenario, draw
 from pipeline.training.loop import Trained
@@ -129,6 +131,17 @@ def test_where_no_model_is_named_only_ablations_take_refiners_that_lack_somethin
     assert [network.version.recipe for network in networks([], solved)] == ["tuned"]
     named = networks(["refiner:no-third"], solved)
     assert [network.version.recipe for network in named] == ["no-third"]
+
+
+def test_data_that_are_dense_themselves_are_joined_by_no_others() -> None:
+    def beside(family: str) -> list[Scenario]:
+        first = draw(family, 0, 3, 0, Problem(), "test")
+        return dense_beside(HeldOut(Path("data"), "", {3: [first]}, []), 2)
+
+    drawn = beside("rings")
+    assert [(one.family, one.n) for one in drawn] == 2 * [("dense", 10)]
+    assert drawn[0].name != drawn[1].name
+    assert beside("dense") == []
 
 
 def test_networks_of_other_kinds_and_refiners_of_other_rounds_are_refused(
