@@ -251,9 +251,7 @@ def _crowded(batch: Batch, encoding: Encoding, lesson: Lesson) -> Swarms:
     """
     given = _as_given(batch, encoding)
     least, most = batch["radius"], batch["most"]
-    if not lesson.raised:
-        return given
-    radius = least + (most - least) * torch.rand_like(least)
+    radius = least + (most - least) * torch.rand_like(least) if lesson.raised else least
     if not lesson.labels:
         return replace(given, collision_radius=radius)
     states = batch["states"].double()

@@ -102,11 +102,11 @@ def test_an_ablation_is_the_short_recipe_but_for_one_option():
     ]
 
 
-def loss_with(labels, states, radius=15.0):
+def loss_with(labels, states, **options):
     """The loss of an untrained refiner on INITIAL and GOAL, by the average of its rounds."""
-    given = swarms(replace(PROBLEM, collision_radius=radius), INITIAL, GOAL, states)
-    recipe = recipe_for("refiner", "labelled")
-    recipe = replace(recipe, options={**recipe.options, "labels": labels, "earlier": 1.0})
+    given, recipe = swarms(PROBLEM, INITIAL, GOAL, states), recipe_for("refiner", "labelled")
+    options = {**recipe.options, "labels": labels, "earlier": 1.0, **options}
+    recipe = replace(recipe, options=options)
     torch.manual_seed(0)
     made = REFINER.network(SIZES, ENCODING, 0.0)
     torch.manual_seed(0)  # of how swarms are turned and crowded
@@ -130,6 +130,8 @@ def test_labels_cost_the_distance_from_the_expert_where_it_has_planned():
         apart += np.linalg.norm((flown - plans)[..., :3], axis=3).mean() / 15.0 / tuned
     found = loss_with(0.3, plans) - loss_with(1e-12, plans)
     assert found == pytest.approx(0.3 * apart, rel=1e-6)
+    unraised = loss_with(0.3, plans, raised=False) - loss_with(1e-12, plans, raised=False)
+    assert unraised == pytest.approx(found, rel=1e-6)  # whether others are raised or not
     half = plans.copy()
     half[::2] = np.nan
     assert np.isfinite(loss_with(0.3, half))
