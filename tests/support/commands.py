@@ -7,6 +7,7 @@ swarm; so they are made once. What a command does from its first line on is the 
 import json
 import os
 import select
+import signal
 import subprocess
 import sys
 import tempfile
@@ -62,14 +63,7 @@ class Commands:
     """Runs commands one after the other; a context manager."""
 
     def __init__(self) -> None:
-        self._server = subprocess.Popen(
-            [sys.executable, "-c", SERVER],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-        assert self._heard() == "ready"
+        self._server = self._started()
 
     def __enter__(self) -> "Commands":
         """Nothing; it runs already."""
@@ -77,7 +71,24 @@ class Commands:
 
     def __exit__(self, *_: object) -> None:
         """End it."""
-        self._server.kill()
+        self._end()
+
+    def _started(self) -> subprocess.Popen[str]:
+        """A server that has imported everything."""
+        server = subprocess.Popen(
+            [sys.executable, "-c", SERVER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+            start_new_session=True,
+        )
+        assert _heard(server) == "ready"
+        return server
+
+    def _end(self) -> None:
+        """End the server, and the command that it runs."""
+        os.killpg(self._server.pid, signal.SIGKILL)
         self._server.communicate()
 
     def run(
@@ -95,16 +106,20 @@ class Commands:
                 **{name: str(path) for name, path in told.items()},
             }
             print(json.dumps(asked), file=self._server.stdin)
-            status = int(self._heard())
+            try:
+                status = int(_heard(self._server))
+            except subprocess.TimeoutExpired:
+                self._end()
+                self._server = self._started()
+                raise
             return subprocess.CompletedProcess(
                 arguments, status, *(path.read_text() for path in told.values())
             )
 
-    def _heard(self) -> str:
-        """The next line that the server says."""
-        stream = self._server.stdout
-        assert stream is not None
-        if not select.select([stream], [], [], PATIENCE)[0]:
-            os.kill(self._server.pid, 9)
-            raise subprocess.TimeoutExpired("prolearn", PATIENCE)
-        return stream.readline().rstrip()
+
+def _heard(server: subprocess.Popen[str]) -> str:
+    """The next line that a server says."""
+    assert server.stdout is not None
+    if not select.select([server.stdout], [], [], PATIENCE)[0]:
+        raise subprocess.TimeoutExpired("prolearn", PATIENCE)
+    return server.stdout.readline().rstrip()
