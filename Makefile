@@ -56,13 +56,14 @@ SEEDS ?= 1
 LSTM_SEEDS ?= $(SEEDS)
 REFINER_SEEDS ?= $(SEEDS)
 seeds = $(shell seq --separator=, 0 $$(($(1) - 1)))
+tuned-refiner = $(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
 train-all: $(BIN)/prolearn ## the six networks in both recipes and the refiner in its own, each trained SEEDS times
 	for recipe in tuned paper; do \
 	  for family in "$(FF) --seed $(call seeds,$(SEEDS))" "$(LSTM) --seed $(call seeds,$(LSTM_SEEDS))"; do \
 	    $(BIN)/prolearn train --arch $$family --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
 	  done; \
 	done
-	$(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
+	$(tuned-refiner)
 
 evaluate: $(BIN)/prolearn ## experiments 1 and 2, and swarms beyond n=30
 	$(BIN)/prolearn evaluate --data $(DATA) --resume
@@ -79,7 +80,7 @@ flights: $(BIN)/prolearn ## experiment 5
 
 ABLATIONS := short no-third uncrowded labelled
 ablate: $(BIN)/prolearn ## what each idea of the refiner is worth, each trained SEEDS times; then make report
-	$(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
+	$(tuned-refiner)
 	for recipe in $(ABLATIONS); do \
 	  $(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(SEEDS)) --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
 	done
