@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.networks.refiner.ablations import NULL_SPACE, RULE
-from pipeline.networks.refiner.null_space import LeastChange
+from pipeline.networks.refiner.null_space import LEAST_CHANGE
 from pipeline.networks.refiner.other_rounds import by_rule
 from pipeline.networks.refiner.program import LEAST_FUEL
 from pipeline.orbit.transfer import meet_goal
@@ -40,7 +40,7 @@ class Rule:
         problem, started = scenarios[0].problem, time.perf_counter()
         initial = np.stack([scenario.initial for scenario in scenarios])
         goal = np.stack([scenario.goal for scenario in scenarios])
-        program = LeastChange() if self.null_space else LEAST_FUEL
+        program = LEAST_CHANGE if self.null_space else LEAST_FUEL
         answer = by_rule(initial, goal, problem, self.rounds, program)
         controls = meet_goal(initial, answer, goal, problem)
         seconds = time.perf_counter() - started

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from pipeline.networks.refiner.compiled import numbers
 from pipeline.networks.refiner.grid import Grid
-from pipeline.networks.refiner.program import DEAREST, Own
+from pipeline.networks.refiner.program import DEAREST, Own, Program
 from pipeline.networks.refiner.sides import Sides
 
 STEADY = 1e-10
@@ -33,29 +33,25 @@ NO_GAIN = 1e-12
 """|F g|² under which a plane cannot be moved."""
 
 
-class LeastChange:
-    """A ``Program`` whose steps lie in the null space of R; without gradients."""
+def first_price(
+    _: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], grid: Grid
+) -> Float[Tensor, "k"]:
+    """What giving way costs at the margin after a unit, 1 / |F g|²; at first it is free."""
+    return 1 / (gain @ grid.free).square().sum(dim=1).clamp(min=NO_GAIN)
 
-    def price(
-        self, own: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], grid: Grid
-    ) -> Float[Tensor, "k"]:
-        """What giving way costs at the margin after a unit, 1 / |F g|²; at first it is free."""
-        return 1 / (gain @ grid.free).square().sum(dim=1).clamp(min=NO_GAIN)
 
-    def optimum(
-        self,
-        own: Own,
-        sides: Sides,
-        gain: Float[Tensor, "L m"],
-        asked: Float[Tensor, "L 2"],
-        grid: Grid,
-    ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
-        """Controls and prices of each craft's program."""
-        controls, price = own.controls[sides.craft].clone(), torch.zeros_like(asked)
-        free = gain @ grid.free
-        given = (sides.start, sides.order, gain, free, asked)
-        solve_all(*map(numbers, given), DEAREST, controls.numpy(), price.numpy())
-        return controls, price
+def optimum(
+    own: Own, sides: Sides, gain: Float[Tensor, "L m"], asked: Float[Tensor, "L 2"], grid: Grid
+) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
+    """Controls and prices of each craft's program, without gradients."""
+    controls, price = own.controls[sides.craft].clone(), torch.zeros_like(asked)
+    given = (sides.start, sides.order, gain, gain @ grid.free, asked)
+    solve_all(*map(numbers, given), DEAREST, controls.numpy(), price.numpy())
+    return controls, price
+
+
+LEAST_CHANGE = Program(first_price, optimum)
+"""The program above."""
 
 
 @no_type_check

@@ -13,8 +13,8 @@ over to that side's slope, whichever the ratio test meets first.
 The price of a plane, its multiplier λ in [0, Λ], is what another unit of separation would cost.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -50,55 +50,6 @@ class Own:
     cost: Float[Tensor, "N _"]
 
 
-@runtime_checkable
-class Program(Protocol):
-    """What each craft solves."""
-
-    def price(
-        self, own: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], grid: Grid
-    ) -> Float[Tensor, "k"]:
-        """What the first unit along a row costs a craft that has no planes yet."""
-        ...
-
-    def optimum(
-        self,
-        own: Own,
-        sides: Sides,
-        gain: Float[Tensor, "L m"],
-        asked: Float[Tensor, "L 2"],
-        grid: Grid,
-    ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
-        """Controls of each craft that has planes, and prices, as ``optimum`` has them."""
-        ...
-
-
-class LeastFuel:
-    """The program above."""
-
-    def price(
-        self, own: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], grid: Grid
-    ) -> Float[Tensor, "k"]:
-        """By the dual simplex ratio."""
-        price = torch.empty(len(craft), dtype=torch.float64)
-        given = (own.tableau, own.basis, own.others, own.cost, craft, gain)
-        first_prices(*map(numbers, given), price.numpy())
-        return price.to(gain.device)
-
-    def optimum(
-        self,
-        own: Own,
-        sides: Sides,
-        gain: Float[Tensor, "L m"],
-        asked: Float[Tensor, "L 2"],
-        grid: Grid,
-    ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
-        """By the dual simplex method."""
-        return optimum(own, sides, gain, asked)
-
-
-LEAST_FUEL = LeastFuel()
-
-
 @dataclass(frozen=True, eq=False)
 class Optimum:
     """The optimum of each program.
@@ -130,7 +81,7 @@ def own_tableau(
 
 
 def optimum(
-    own: Own, sides: Sides, gain: Float[Tensor, "L m"], asked: Float[Tensor, "L 2"]
+    own: Own, sides: Sides, gain: Float[Tensor, "L m"], asked: Float[Tensor, "L 2"], _: Grid
 ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
     """Controls and prices of each craft's program.
 
@@ -156,6 +107,16 @@ def optimum(
     return controls, found.price
 
 
+def first_price(
+    own: Own, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"], _: Grid
+) -> Float[Tensor, "k"]:
+    """What the first unit along a row costs a craft: the dual simplex ratio."""
+    price = torch.empty(len(craft), dtype=torch.float64)
+    given = (own.tableau, own.basis, own.others, own.cost, craft, gain)
+    first_prices(*map(numbers, given), price.numpy())
+    return price.to(gain.device)
+
+
 def solve(
     own: Own,
     sides: Sides,
@@ -176,3 +137,20 @@ def solve(
     results = (found.controls, found.price, found.change)
     solve_all(*map(numbers, given), DEAREST, *(part.numpy() for part in results))
     return Optimum(*(getattr(found, one.name).to(gain.device) for one in fields(found)))
+
+
+@dataclass(frozen=True)
+class Program:
+    """What each craft solves.
+
+    Attributes:
+        price: what the first unit along a row costs a craft that has no planes yet.
+        optimum: controls of each craft that has planes, and prices of these for either craft.
+    """
+
+    price: Callable[[Own, Tensor, Tensor, Grid], Tensor]
+    optimum: Callable[[Own, Sides, Tensor, Tensor, Grid], tuple[Tensor, Tensor]]
+
+
+LEAST_FUEL = Program(first_price, optimum)
+"""The program above."""

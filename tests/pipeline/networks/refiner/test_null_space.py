@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.networks.refiner.null_space import LeastChange
+from pipeline.networks.refiner.null_space import optimum
 from pipeline.networks.refiner.rounds import begin
 from pipeline.networks.refiner.sides import sides_of
 from pipeline.networks.swarms import swarms
@@ -33,7 +33,7 @@ def programs():
 def test_it_is_the_nearest_controls_that_meet_goal_and_planes(programs):
     task, pair, gain, asked = programs
     sides = sides_of(pair, 10)
-    controls, price = LeastChange().optimum(task.own, sides, gain, asked, task.grid)
+    controls, price = optimum(task.own, sides, gain, asked, task.grid)
     for k, craft in enumerate(sides.craft.tolist()):
         own, goal = task.own.controls[craft].numpy(), task.grid.to_goal.numpy()
         rows = [(-1) ** side * gain[p].numpy() for p, side in (pair == craft).nonzero().tolist()]
@@ -49,7 +49,7 @@ def test_it_is_the_nearest_controls_that_meet_goal_and_planes(programs):
 def test_what_asks_nothing_changes_nothing(programs):
     task, pair, gain, asked = programs
     sides = sides_of(pair, 10)
-    controls, price = LeastChange().optimum(task.own, sides, gain, asked - 10, task.grid)
+    controls, price = optimum(task.own, sides, gain, asked - 10, task.grid)
     assert torch.equal(controls, task.own.controls[sides.craft])
     assert (price == 0).all()
 

@@ -1,11 +1,10 @@
 """Craft's own programs against HiGHS, and their gradients against finite differences."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from scipy.optimize import linprog
+from tableaux import one_of
 
 from pipeline.networks.least_fuel import least_fuel
 from pipeline.networks.refiner import program
@@ -16,6 +15,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
 CRAFT, PLANES = 40, 4
+GRID = grid_of(Problem(), torch.device("cpu"))
 PROBLEMS = [Problem(), Problem(nodes=6, time_step=200.0), Problem(nodes=21)]
 
 
@@ -58,13 +58,7 @@ def solve(own, row, asked, count):
 
 def first_price(own, row):
     """Of a row for each craft."""
-    grid = grid_of(Problem(), torch.device("cpu"))
-    return program.LEAST_FUEL.price(own, torch.arange(len(row)), row, grid)
-
-
-def one_of(own, craft):
-    """The own optimum of one craft."""
-    return replace(own, **{name: values[craft][None] for name, values in vars(own).items()})
+    return program.first_price(own, torch.arange(len(row)), row, GRID)
 
 
 def by_craft(values, count):
@@ -142,7 +136,7 @@ def test_gradients_are_how_the_optimum_moves():
     taste = torch.randn_like(own.controls)
     rows, wanted = row.clone().requires_grad_(), asked.clone().requires_grad_()
     sides, both = first_sides(wanted, count)
-    controls, _ = program.optimum(own, sides, rows, both)
+    controls, _ = program.optimum(own, sides, rows, both, GRID)
     (controls * taste).sum().backward()
     step, move = 1e-6, (torch.randn_like(row), torch.randn_like(asked))
     ahead, behind = (

@@ -6,6 +6,7 @@ from math import prod
 import numpy as np
 import pytest
 import torch
+from tableaux import one_of
 
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
@@ -36,11 +37,6 @@ def network(spread):
     made = REFINER.network(REFINER.config, encoding, 0.0)
     torch.nn.init.normal_(made.offer.weight, std=spread)
     return made.eval().requires_grad_(False)
-
-
-def one_of(own, craft):
-    """The own optimum of one craft."""
-    return replace(own, **{name: values[craft][None] for name, values in vars(own).items()})
 
 
 def drawn(family, n, k, problem=PROBLEM):
