@@ -150,12 +150,13 @@ def alive(group):
 @pytest.mark.parametrize(
     ("to_all", "jobs"), [(True, "2"), (False, "2"), (False, "1")], ids=["terminal", "main", "one"]
 )
-def test_ctrl_c_stops_within_two_seconds_and_keeps_what_is_finished(long_work, to_all, jobs):
+def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(long_work, to_all, jobs):
     process = begun(long_work, "--jobs", jobs)
-    started = time.monotonic()
     (os.killpg if to_all else os.kill)(process.pid, signal.SIGINT)
+    done = len(list(long_work.glob("n=6/*.parquet")))
     _, complaints = process.communicate(timeout=60)
-    assert time.monotonic() - started < 5  # two seconds, and what a busy machine adds
+    # Counted in work, not in seconds, of which a busy machine takes any number.
+    assert len(list(long_work.glob("n=6/*.parquet"))) < done + 20
     assert process.returncode == 130
     assert complaints.splitlines()[-1] == "prolearn: interrupted; what was finished is kept."
     assert "Traceback" not in complaints

@@ -11,6 +11,7 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
+from processes import SOON
 
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import load as load_network
@@ -54,7 +55,7 @@ def end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     while time.monotonic() < deadline and process.poll() is None:
         try:
             urllib.request.urlopen(url, timeout=1).close()
@@ -102,7 +103,7 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
         record_training(
             trained, recipe=recipe, seed=0, dataset=dataset, params={"x": EndsTheServer(server)}
         )
-    assert time.monotonic() - started < 40
+    assert time.monotonic() - started < SOON
     (kept,) = (folder / "unregistered").iterdir()
     np.testing.assert_array_equal(load_network(kept).predict(initial, goal), wanted)
 
@@ -135,7 +136,7 @@ def test_weights_are_kept_where_the_server_is_away_from_the_start(
     started = time.monotonic()
     with pytest.raises(ProlearnError, match=r"does not answer.*kept in") as caught:
         record_training(trained, recipe=recipe, seed=0, dataset=dataset)
-    assert time.monotonic() - started < 10
+    assert time.monotonic() - started < SOON
     (kept,) = (fresh / "unregistered").iterdir()
     assert str(kept) in str(caught.value)
     initial, goal = np.random.default_rng(0).normal(0, 100, (2, 2, 5, 6))

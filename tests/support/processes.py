@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+SOON = 40.0
+"""Seconds: what a busy machine makes of a few, less than the minutes of a client that retries."""
+
 
 def workers_of(pid: int) -> list[int]:
     """Worker processes that a process has started, however far they have come."""

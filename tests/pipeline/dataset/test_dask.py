@@ -71,11 +71,11 @@ def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(cluster, 
         sample(tmp_path / name, samples, Problem(), jobs=1)
     solve(tmp_path / "here", Settings(), workers=Workers(jobs=1))
     with Client(address, set_as_default=False) as client:
-        client.wait_for_workers(2, timeout=30)
+        client.wait_for_workers(2, timeout=60)
     killer = Killer(workers[0])
     there = Workers(scheduler=address)
     solve(tmp_path / "there", Settings(), workers=there, progress=killer)
     assert killer.at == SHARDS // 3
-    assert workers[0].wait(timeout=10) == -signal.SIGKILL
+    assert workers[0].wait(timeout=60) == -signal.SIGKILL
     assert killer.shards == SHARDS
     assert content(tmp_path / "there") == content(tmp_path / "here")

@@ -22,7 +22,7 @@ FLAGS = (
     # WebGL without a graphics card
     *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 )
-PATIENCE = 60  # s
+PATIENCE = 120  # s
 
 CENTRES = """
     const balls = document.getElementById("space").data[0];
