@@ -2,6 +2,7 @@
 
 from typing import Any, no_type_check
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from numba import njit
@@ -61,12 +62,19 @@ def add_up(told, free, start, order, result):
         free: unit vectors, (L, m).
         start: where the sides of each craft begin in ``order``, (C + 1,).
         order: all sides, (2L,).
-        result: zeros to which the sums are added, (L, 2, 2H).
+        result: zeros, which become the sums, (L, 2, 2H).
     """
     m, H = free.shape[1], told.shape[2] // 2
+    every = np.empty(H, told.dtype)
     for c in range(len(start) - 1):
+        every[:] = 0.0
+        for a in range(start[c], start[c + 1]):
+            for h in range(H):
+                every[h] += told[order[a] >> 1, order[a] & 1, H + h]
         for a in range(start[c], start[c + 1]):
             one, at = order[a] >> 1, order[a] & 1
+            for h in range(H):
+                result[one, at, H + h] = every[h]
             for b in range(start[c], a + 1):
                 other, there = order[b] >> 1, order[b] & 1
                 cosine = told.dtype.type(0.0)
@@ -76,8 +84,6 @@ def add_up(told, free, start, order, result):
                     cosine = -cosine
                 for h in range(H):
                     result[one, at, h] += cosine * told[other, there, h]
-                    result[one, at, H + h] += told[other, there, H + h]
                 if a != b:
                     for h in range(H):
                         result[other, there, h] += cosine * told[one, at, h]
-                        result[other, there, H + h] += told[one, at, H + h]

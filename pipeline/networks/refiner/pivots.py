@@ -71,32 +71,61 @@ def solve_all(
     most = np.max(start[1:] - start[:-1])
     body, value, side = np.empty((6 + most, m - 6)), np.empty(6 + most), np.empty(6 + most)
     basic, other = np.empty(6 + most, np.int64), np.empty(m - 6, np.int64)
-    cost, g = np.empty(m - 6), np.empty(m)
+    cost, there = np.empty(m - 6), np.empty(most, np.bool_)
     for c in range(C):
-        craft, mine = crafts[c], order[start[c] : start[c + 1]]
-        rows = 6 + len(mine)
+        craft, mine, u = crafts[c], order[start[c] : start[c + 1]], controls[c]
         for k in range(m - 6):
             other[k], cost[k] = others[craft, k], costs[craft, k]
         for i in range(6):
             basic[i], side[i] = basis[craft, i], sides[craft, i]
             value[i] = own[craft, basic[i]]
             body[i] = tableau[craft, i]
-        for i in range(6, rows):
-            plane, second = mine[i - 6] >> 1, mine[i - 6] & 1
-            left = -asked[plane, second]
-            for k in range(m):
-                g[k] = -gain[plane, k] if second else gain[plane, k]
-                left += g[k] * own[craft, k]
-            value[i], side[i], basic[i] = left, 1.0, m + i - 6
-            for k in range(m - 6):
-                body[i, k] = -g[other[k]]
-            for b in range(6):
-                for k in range(m - 6):
-                    body[i, k] += g[basic[b]] * body[b, k]
-        for _ in range(MOST_PIVOTS):
-            if not pivot(rows, m, dearest, body, value, side, basic, other, cost):
+        u[:] = own[craft]
+        rows, there[:] = 6, False
+        while True:
+            # Most planes are met by an optimum that does not know of them, and need no row.
+            before = rows
+            for p in range(len(mine)):
+                if there[p]:
+                    continue
+                left = beyond(gain, asked, mine[p], u)
+                if left < -SMALL:
+                    there[p] = True
+                    row(rows, m, p, gain, mine[p], left, body, value, side, basic, other)
+                    rows += 1
+            if rows == before:
                 break
-        finish(mine, m, dearest, body, value, side, basic, other, cost, controls[c], price, change)
+            for _ in range(MOST_PIVOTS):
+                if not pivot(rows, m, dearest, body, value, side, basic, other, cost):
+                    break
+            flown(rows, m, value, basic, u)
+        finish(rows, mine, m, dearest, body, side, basic, other, cost, price, change)
+
+
+@no_type_check
+@njit(cache=True, fastmath={"reassoc"})
+def beyond(gain, asked, mine, controls):
+    """How far controls go beyond what a side's plane asks for."""
+    plane, second = mine >> 1, mine & 1
+    along = 0.0
+    for k in range(len(controls)):
+        along += gain[plane, k] * controls[k]
+    return (-along if second else along) - asked[plane, second]
+
+
+@no_type_check
+@njit(cache=True)
+def row(i, m, p, gain, mine, left, body, value, side, basic, other):
+    """Row i for what is left at plane p, among the variables as they are."""
+    plane, sign = mine >> 1, -1.0 if mine & 1 else 1.0
+    value[i], side[i], basic[i] = left, 1.0, m + p
+    for k in range(len(other)):
+        body[i, k] = -sign * gain[plane, other[k]] if other[k] < m else 0.0
+    for b in range(i):
+        if basic[b] < m:
+            share = sign * gain[plane, basic[b]]
+            for k in range(len(other)):
+                body[i, k] += share * body[b, k]
 
 
 @no_type_check
@@ -193,20 +222,29 @@ def exchange(rows, leaving, entering, body, value, basic, other):
 
 @no_type_check
 @njit(cache=True)
-def finish(mine, m, dearest, body, value, side, basic, other, cost, controls, price, change):
-    """Read the optimum off the tableau."""
+def flown(rows, m, value, basic, controls):
+    """Read the controls off the tableau."""
     controls[:] = 0.0
-    for i in range(6 + len(mine)):
+    for i in range(rows):
         if basic[i] < m:
             controls[basic[i]] = value[i]
-        else:  # what is left at a plane, or missing
+
+
+@no_type_check
+@njit(cache=True)
+def finish(rows, mine, m, dearest, body, side, basic, other, cost, price, change):
+    """Read prices off the tableau, and what controls change with what is asked."""
+    for side_of in mine:
+        price[side_of >> 1, side_of & 1] = 0.0
+    for i in range(rows):
+        if basic[i] >= m and side[i] < 0:  # what is missing
             plane = mine[basic[i] - m]
-            price[plane >> 1, plane & 1] = 0.0 if side[i] > 0 else dearest
+            price[plane >> 1, plane & 1] = dearest
     for k in range(m - 6):
         if other[k] >= m:
             plane, second = mine[other[k] - m] >> 1, mine[other[k] - m] & 1
             price[plane, second] = -cost[k]
             if len(change):
-                for i in range(6 + len(mine)):
+                for i in range(rows):
                     if basic[i] < m:
                         change[plane, second, basic[i]] = -body[i, k]
