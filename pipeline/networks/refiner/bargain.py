@@ -10,10 +10,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.networks.refiner.hearsay import heard
+from pipeline.networks.refiner.seen import FEATURES
 from pipeline.networks.refiner.sides import Sides
-
-FEATURES = 18
-"""Numbers that a side sees."""
 
 MOST_TRADE = 0.3
 """Most that a craft gives way beyond its share, r_col."""
@@ -54,16 +52,19 @@ class Bargain(nn.Module):
             sides: which craft they are of.
             free: unit vectors by which the planes of a craft are alike.
         """
-        said = self.read(_with_other(seen))  # (L, 2, H)
+        said = self.read(torch.cat([seen, seen.flip(1)], dim=2))  # (L, 2, H)
         others = self.hears * heard(self.tell(said), free, sides)  # (L, 2, 2H)
-        one, other = self.offers(said, _with_other(others)).unbind(dim=1)
+        one, other = self.offers(said, others, others.flip(1)).unbind(dim=1)
         return trade_of(one, other)
 
     def offers(
-        self, said: Float[Tensor, "*sides H"], heard: Float[Tensor, "*sides _"]
+        self,
+        said: Float[Tensor, "*sides H"],
+        heard: Float[Tensor, "*sides _"],
+        told: Float[Tensor, "*sides _"],
     ) -> Float[Tensor, "*sides"]:
-        """What each side offers, from what was said of it and what both sides have heard."""
-        return self.offer(self.weigh(torch.cat([said, heard], dim=-1)))[..., 0]
+        """What each side offers, from what was said of it, it has heard, and the other has."""
+        return self.offer(self.weigh(torch.cat([said, heard, told], dim=-1)))[..., 0]
 
 
 def trade_of(offer: Float[Tensor, "L"], other: Float[Tensor, "L"]) -> Float[Tensor, "L"]:
@@ -73,8 +74,3 @@ def trade_of(offer: Float[Tensor, "L"], other: Float[Tensor, "L"]) -> Float[Tens
 
 def _two_layers(before: int, width: int, after: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(before, width), nn.SiLU(), nn.Linear(width, after))
-
-
-def _with_other(values: Float[Tensor, "L 2 D"]) -> Float[Tensor, "L 2 _"]:
-    """What a side has, and what the other side has."""
-    return torch.cat([values, values.flip(1)], dim=2)

@@ -8,21 +8,11 @@ the pair apart included, is linear in the states of the interval's two nodes.
 from dataclasses import dataclass, fields
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pipeline.networks.refiner.compiled import numbers
 from pipeline.networks.refiner.nearest import close_pairs, nearest
-
-TOUCHING = 1e-4
-"""Distance in r_col under which two craft give no direction of their own."""
-
-STILL = 1e-9
-"""Relative speed in r_col/Δt under which two craft do not move past each other."""
-
-
-Cubic = tuple[Tensor, Tensor, Tensor, Tensor]
-"""p0, v0, a2, a3 of p0 + v0 s + a2 s² + a3 s³, each (k, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +43,6 @@ class Encounters:
         """The same as pairs."""
         return torch.stack(self.both, dim=1)
 
-    def relative(self, states: Float[Tensor, "N T 6"]) -> Float[Tensor, "k 2 6"]:
-        """State of the first craft relative to the second at both ends of the interval."""
-        N, T, _ = states.shape
-        flat = states.reshape(N * T, 6)
-        node = self.interval[:, None] + torch.arange(2, device=states.device)
-        # Copies whole states, forth and back, where brackets would copy number by number.
-        one, other = (
-            flat.index_select(0, (craft[:, None] * T + node).reshape(-1)) for craft in self.both
-        )
-        return (one - other).reshape(-1, 2, 6)
-
 
 @dataclass(frozen=True, eq=False)
 class Look:
@@ -72,27 +51,13 @@ class Look:
     Attributes:
         share: when, as a share of the interval, (k,); 0 where it was not looked at.
         distance: (k,); infinite where it was not looked at.
+        turns: whether the pair comes closer before and parts after it, (k,); where not, they are
+            closer in the interval before or after.
     """
 
     share: Float[Tensor, "k"]
     distance: Float[Tensor, "k"]
-
-
-@dataclass(frozen=True, eq=False)
-class Approach:
-    """The closest approach of each encounter.
-
-    Attributes:
-        share: when, as a share of the interval, (k,); gradients do not run through it.
-        gap: position of the first craft relative to the second, (k, 3).
-        speed: their relative velocity, (k, 3).
-        distance: (k,).
-    """
-
-    share: Float[Tensor, "k"]
-    gap: Float[Tensor, "k 3"]
-    speed: Float[Tensor, "k 3"]
-    distance: Float[Tensor, "k"]
+    turns: Bool[Tensor, "k"]
 
 
 def candidates(
@@ -129,64 +94,8 @@ def look(
             all are seen by default.
     """
     share, distance = torch.empty(2, len(met.first), dtype=torch.float64)
+    turns = torch.empty(len(met.first), dtype=torch.bool)
     within = torch.full_like(share, torch.inf) if within is None else within
     given = (states, met.first, met.second, met.interval, within)
-    nearest(*map(numbers, given), share.numpy(), distance.numpy())
-    return Look(share.to(states.device), distance.to(states.device))
-
-
-def cubic(ends: Float[Tensor, "k 2 6"]) -> Cubic:
-    """The cubic of relative motion between states at both ends of an interval."""
-    p0, v0, p1, v1 = ends.reshape(-1, 4, 3).unbind(dim=1)
-    return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
-
-
-def approach(ends: Float[Tensor, "k 2 6"], share: Float[Tensor, "k"]) -> Approach:
-    """The approach of relative motion between states at both ends of an interval, at a time."""
-    p0, v0, a2, a3 = cubic(ends)
-    s = share[:, None]
-    gap = p0 + s * (v0 + s * (a2 + s * a3))
-    speed = v0 + s * (2 * a2 + 3 * s * a3)
-    return Approach(share, gap, speed, torch.linalg.vector_norm(gap, dim=1))
-
-
-def directions(found: Approach) -> tuple[Float[Tensor, "k 3"], Float[Tensor, "k 3"]]:
-    """Unit vectors at each encounter: along the gap, along the motion past it.
-
-    Where the two craft touch, the gap's is any across the motion.
-    """
-    speed = found.speed.detach()
-    touching = (found.distance.detach() < TOUCHING)[:, None]
-    along = unit(torch.where(touching, _across(speed), found.gap))
-    past = speed - (speed * along).sum(dim=1, keepdim=True) * along
-    still = torch.linalg.vector_norm(past, dim=1, keepdim=True) < STILL
-    motion = unit(torch.where(still, _across(along), past))
-    return along, motion
-
-
-def _across(vector: Float[Tensor, "k 3"]) -> Float[Tensor, "k 3"]:
-    """Some vector at right angles to each, also to none."""
-    axes = torch.eye(3, dtype=vector.dtype, device=vector.device)
-    axis = axes[vector.detach().abs().argmin(dim=1)]
-    across = torch.linalg.cross(vector, axis)
-    none = torch.linalg.vector_norm(across, dim=1, keepdim=True) < STILL
-    return torch.where(none, axis, across)
-
-
-def unit(vector: Float[Tensor, "k 3"]) -> Float[Tensor, "k 3"]:
-    """Vectors of length 1."""
-    return vector / torch.linalg.vector_norm(vector, dim=1, keepdim=True).clamp(min=1e-12)
-
-
-def plane_rows(
-    met: Encounters, share: Float[Tensor, "k"], normal: Float[Tensor, "k 3"], nodes: int
-) -> Float[Tensor, "k _"]:
-    """A plane's normal times the position there and then, as a row over the states of all nodes.
-
-    The weights are Hermite's cubics, by which positions follow from both ends.
-    """
-    s, r = share, 1 - share
-    weights = torch.stack([r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r], dim=1)
-    both = (weights[:, :, None] * normal[:, None, :]).reshape(-1, 12)
-    columns = 6 * met.interval[:, None] + torch.arange(12, device=normal.device)
-    return normal.new_zeros(normal.shape[0], 6 * nodes).scatter(1, columns, both)
+    nearest(*map(numbers, given), share.numpy(), distance.numpy(), turns.numpy())
+    return Look(*(part.to(states.device) for part in (share, distance, turns)))

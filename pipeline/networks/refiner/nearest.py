@@ -13,6 +13,9 @@ NEWTON_STEPS = 3
 
 THIRD = 1.0 / 3.0
 
+LEVEL = 1e-6
+"""Cosine between gap and relative velocity under which a pair neither comes closer nor parts."""
+
 AT_FIRST = 1024
 """Encounters for which there is room before it is doubled."""
 
@@ -21,7 +24,7 @@ AT_FIRST = 1024
 
 @no_type_check
 @njit(cache=True)
-def nearest(states, first, second, interval, within, share, distance):
+def nearest(states, first, second, interval, within, share, distance, turns):
     """The closest approach of pairs of craft in intervals; lengths in r_col, times in Δt.
 
     Args:
@@ -32,15 +35,17 @@ def nearest(states, first, second, interval, within, share, distance):
         within: distance beyond which a pair need not be looked at closely, (k,).
         share: result: when, as a share of the interval, (k,); 0 where it was not looked at.
         distance: result, (k,); infinite where it was not looked at.
+        turns: result: whether the pair comes closer before and parts after it, (k,).
     """
     motion = np.empty((4, 3))
     for k in range(len(first)):
         one, other, t = states[first[k]], states[second[k]], interval[k]
         if stays_beyond(one, other, t, within[k]):
-            share[k], distance[k] = 0.0, np.inf
+            share[k], distance[k], turns[k] = 0.0, np.inf, False
         else:
             fill(motion, one, other, t)
             share[k], distance[k] = closest(motion)
+            turns[k] = 0.0 < share[k] < 1.0 or level(motion, share[k])
 
 
 @no_type_check
@@ -115,15 +120,24 @@ def fill(motion, one, other, t):
 @njit(cache=True)
 def closest(motion):
     """When the cubic is closest to 0, and how close."""
-    when, least = 0.0, at(motion, 0.0)[0]
+    when, least = 0.0, np.inf
+    x, y, z = place(motion, 0.0)
     for stretch in range(STRETCHES):
         # Where craft pass each other fast, the closest sample may be far from there.
-        begin, end = stretch / STRETCHES, (stretch + 1) / STRETCHES
-        s = begin + straight(motion, begin, end) * (end - begin)
-        for time in (s, end):
-            square = at(motion, time)[0]
+        here = x * x + y * y + z * z
+        if here < least:
+            when, least = stretch / STRETCHES, here
+        to_x, to_y, to_z = place(motion, (stretch + 1) / STRETCHES)
+        along = x * (x - to_x) + y * (y - to_y) + z * (z - to_z)
+        length = (to_x - x) ** 2 + (to_y - y) ** 2 + (to_z - z) ** 2
+        if 0 < along < length:  # the straight way between both is closest to 0 on its way
+            s = (stretch + along / length) / STRETCHES
+            square = at(motion, s)[0]
             if square < least:
-                when, least = time, square
+                when, least = s, square
+        x, y, z = to_x, to_y, to_z
+    if x * x + y * y + z * z < least:
+        when, least = 1.0, x * x + y * y + z * z
     # The least of a smooth curve is near the least of these, so no step goes further, and
     # none that leads away is followed.
     low, high = max(when - 1 / STRETCHES, 0.0), min(when + 1 / STRETCHES, 1.0)
@@ -136,6 +150,19 @@ def closest(motion):
         if square < least:
             when, least = s, square
     return when, np.sqrt(least)
+
+
+@no_type_check
+@njit(cache=True)
+def level(motion, s):
+    """Whether the cubic neither comes closer to 0 nor parts from it, but for rounding."""
+    square, slope, speed = 0.0, 0.0, 0.0
+    for x in range(3):
+        p0, v0, a2, a3 = motion[0, x], motion[1, x], motion[2, x], motion[3, x]
+        p = p0 + s * (v0 + s * (a2 + s * a3))
+        v = v0 + s * (2 * a2 + 3 * s * a3)
+        square, slope, speed = square + p * p, slope + p * v, speed + v * v
+    return slope * slope <= LEVEL * LEVEL * square * speed
 
 
 @no_type_check
@@ -155,13 +182,9 @@ def at(motion, s):
 
 @no_type_check
 @njit(cache=True)
-def straight(motion, begin, end):
-    """Where on the straight way between two of the cubic's points 0 is closest, as a share."""
-    toward, length = 0.0, 0.0
-    for x in range(3):
-        p0, v0, a2, a3 = motion[0, x], motion[1, x], motion[2, x], motion[3, x]
-        here = p0 + begin * (v0 + begin * (a2 + begin * a3))
-        way = p0 + end * (v0 + end * (a2 + end * a3)) - here
-        toward -= here * way
-        length += way * way
-    return min(max(toward / length, 0.0), 1.0) if length > 0 else 0.0
+def place(motion, s):
+    """Where the cubic is."""
+    x = motion[0, 0] + s * (motion[1, 0] + s * (motion[2, 0] + s * motion[3, 0]))
+    y = motion[0, 1] + s * (motion[1, 1] + s * (motion[2, 1] + s * motion[3, 1]))
+    z = motion[0, 2] + s * (motion[1, 2] + s * (motion[2, 2] + s * motion[3, 2]))
+    return x, y, z

@@ -100,7 +100,7 @@ class Refiner:
 
     width: int = 32
     message: int = 16
-    rounds: int = 10
+    rounds: int = 12
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -228,8 +228,8 @@ def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
 def _lack(task: Task, state: State, distance: float) -> Float[Tensor, "b"]:
     """What the encounters of each swarm lack of a distance, r_col."""
     which = (state.found.distance < distance).nonzero()[:, 0]
-    met, found = state.approaches(task, which)
-    return task.total(distance - found.distance, met.first)
+    met, between = state.planes(task, which)
+    return task.total(distance - between.distance, met.first)
 
 
 def _as_given(batch: Batch, encoding: Encoding) -> Swarms:

@@ -14,17 +14,9 @@ from torch import Tensor
 
 from pipeline.networks.least_fuel import least_fuel
 from pipeline.networks.refiner.bargain import Bargain
-from pipeline.networks.refiner.encounters import (
-    Approach,
-    Encounters,
-    Look,
-    approach,
-    candidates,
-    directions,
-    look,
-    plane_rows,
-)
+from pipeline.networks.refiner.encounters import Encounters, Look, candidates, look
 from pipeline.networks.refiner.grid import Grid, grid_of, in_units
+from pipeline.networks.refiner.planes import Planes, planes
 from pipeline.networks.refiner.program import LEAST_FUEL, Own, Program, own_tableau
 from pipeline.networks.refiner.seen import Meeting, free_directions, seen
 from pipeline.networks.refiner.sides import sides_of
@@ -37,7 +29,7 @@ NEAR_OF_EXTENT = 0.15
 """The same as a part of the swarm's extent: who flies far can be sent far off at little cost."""
 
 WATCHED = 1.3
-"""Distance in r_col within which a pair gets a plane."""
+"""Distance in r_col within which a pair that turns from coming closer to parting gets a plane."""
 
 MARGIN = 0.2 / 15
 """Separation beyond r_col that is asked for, in r_col."""
@@ -106,10 +98,10 @@ class State:
     found: Look
     known: Known
 
-    def approaches(self, task: Task, which: Int[Tensor, "L"]) -> tuple[Encounters, Approach]:
-        """Some encounters, and their closest approaches."""
+    def planes(self, task: Task, which: Int[Tensor, "L"]) -> tuple[Encounters, Planes]:
+        """Some encounters, and the planes between their craft."""
         met = task.met.of(which)
-        return met, approach(met.relative(self.states), self.found.share[which])
+        return met, planes(met, self.found.share[which], self.states, task.grid)
 
 
 def begin(swarms: Swarms) -> Task:
@@ -153,23 +145,23 @@ def play(
         program: what each craft solves.
     """
     # A plane once put up stays, or pairs would forget each other and meet again.
-    live = (state.found.distance < WATCHED) | (state.known.first_price[:, 0] > 0)
+    passing = state.found.turns & (state.found.distance < WATCHED)
+    live = passing | (state.known.first_price[:, 0] > 0)
     if among is not None:
         live &= among[task.met.first // task.n]
     which = live.nonzero()[:, 0]
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or task.own.others.shape[1] == 0:
         return state
-    met, found = state.approaches(task, which)
-    along, motion = directions(found)
-    gain = plane_rows(met, found.share, along, task.grid.nodes) @ task.grid.reach
+    met, between = state.planes(task, which)
+    gain = between.gain
     known = _with_first_prices(task, state.known, which, gain.detach(), program)
     meeting = Meeting(
-        met, found, along, motion, gain, known.price[which], known.first_price[which], number
+        met, state.found.share[which], between, known.price[which], known.first_price[which]
     )
     sides, trade = sides_of(met.craft, len(state.controls)), None
     if network is not None:
-        sight = seen(meeting, task.own, state.controls, task.grid)
+        sight = seen(meeting, task.own, state.controls, task.grid, number)
         trade = network(sight, sides, free_directions(gain, task.grid))
     first, second = ((gain * state.controls.index_select(0, k)).sum(dim=1) for k in met.both)
     asked = torch.stack([first, -second], dim=1) + to_give(meeting, trade)
@@ -191,7 +183,7 @@ def _state(
 
 def to_give(meeting: Meeting, trade: Float[Tensor, "L"] | None) -> Float[Tensor, "L 2"]:
     """By how much either craft is to give way, r_col."""
-    needed = 1 + MARGIN - (meeting.found.gap * meeting.along).sum(dim=1)
+    needed = 1 + MARGIN - meeting.planes.distance
     first = torch.sigmoid(_usual_share(needed, meeting.price, meeting.first_price)) * needed
     if trade is not None:
         first = first + trade.to(first.dtype)

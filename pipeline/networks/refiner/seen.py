@@ -1,14 +1,23 @@
-"""What the sides of an encounter see, and by what the planes of a craft are alike."""
+"""What the sides of encounters see, compiled, and by what the planes of a craft are alike."""
 
 from dataclasses import dataclass
+from math import log
+from typing import no_type_check
 
+import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32
+from numba import njit
 from torch import Tensor
 
-from pipeline.networks.refiner.encounters import Approach, Encounters
+from pipeline.networks.refiner.compiled import numbers
+from pipeline.networks.refiner.encounters import Encounters
 from pipeline.networks.refiner.grid import Grid
+from pipeline.networks.refiner.planes import Planes
 from pipeline.networks.refiner.program import Own
+
+FEATURES = 18
+"""Numbers that a side sees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,83 +26,99 @@ class Meeting:
 
     Attributes:
         met: pairs and intervals.
-        found: their closest approaches.
-        along: unit vector along the gap, (L, 3).
-        motion: unit vector along the motion past it, (L, 3).
-        gain: how the first craft's controls move it along the gap, (L, m).
+        share: when they are closest, as a share of the interval, (L,).
+        planes: between them.
         price: what the plane cost either craft in the round before, (L, 2).
         first_price: what the first unit costs either craft, (L, 2).
-        number: of the round.
     """
 
     met: Encounters
-    found: Approach
-    along: Float[Tensor, "L 3"]
-    motion: Float[Tensor, "L 3"]
-    gain: Float[Tensor, "L m"]
+    share: Float[Tensor, "L"]
+    planes: Planes
     price: Float[Tensor, "L 2"]
     first_price: Float[Tensor, "L 2"]
-    number: int | Int[Tensor, ""]
 
 
-@dataclass(frozen=True, eq=False)
-class Standing:
-    """How much else there is to either craft of L encounters.
-
-    Attributes:
-        sides: number of its encounters, (L, 2).
-        price: the sum of their prices, (L, 2).
-        spent: fuel over its own optimum, (L, 2).
-    """
-
-    sides: Float[Tensor, "L 2"]
-    price: Float[Tensor, "L 2"]
-    spent: Float[Tensor, "L 2"]
-
-
-@torch.no_grad()
 def seen(
-    meeting: Meeting, own: Own, controls: Float[Tensor, "N m"], grid: Grid
-) -> Float[Tensor, "L 2 F"]:
-    """What each side sees."""
-    price, craft, N = meeting.price, meeting.met.craft, len(controls)
-
-    def total(values: Float[Tensor, "L 2"]) -> Float[Tensor, "L 2"]:
-        """Sum over all sides of the same craft."""
-        return values.new_zeros(N).index_add(0, craft.reshape(-1), values.reshape(-1))[craft]
-
-    spent = (controls.abs() - own.controls.abs()).sum(dim=1)
-    standing = Standing(total(torch.ones_like(price)), total(price), spent[craft])
-    return features(meeting, standing, grid)
+    meeting: Meeting, own: Own, controls: Float[Tensor, "N m"], grid: Grid, number: int
+) -> Float32[Tensor, "L 2 F"]:
+    """What each side sees in the round of a number: its craft, the encounter, directions there."""
+    met, planes = meeting.met, meeting.planes
+    result = torch.empty(len(meeting.share), 2, FEATURES, dtype=torch.float32)
+    time = (met.interval + meeting.share) / (grid.nodes - 1)
+    given = (met.craft, time, *vars(planes).values(), meeting.price, meeting.first_price)
+    fuel = (controls, own.controls)
+    _see(*map(numbers, (*given, *fuel)), number / 8, result.numpy())
+    return result.to(controls.device)
 
 
-def features(meeting: Meeting, standing: Standing, grid: Grid) -> Float[Tensor, "L 2 F"]:
-    """Prices and fuel of each side's craft, the encounter, and directions from there."""
-    found, price = meeting.found, meeting.price
-    gain = torch.linalg.vector_norm(meeting.gain, dim=1)
-    speed = torch.linalg.vector_norm(found.speed, dim=1)
-    shared = [
-        3 * (1 - found.distance).clamp(-2, 2),
-        (found.distance < 1).to(price.dtype),
-        (meeting.met.interval + found.share) / (grid.nodes - 1),
-        (speed + 0.1).log(),
-        (gain + 1e-3).log(),
-        torch.zeros_like(speed) + meeting.number / 8,
-    ]
-    alone = [
-        meeting.first_price.log(),
-        price.clamp(max=5),
-        (price + 1e-3).log(),
-        standing.sides / 4,
-        standing.price.clamp(max=10),
-        standing.spent.clamp(max=5),
-    ]
-    numbers = torch.stack([*(x[:, None].expand_as(price) for x in shared), *alone], dim=2)
-    around = torch.cat([meeting.along, meeting.motion], dim=1)
-    return torch.cat([numbers, torch.stack([around, -around], dim=1)], dim=2).float()
+@no_type_check
+@njit(cache=True)
+def _see(
+    craft,
+    time,
+    distance,
+    gain,
+    along,
+    motion,
+    speed,
+    price,
+    first_price,
+    controls,
+    own,
+    number,
+    result,
+):
+    """What sides see; ``on_board.seen`` has it as formulas.
+
+    Args:
+        craft: both craft of each encounter, (L, 2).
+        time: of the encounter as a share of the transfer, (L,).
+        distance: to the other craft, (L,).
+        gain: how the first craft's controls move it away, (L, m).
+        along: unit vector from the second craft to the first, (L, 3).
+        motion: along their motion past each other, (L, 3).
+        speed: of it, (L,).
+        price: of the plane in the round before, (L, 2).
+        first_price: of its first unit, (L, 2).
+        controls: of all craft, (N, m).
+        own: own optima, (N, m).
+        number: that stands for the round.
+        result: (L, 2, F), float32.
+    """
+    sides, paid = np.zeros(len(own)), np.zeros(len(own))
+    for k in range(len(craft)):
+        for side in range(2):
+            sides[craft[k, side]] += 1
+            paid[craft[k, side]] += price[k, side]
+    spent = np.zeros(len(own))
+    for c in range(len(own)):
+        if sides[c] > 0:
+            for x in range(own.shape[1]):
+                spent[c] += abs(controls[c, x]) - abs(own[c, x])
+    for k in range(len(craft)):
+        strength = 0.0
+        for x in range(gain.shape[1]):
+            strength += gain[k, x] * gain[k, x]
+        for side in range(2):
+            mine, sees, sign = craft[k, side], result[k, side], -1.0 if side else 1.0
+            sees[0] = 3 * min(max(1 - distance[k], -2.0), 2.0)
+            sees[1] = 1.0 if distance[k] < 1 else 0.0
+            sees[2] = time[k]
+            sees[3] = log(speed[k] + 0.1)
+            sees[4] = log(np.sqrt(strength) + 1e-3)
+            sees[5] = number
+            sees[6] = log(first_price[k, side])
+            sees[7] = min(price[k, side], 5.0)
+            sees[8] = log(price[k, side] + 1e-3)
+            sees[9] = sides[mine] / 4
+            sees[10] = min(paid[mine], 10.0)
+            sees[11] = min(spent[mine], 5.0)
+            for x in range(3):
+                sees[12 + x], sees[15 + x] = sign * along[k, x], sign * motion[k, x]
 
 
-def free_directions(gain: Float[Tensor, "L m"], grid: Grid) -> Float[Tensor, "L m"]:
+def free_directions(gain: Float[Tensor, "L m"], grid: Grid) -> Float32[Tensor, "L m"]:
     """How controls that keep the goal move each plane most, as unit vectors."""
     free = gain.detach() @ grid.free
     return (free / torch.linalg.vector_norm(free, dim=1, keepdim=True).clamp(min=1e-9)).float()

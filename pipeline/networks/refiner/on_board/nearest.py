@@ -4,8 +4,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.networks.refiner.encounters import Cubic, cubic
 from pipeline.networks.refiner.nearest import NEWTON_STEPS, STRETCHES
+from pipeline.networks.refiner.on_board.planes import Cubic, cubic, position, velocity
 
 
 def nearest(ends: Float[Tensor, "k 2 6"]) -> Float[Tensor, "k"]:
@@ -34,8 +34,8 @@ def _looked_at(motion: Cubic) -> list[Float[Tensor, "k"]]:
     times = [zero]
     for stretch in range(STRETCHES):
         begin, end = stretch / STRETCHES, (stretch + 1) / STRETCHES
-        here = _position(motion, zero + begin)
-        way = _position(motion, zero + end) - here
+        here = position(motion, zero + begin)
+        way = position(motion, zero + end) - here
         length = way.square().sum(dim=1)
         share = (-(here * way).sum(dim=1) / length).clamp(0.0, 1.0)
         share = torch.where(length > 0, share, 0.0)
@@ -43,16 +43,9 @@ def _looked_at(motion: Cubic) -> list[Float[Tensor, "k"]]:
     return times
 
 
-def _position(motion: Cubic, s: Float[Tensor, "k"]) -> Float[Tensor, "k 3"]:
-    p0, v0, a2, a3 = motion
-    s = s[:, None]
-    return p0 + s * (v0 + s * (a2 + s * a3))
-
-
 def _motion(motion: Cubic, s: Float[Tensor, "k"]) -> tuple[Tensor, Tensor, Tensor]:
     """|p|² at a time, and half its first two derivatives, each (k,)."""
-    _, v0, a2, a3 = motion
-    p, t = _position(motion, s), s[:, None]
-    v = v0 + t * (2 * a2 + 3 * t * a3)
-    curvature = v.square() + p * (2 * a2 + 6 * t * a3)
+    _, _, a2, a3 = motion
+    p, v = position(motion, s), velocity(motion, s)
+    curvature = v.square() + p * (2 * a2 + 6 * s[:, None] * a3)
     return p.square().sum(dim=1), (p * v).sum(dim=1), curvature.sum(dim=1)

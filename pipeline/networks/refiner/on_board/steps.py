@@ -17,19 +17,15 @@ from jaxtyping import Bool, Float, Float32, Int
 from torch import Tensor, nn
 
 from pipeline.networks.refiner.bargain import Bargain, trade_of
-from pipeline.networks.refiner.encounters import (
-    Approach,
-    Encounters,
-    approach,
-    directions,
-    extents,
-    plane_rows,
-)
+from pipeline.networks.refiner.encounters import Encounters, extents
 from pipeline.networks.refiner.grid import Grid, grid_of, in_units
 from pipeline.networks.refiner.on_board.nearest import nearest
 from pipeline.networks.refiner.on_board.own_optimum import own_optimum, price_of_first
 from pipeline.networks.refiner.on_board.pivots import solve_one
+from pipeline.networks.refiner.on_board.planes import cubic, planes, position, turns
+from pipeline.networks.refiner.on_board.seen import Standing, seen
 from pipeline.networks.refiner.on_board.values import NEW, VALUES, sizes_of
+from pipeline.networks.refiner.planes import Planes
 from pipeline.networks.refiner.program import Own
 from pipeline.networks.refiner.rounds import (
     LEAST_PRICE,
@@ -38,7 +34,7 @@ from pipeline.networks.refiner.rounds import (
     WATCHED,
     to_give,
 )
-from pipeline.networks.refiner.seen import Meeting, Standing, features, free_directions
+from pipeline.networks.refiner.seen import Meeting, free_directions
 from pipeline.orbit.problem import Problem
 
 
@@ -48,28 +44,19 @@ class Scene:
 
     Attributes:
         met: their intervals; this craft is the first of each pair.
-        found: their closest approaches.
-        along: unit vector along the gap, (P, 3).
-        motion: along the motion past it, (P, 3).
-        gain: how this craft's controls move it along the gap, (P, m).
+        share: when they are closest, as a share of the interval, (P,).
+        turns: whether they come closer before and part after it, (P,).
+        planes: between this craft and the others.
     """
 
     met: Encounters
-    found: Approach
-    along: Float[Tensor, "P 3"]
-    motion: Float[Tensor, "P 3"]
-    gain: Float[Tensor, "P m"]
+    share: Float[Tensor, "P"]
+    turns: Bool[Tensor, "P"]
+    planes: Planes
 
-    def meeting(
-        self,
-        price: Float[Tensor, "P 2"],
-        first_price: Float[Tensor, "P 2"],
-        number: int | Int[Tensor, ""],
-    ) -> Meeting:
-        """With the prices of both sides, in the round of a number."""
-        return Meeting(
-            self.met, self.found, self.along, self.motion, self.gain, price, first_price, number
-        )
+    def meeting(self, price: Float[Tensor, "P 2"], first_price: Float[Tensor, "P 2"]) -> Meeting:
+        """With the prices of both sides."""
+        return Meeting(self.met, self.share, self.planes, price, first_price)
 
 
 class Step(nn.Module):
@@ -123,10 +110,12 @@ class Step(nn.Module):
     ) -> Scene:
         """The encounters."""
         ends = self.scaled(nodes, r_col) - self.scaled(told_nodes, r_col)
-        found, here = approach(ends, nearest(ends)), torch.zeros_like(interval)
-        met, (along, motion) = Encounters(here, here + 1, interval), directions(found)
-        gain = plane_rows(met, found.share, along, self.grid.nodes) @ self.grid.reach
-        return Scene(met, found, along, motion, gain)
+        share, here = nearest(ends), torch.zeros_like(interval)
+        met, between = (
+            Encounters(here, here + 1, interval),
+            planes(interval, share, ends, self.grid),
+        )
+        return Scene(met, share, turns(cubic(ends), share), between)
 
 
 class Begin(Step):
@@ -158,7 +147,8 @@ class Meet(Step):
         relative = every[:1] - every[1:]
         each = torch.stack([relative[:, :-1], relative[:, 1:]], dim=2)  # (Q, T-1, 2, 6)
         ends = each.reshape(-1, 2, 6)
-        closest = approach(ends, nearest(ends)).distance.reshape(each.shape[:2])
+        gap = position(cubic(ends), nearest(ends))
+        closest = torch.linalg.vector_norm(gap, dim=1).reshape(each.shape[:2])
         within = (NEAR_OF_EXTENT * extents(every, every.shape[0])).clamp(min=NEAR)  # (1,)
         return (closest <= within,)
 
@@ -183,9 +173,9 @@ class Look(Step):
     ) -> tuple[Tensor, ...]:
         """Distances (P,), which encounters are live (P,), first prices (P,), standing (P, 3)."""
         own, scene = self.own(initial, goal, r_col), self.scene(interval, nodes, told_nodes, r_col)
-        distance = scene.found.distance
-        live = (distance < WATCHED) | (first_price > 0)
-        asked = price_of_first(own, scene.gain).clamp(min=LEAST_PRICE)
+        distance = scene.planes.distance
+        live = (scene.turns & (distance < WATCHED)) | (first_price > 0)
+        asked = price_of_first(own, scene.planes.gain).clamp(min=LEAST_PRICE)
         first_price = torch.where(live & (first_price == 0), asked, first_price)
         spent = (controls / self.acceleration(r_col)).abs().sum() - own.controls.abs().sum()
         standing = torch.stack([live.sum().to(price.dtype), price.sum(), spent])
@@ -217,11 +207,11 @@ class Speak(Step):
         prices = torch.stack([price, told_price], dim=1)
         first_prices = torch.stack([first_price, told_first_price], dim=1)
         both = Standing(*torch.stack([standing, told_standing], dim=1).unbind(dim=2))
-        seen = features(scene.meeting(prices, first_prices, number), both, self.grid)
-        seen = torch.where(live[:, None, None], seen, 0.0)
-        said = self.network.read(seen.flatten(1))
+        sight = seen(scene.meeting(prices, first_prices), both, self.grid, number)
+        sight = torch.where(live[:, None, None], sight, 0.0)
+        said = self.network.read(sight.flatten(1))
         told = torch.where(live[:, None], self.network.tell(said), 0.0)
-        free = free_directions(scene.gain, self.grid)
+        free = free_directions(scene.planes.gain, self.grid)
         every = told.sum(dim=0).expand(told.shape)
         return said, self.network.hears * torch.cat([free @ free.T @ told, every], dim=1)
 
@@ -238,7 +228,7 @@ class Listen(Step):
         told_heard: Float32[Tensor, "P _"],
     ) -> tuple[Tensor, ...]:
         """Offers (P,)."""
-        return (self.network.offers(said, torch.cat([heard, told_heard], dim=1)),)
+        return (self.network.offers(said, heard, told_heard),)
 
 
 class Settle(Step):
@@ -268,11 +258,11 @@ class Settle(Step):
         scene = self.scene(interval, nodes, told_nodes, r_col)
         prices = torch.stack([price, told_price], dim=1)
         first_prices = torch.stack([first_price, told_first_price], dim=1)
-        meeting = scene.meeting(prices, first_prices, 0)  # of which round makes no difference here
+        meeting = scene.meeting(prices, first_prices)
         give = to_give(meeting, trade_of(offer, told_offer))[:, 0]
         now = controls / self.acceleration(r_col)
         own = self.own(initial, goal, r_col)
-        best, paid = solve_one(own, scene.gain, scene.gain @ now + give, live)
+        best, paid = solve_one(own, scene.planes.gain, scene.planes.gain @ now + give, live)
         best = torch.where(live.any(), best, now)
         states = self.fly(initial, best, r_col)
         both = torch.stack([states[interval], states[interval + 1]], dim=1)

@@ -8,15 +8,8 @@ import pytest
 import torch
 from scipy.interpolate import CubicHermiteSpline
 
-from pipeline.networks.refiner.encounters import (
-    Encounters,
-    approach,
-    candidates,
-    directions,
-    look,
-    plane_rows,
-)
-from pipeline.networks.refiner.grid import grid_of, in_units
+from pipeline.networks.refiner.encounters import Encounters, candidates, look
+from pipeline.networks.refiner.grid import in_units
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, track
 from pipeline.scenario import draw
@@ -65,13 +58,11 @@ def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
 def test_the_closest_approach_is_the_least_of_the_samples():
     met = candidates(SCALED, N, 5.0)
     seen = look(met, SCALED)
-    found = approach(met.relative(SCALED), seen.share)
-    assert found.distance.numpy() == pytest.approx(seen.distance.numpy(), abs=1e-12)
     distance = sampled()[met.first, met.second, met.interval]
-    assert found.distance.numpy() == pytest.approx(distance.min(axis=1), abs=2e-4)
+    assert seen.distance.numpy() == pytest.approx(distance.min(axis=1), abs=2e-4)
     when = distance.argmin(axis=1) / STEPS
     deep = np.ptp(distance, axis=1) > 0.1  # elsewhere there is no moment to speak of
-    assert found.share.numpy()[deep] == pytest.approx(when[deep], abs=0.02)
+    assert seen.share.numpy()[deep] == pytest.approx(when[deep], abs=0.02)
 
 
 def test_fast_passes_are_found_as_well():
@@ -129,32 +120,6 @@ def test_a_wide_swarm_is_looked_at_further_out_than_a_narrow_one_beside_it():
         assert torch.equal(met.first[met.first // N == k] - k * N, alone.first)
 
 
-def test_a_plane_s_row_gives_the_gap_along_its_normal():
-    met = candidates(SCALED, N, 5.0)
-    found = approach(met.relative(SCALED), look(met, SCALED).share)
-    for normal in directions(found):
-        row = plane_rows(met, found.share, normal, PROBLEM.nodes)
-        flat = SCALED.reshape(len(STATES), -1)
-        gap = (row * (flat[met.first] - flat[met.second])).sum(dim=1)
-        assert gap.numpy() == pytest.approx((found.gap * normal).sum(dim=1).numpy(), abs=1e-9)
-    grid = grid_of(PROBLEM, torch.device("cpu"))
-    assert grid.nodes == PROBLEM.nodes
-
-
-def test_directions_are_orthogonal_even_where_craft_touch_or_stand_still():
-    ends = torch.zeros(3, 2, 6, dtype=torch.float64)
-    ends[0, :, 3:] = torch.tensor([1.0, 2.0, 3.0])  # touches, moving
-    ends[0, 0, :3], ends[0, 1, :3] = -0.5 * ends[0, 0, 3:], 0.5 * ends[0, 0, 3:]
-    ends[1, :, 0] = 2.0  # stands still
-    ends[2] = torch.randn(2, 6)
-    found = approach(ends, torch.full((3,), 0.5, dtype=torch.float64))
-    both = torch.stack(directions(found), dim=1)
-    eye = torch.eye(2, dtype=torch.float64).expand(3, 2, 2)
-    assert (both @ both.mT).numpy() == pytest.approx(eye.numpy(), abs=1e-9)
-    assert found.distance[0] == pytest.approx(0.0, abs=1e-9)
-    assert found.distance[1] == pytest.approx(2.0)
-
-
 def test_the_closest_approach_of_any_cubic_is_found():
     """Random motion with strong bends, against ten thousand samples."""
     rng = np.random.default_rng(0)
@@ -168,3 +133,35 @@ def test_the_closest_approach_of_any_cubic_is_found():
     assert error.min() > -1e-6
     assert np.quantile(error, 0.99) < 1e-4
     assert error.max() < 0.01
+
+
+def turning(x, speed):
+    """Intervals in which a craft on the x axis turns from coming closer to 0 to parting from it."""
+    states = np.zeros((2, len(x), 6))
+    states[0, :, 0], states[0, :, 3] = x, speed
+    each = torch.arange(len(x) - 1)
+    met = Encounters(torch.zeros_like(each), torch.ones_like(each), each)
+    found = look(met, torch.from_numpy(states))
+    return each[found.turns].tolist(), found
+
+
+def test_a_pair_turns_in_the_intervals_in_which_its_distance_has_a_minimum():
+    """A cosine that is least at 1.5, 5.5 and 9.5 intervals."""
+    time = np.arange(11)
+    phase = np.pi * (time - 3.5) / 2
+    x, speed = 3 + 2 * np.cos(phase), -np.pi * np.sin(phase)
+    intervals, found = turning(x, speed)
+    fine = np.linspace(0, 10, 4001)
+    distance = CubicHermiteSpline(time, x, speed)(fine)
+    least = (distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:])
+    assert intervals == np.floor(fine[1:-1][least]).tolist() == [1, 5, 9]
+    assert found.share[intervals].numpy() == pytest.approx(0.5, abs=0.01)
+    assert (found.distance[[0, 2, 4, 6, 8]] > 1.5).all()
+
+
+def test_a_pair_that_turns_at_a_node_or_keeps_its_distance_turns_there():
+    time = np.arange(11)
+    intervals, _ = turning(1 + (time - 4.0) ** 2, 2 * (time - 4.0))
+    assert intervals
+    assert set(intervals) <= {3, 4}
+    assert turning(np.full(11, 2.0), np.zeros(11))[0] == list(range(10))

@@ -178,7 +178,7 @@ def test_the_gradient_of_a_round_is_how_the_loss_changes():
         return REFINER.loss(made, batch, ENCODING, recipe)
 
     loss().backward()
-    weight, step = made.offer.weight, 1e-3
+    weight, step = made.offer.weight, 1e-4
     slopes = []
     for k in range(made.message):
         ahead, behind = [], []

@@ -16,8 +16,11 @@ from pipeline.networks.refiner.on_board.check import Compared, compare, together
 from pipeline.networks.refiner.on_board.nearest import nearest
 from pipeline.networks.refiner.on_board.own_optimum import own_optimum
 from pipeline.networks.refiner.on_board.pivots import solve_one
+from pipeline.networks.refiner.on_board.planes import cubic, turns
+from pipeline.networks.refiner.on_board.planes import planes as on_board_planes
 from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, takes, told_each_round
 from pipeline.networks.refiner.on_board.swarm import fly_rounds
+from pipeline.networks.refiner.planes import planes
 from pipeline.networks.refiner.program import DEAREST, solve
 from pipeline.networks.refiner.rounds import begin
 from pipeline.networks.refiner.sides import Sides
@@ -57,6 +60,15 @@ def by_craft(made, initial, goal):
     return np.stack(list(flown))
 
 
+def relative(met, states):
+    """States of first craft relative to second at both ends of their interval."""
+    first, second = (
+        torch.stack([states[craft, met.interval], states[craft, met.interval + 1]], dim=1)
+        for craft in met.both
+    )
+    return first - second
+
+
 @pytest.mark.parametrize(("family", "n"), [("rings", 1), ("rings", 2), ("dense", 10)])
 def test_by_the_rule_alone_craft_by_themselves_fly_as_the_swarm_does(family, n):
     for k in range(2):
@@ -69,7 +81,7 @@ def test_by_the_rule_alone_craft_by_themselves_fly_as_the_swarm_does(family, n):
 def test_what_is_learned_is_bargained_craft_by_craft_as_in_the_swarm():
     made = network(0.05)
     found = []
-    for family, n, k in [("rings", 10, 1), ("rings", 10, 4), ("dense", 5, 2), ("dense", 5, 3)]:
+    for family, n, k in [("rings", 10, 2), ("rings", 10, 4), ("dense", 5, 2), ("dense", 5, 3)]:
         ends = drawn(family, n, k)
         wanted = together(made, PROBLEM, *ends)
         assert (
@@ -133,8 +145,24 @@ def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
     states[20:, 1:] = states[20:, :1] + 1e-3 * states[20:, 1:]  # almost still
     first = torch.arange(0, 40, 2).repeat_interleave(5)
     met = Encounters(first, first + 1, torch.arange(5).repeat(20))
-    share = nearest(met.relative(states))
-    assert share.numpy() == pytest.approx(look(met, states).share.numpy(), abs=1e-6)
+    ends = relative(met, states)
+    share, found = nearest(ends), look(met, states)
+    assert share.numpy() == pytest.approx(found.share.numpy(), abs=1e-6)
+    assert torch.equal(turns(cubic(ends), share), found.turns)
+    assert (~found.turns).sum() > 5
+
+
+def test_the_planes_that_a_craft_puts_up_are_the_swarm_s():
+    torch.manual_seed(0)
+    states, grid = torch.randn(6, PROBLEM.nodes, 6).double(), grid_of(PROBLEM, torch.device("cpu"))
+    states[3] = states[0]  # one pair touches, and one stands still
+    states[4] = states[1] + 1.0
+    met = Encounters(torch.arange(3), torch.arange(3, 6), torch.tensor([2, 0, 9]))
+    share = torch.tensor([0.0, 0.3, 1.0]).double()
+    wanted = planes(met, share, states, grid)
+    found = on_board_planes(met.interval, share, relative(met, states), grid)
+    for name, values in vars(wanted).items():
+        torch.testing.assert_close(getattr(found, name), values, msg=name)
 
 
 def test_the_own_optimum_that_a_craft_looks_up_is_the_swarm_s():

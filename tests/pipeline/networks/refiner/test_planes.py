@@ -1,0 +1,93 @@
+"""The planes between craft against scipy's cubics, and their gradients against differences."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.interpolate import CubicHermiteSpline
+
+from pipeline.networks.refiner.encounters import Encounters
+from pipeline.networks.refiner.grid import grid_of
+from pipeline.networks.refiner.planes import planes
+from pipeline.orbit.problem import Problem
+
+PROBLEM, CRAFT, ENCOUNTERS = Problem(), 6, 9
+GRID = grid_of(PROBLEM, torch.device("cpu"))
+
+
+@pytest.fixture
+def drawn():
+    """Random encounters of random motion, at any time of an interval, both ends included."""
+    torch.manual_seed(0)
+    states = torch.randn(CRAFT, PROBLEM.nodes, 6).double()
+    first = torch.randint(0, 3, (ENCOUNTERS,))
+    interval = torch.randint(0, PROBLEM.intervals, (ENCOUNTERS,))
+    interval[:2] = torch.tensor([0, PROBLEM.intervals - 1])
+    met = Encounters(first, 3 + torch.randint(0, 3, (ENCOUNTERS,)), interval)
+    share = torch.rand(ENCOUNTERS).double()
+    share[0], share[1] = 0.0, 1.0
+    return met, share, states
+
+
+def relative(met, share, states):
+    """Positions and velocities of first craft relative to second, by scipy."""
+    nodes = np.arange(PROBLEM.nodes)
+    flown = CubicHermiteSpline(nodes, states[..., :3], states[..., 3:], axis=1)
+    time = (met.interval + share).numpy()
+    each = np.arange(len(time))
+    return [
+        (motion(time)[met.first, each] - motion(time)[met.second, each])
+        for motion in (flown, flown.derivative())
+    ]
+
+
+def test_planes_stand_across_the_gap_and_motion_goes_along_them(drawn):
+    found = planes(*drawn, GRID)
+    gap, speed = relative(*drawn)
+    distance = np.linalg.norm(gap, axis=1)
+    assert found.distance.numpy() == pytest.approx(distance, rel=1e-9)
+    assert found.along.numpy() == pytest.approx(gap / distance[:, None], abs=1e-9)
+    assert found.speed.numpy() == pytest.approx(np.linalg.norm(speed, axis=1), rel=1e-9)
+    past = speed - np.sum(speed * found.along.numpy(), axis=1, keepdims=True) * found.along.numpy()
+    past /= np.linalg.norm(past, axis=1, keepdims=True)
+    assert found.motion.numpy() == pytest.approx(past, abs=1e-9)
+
+
+def test_a_gain_is_how_far_controls_move_the_first_craft_along_the_normal(drawn):
+    met, share, states = drawn
+    found = planes(*drawn, GRID)
+    controls = torch.randn(CRAFT, GRID.reach.shape[1]).double()
+    moved = states + GRID.fly(torch.zeros(CRAFT, 6).double(), controls)
+    by = relative(met, share, moved)[0] - relative(met, share, states)[0]
+    along = np.sum(by * found.along.numpy(), axis=1)
+    mine, other = ((found.gain * controls[craft]).sum(dim=1) for craft in met.both)
+    assert (mine - other).numpy() == pytest.approx(along, rel=1e-9, abs=1e-9)
+    assert found.gain[0].abs().max() == 0  # nobody is moved at the first node
+
+
+def test_gradients_are_those_of_small_differences(drawn):
+    met, share, states = drawn
+
+    def some(given):
+        found = planes(met, share, given, GRID)
+        return found.distance, found.gain
+
+    assert torch.autograd.gradcheck(some, (states.requires_grad_(),))
+
+
+def test_directions_are_orthogonal_even_where_craft_touch_or_stand_still():
+    states = torch.zeros(6, PROBLEM.nodes, 6, dtype=torch.float64)
+    states[0, :2, 3:] = torch.tensor([1.0, 2.0, 3.0])  # touches the second, moving
+    states[0, 0, :3], states[0, 1, :3] = -0.5 * states[0, 0, 3:], 0.5 * states[0, 0, 3:]
+    states[2, :, 0] = 2.0  # stands still
+    states[4] = torch.randn(PROBLEM.nodes, 6)
+    met = Encounters(torch.tensor([0, 2, 4]), torch.tensor([1, 3, 5]), torch.zeros(3).long())
+    share = torch.full((3,), 0.5, dtype=torch.float64)
+    found = planes(met, share, states.requires_grad_(), GRID)
+    both = torch.stack([found.along, found.motion], dim=1)
+    eye = torch.eye(2, dtype=torch.float64).expand(3, 2, 2)
+    assert (both @ both.mT).numpy() == pytest.approx(eye.numpy(), abs=1e-9)
+    assert float(found.distance[0]) == pytest.approx(0.0, abs=1e-9)
+    assert float(found.distance[1]) == pytest.approx(2.0)
+    found.gain.sum().backward()
+    assert (states.grad[:2] == 0).all()  # a normal that is no gap's does not turn
+    assert states.grad[2:].abs().max() > 0
