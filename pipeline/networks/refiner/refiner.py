@@ -79,8 +79,8 @@ class Lesson(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    rounds: int = Field(default=6, ge=1)
-    violation: float = 4.0
+    rounds: int = Field(default=8, ge=1)
+    violation: float = 2.5
     clear: float = 0.008
     earlier: float = 0.5
     raised: bool = True
@@ -173,7 +173,7 @@ class Refiner:
         state = start(task)
         for number in range(lesson.rounds):
             state = play(bargain, task, state, number)
-            lack = lesson.violation * _lack(task, state, 1 + lesson.clear)
+            lack = lesson.violation * state.lack(task, 1 + lesson.clear)
             # By its logarithm, or the hardest swarms would be all that is learned from.
             terms.append(torch.log(_ratio(task, state.controls) + lack).mean())
             if given.states is not None:
@@ -223,13 +223,6 @@ def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
     """Fuel over the lower bound of each swarm, 1 where none is needed."""
     bound = task.fuel(task.own.controls)
     return task.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
-
-
-def _lack(task: Task, state: State, distance: float) -> Float[Tensor, "b"]:
-    """What the encounters of each swarm lack of a distance, r_col."""
-    which = (state.found.distance < distance).nonzero()[:, 0]
-    met, between = state.planes(task, which)
-    return task.total(distance - between.distance, met.first)
 
 
 def _as_given(batch: Batch, encoding: Encoding) -> Swarms:

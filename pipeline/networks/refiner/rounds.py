@@ -103,6 +103,15 @@ class State:
         met = task.met.of(which)
         return met, planes(met, self.found.share[which], self.states, task.grid)
 
+    def lack(self, task: Task, distance: float) -> Float[Tensor, "b"]:
+        """What encounters of each swarm lack of a distance where pairs turn to part, r_col.
+
+        Elsewhere a pair that lacks something lacks more in the interval before or after.
+        """
+        which = (self.found.turns & (self.found.distance < distance)).nonzero()[:, 0]
+        met, between = self.planes(task, which)
+        return task.total(distance - between.distance, met.first)
+
 
 def begin(swarms: Swarms) -> Task:
     """Own optima, and who may meet."""

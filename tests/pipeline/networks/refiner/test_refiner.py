@@ -16,7 +16,7 @@ from pipeline.networks.refiner.rounds import begin, play, start
 from pipeline.networks.swarms import swarms
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, pair_conflicts
-from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.orbit.transfer import fly, minimum_energy, track
 from pipeline.scenario import draw
 from pipeline.training.loop import train
 
@@ -165,6 +165,22 @@ def test_what_is_saved_answers_the_same(tmp_path):
     save(made, tmp_path)
     again = load(tmp_path).answer(initial, goal, 15.0)
     assert np.array_equal(again, made.answer(initial, goal, 15.0))
+
+
+def test_what_a_swarm_lacks_is_counted_once_for_each_time_that_a_pair_turns():
+    initial, goal = ends(6, 4, family="dense")
+    task = begin(swarms(PROBLEM, initial, goal))
+    state = start(task)
+    controls = state.controls.reshape(-1, PROBLEM.intervals, 3).numpy() * 15 / PROBLEM.time_step**2
+    states = fly(initial.reshape(-1, 6), controls, PROBLEM)
+    flown = track(states, controls, PROBLEM, 400).reshape(4, 6, -1, 3) / 15
+    first, second = np.triu_indices(6, 1)
+    apart = np.linalg.norm(flown[:, first] - flown[:, second], axis=3)
+    middle = apart[..., 1:-1]
+    turns = (middle < apart[..., :-2]) & (middle <= apart[..., 2:]) & (middle < 1.1)
+    wanted = ((1.1 - middle) * turns).sum(axis=(1, 2))
+    assert state.lack(task, 1.1).numpy() == pytest.approx(wanted, abs=2e-3)
+    assert (turns.sum(axis=(1, 2)) > 1).all()
 
 
 def test_the_gradient_of_a_round_is_how_the_loss_changes():
