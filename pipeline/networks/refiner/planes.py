@@ -72,16 +72,16 @@ class _Planes(torch.autograd.Function):
         found = [torch.zeros(shape, dtype=torch.float64) for shape in shapes]
         given = (states, met.first, met.second, met.interval, share, grid.reach)
         _stand(*map(numbers, given), *(part.numpy() for part in found))
-        ctx.shape, ctx.given, ctx.found = states.shape, given[1:], found
         found = [part.to(states.device) for part in found]
+        ctx.shape = states.shape
+        ctx.save_for_backward(*given[1:], found[0], found[2])
         ctx.mark_non_differentiable(*found[2:])
         return tuple(found)
 
     @staticmethod
     def backward(ctx: Any, distance: Tensor, gain: Tensor, *_: Tensor) -> tuple[Tensor | None, ...]:
         result = torch.zeros(ctx.shape, dtype=torch.float64)
-        given = (distance, gain, *ctx.given, ctx.found[0], ctx.found[2])
-        _back(*map(numbers, given), result.numpy())
+        _back(*map(numbers, (distance, gain, *ctx.saved_tensors)), result.numpy())
         return result.to(distance.device), None, None, None
 
 

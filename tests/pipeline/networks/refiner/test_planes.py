@@ -1,5 +1,7 @@
 """The planes between craft against scipy's cubics, and their gradients against differences."""
 
+import weakref
+
 import numpy as np
 import pytest
 import torch
@@ -72,6 +74,15 @@ def test_gradients_are_those_of_small_differences(drawn):
         return found.distance, found.gain
 
     assert torch.autograd.gradcheck(some, (states.requires_grad_(),))
+
+
+def test_planes_that_nobody_needs_any_more_leave_no_memory_behind(drawn):
+    """A training makes them by the hundred thousand, and what backward keeps must not keep itself."""
+    met, share, states = drawn
+    found = planes(met, share, states.requires_grad_(), GRID)
+    kept = [weakref.ref(values) for values in vars(found).values()]
+    del found
+    assert [values() for values in kept] == [None] * len(kept)
 
 
 def test_directions_are_orthogonal_even_where_craft_touch_or_stand_still():
