@@ -77,7 +77,7 @@ def test_gradients_are_those_of_small_differences(drawn):
 
 
 def test_planes_that_nobody_needs_any_more_leave_no_memory_behind(drawn):
-    """A training makes them by the hundred thousand, and what backward keeps must not keep itself."""
+    """A training makes very many; what backward keeps of one must not keep itself."""
     met, share, states = drawn
     found = planes(met, share, states.requires_grad_(), GRID)
     kept = [weakref.ref(values) for values in vars(found).values()]
@@ -97,8 +97,8 @@ def test_directions_are_orthogonal_even_where_craft_touch_or_stand_still():
     both = torch.stack([found.along, found.motion], dim=1)
     eye = torch.eye(2, dtype=torch.float64).expand(3, 2, 2)
     assert (both @ both.mT).numpy() == pytest.approx(eye.numpy(), abs=1e-9)
-    assert float(found.distance[0]) == pytest.approx(0.0, abs=1e-9)
-    assert float(found.distance[1]) == pytest.approx(2.0)
+    assert found.distance[0].item() == pytest.approx(0.0, abs=1e-9)
+    assert found.distance[1].item() == pytest.approx(2.0)
     found.gain.sum().backward()
     assert (states.grad[:2] == 0).all()  # a normal that is no gap's does not turn
     assert states.grad[2:].abs().max() > 0
