@@ -31,7 +31,7 @@ from registry.results import Done, latest
 from registry.store import ABLATIONS
 from registry.training import DatasetInfo, record_training
 
-CRAFT = 3
+CRAFT, ROUNDS = 3, find("refiner").config["rounds"]
 ASKED: dict[str, Any] = {"sizes": [CRAFT], "rounds": [0, 2], "trials": 2, "dense": 1, "timed": 1}
 
 Register = Callable[..., Model]
@@ -74,18 +74,18 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     assert done == Done(found.run_id)
     assert ablate([], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
     assert not ablate([], solved, **{**ASKED, "rounds": [1]}, resume=True).earlier
-    assert (found.params["rounds"], found.params["sizes"]) == ("0,2,10", "3")
+    assert (found.params["rounds"], found.params["sizes"]) == (f"0,2,{ROUNDS}", "3")
     table = found.table
     counted = table.groupby(["planner", "recipe"])["rounds"].agg(lambda k: sorted(set(k)))
     assert dict(counted) == {
         ("own LP", ""): [0],
-        ("rule", ""): [2, 10],
-        ("rule, null space", ""): [10],
-        ("refiner", "tuned"): [2, 10],
-        ("refiner", "short"): [2, 10],
-        ("refiner", "no-third"): [10],
+        ("rule", ""): [2, ROUNDS],
+        ("rule, null space", ""): [ROUNDS],
+        ("refiner", "tuned"): [2, ROUNDS],
+        ("refiner", "short"): [2, ROUNDS],
+        ("refiner", "no-third"): [ROUNDS],
     }
-    assert (table.own_rounds == 10).all()
+    assert (table.own_rounds == ROUNDS).all()
     each = table.groupby(["family", "planner", "recipe", "rounds"])
     assert each["seconds"].count().eq(1).all()
     dense = draw("dense", 0, 10, 0, models["tuned"].problem, "test")
@@ -154,7 +154,7 @@ def test_networks_of_other_kinds_and_refiners_of_other_rounds_are_refused(
         ablate(["ff1:tuned"], solved, **ASKED)
     register("tuned")
     register("short", rounds=5)
-    with pytest.raises(InputError, match=r"\(refiner short 5, refiner tuned 10\); expected"):
+    with pytest.raises(InputError, match=rf"\(refiner short 5, refiner tuned {ROUNDS}\); expected"):
         ablate([], solved, **ASKED)
     with pytest.raises(InputError, match="timed is -1, dense 1 and rounds 0,2; expected 0 or more"):
         ablate([], solved, **{**ASKED, "timed": -1})

@@ -6,11 +6,8 @@ from torch import Tensor
 
 from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.program import LEAST_FUEL, Program
-from pipeline.networks.refiner.rounds import State, Task, begin, play, start
+from pipeline.networks.refiner.rounds import SAFE, State, Task, begin, play, start
 from pipeline.networks.swarms import Swarms
-
-SAFE = 1 + 1e-4
-"""Distance in r_col from which an encounter is called safe; the cubics are off by less."""
 
 STEADY = 1e-4
 """Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""

@@ -31,6 +31,12 @@ NEAR_OF_EXTENT = 0.15
 WATCHED = 1.3
 """Distance in r_col within which a pair that turns from coming closer to parting gets a plane."""
 
+SAFE = 1 + 1e-4
+"""Distance in r_col from which an encounter is called safe; the cubics are off by less."""
+
+TURNS_ONLY = 3
+"""Rounds in which pairs get planes only where they turn; after them also wherever unsafe."""
+
 MARGIN = 0.2 / 15
 """Separation beyond r_col that is asked for, in r_col."""
 
@@ -154,8 +160,8 @@ def play(
         program: what each craft solves.
     """
     # A plane once put up stays, or pairs would forget each other and meet again.
-    passing = state.found.turns & (state.found.distance < WATCHED)
-    live = passing | (state.known.first_price[:, 0] > 0)
+    live = meets(state.found.distance, state.found.turns, number)
+    live |= state.known.first_price[:, 0] > 0
     if among is not None:
         live &= among[task.met.first // task.n]
     which = live.nonzero()[:, 0]
@@ -180,6 +186,13 @@ def play(
     states = state.states.index_copy(0, sides.craft, flown)
     price = torch.zeros_like(known.price).index_copy(0, which, paid)
     return _state(task, controls, states, replace(known, price=price))
+
+
+def meets(
+    distance: Float[Tensor, "k"], turns: Bool[Tensor, "k"], number: int | Int[Tensor, ""]
+) -> Bool[Tensor, "k"]:
+    """Whether pairs that have no plane yet get one in the round of a number."""
+    return (turns & (distance < WATCHED)) | ((distance < SAFE) & (number >= TURNS_ONLY))
 
 
 def _state(

@@ -37,7 +37,7 @@ def test_the_judge_finds_of_the_rule_s_plans_what_they_claim():
 def test_an_untrained_refiner_burns_what_the_rule_does_after_as_many_rounds(rounds):
     model = untrained()
     asked = with_rounds(model, rounds)
-    assert (own_rounds(model), own_rounds(asked)) == (10, rounds)
+    assert (own_rounds(model), own_rounds(asked)) == (REFINER.config["rounds"], rounds)
     fuels = [
         [plan.certificate.fuel for plan in planner.plan(SCENARIOS)]
         for planner in (Rule(rounds), Flown(asked, "refiner"))

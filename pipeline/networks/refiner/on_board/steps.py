@@ -31,7 +31,7 @@ from pipeline.networks.refiner.rounds import (
     LEAST_PRICE,
     NEAR,
     NEAR_OF_EXTENT,
-    WATCHED,
+    meets,
     to_give,
 )
 from pipeline.networks.refiner.seen import Meeting, free_directions
@@ -161,6 +161,7 @@ class Look(Step):
 
     def forward(
         self,
+        number: Int[Tensor, ""],
         initial: Float[Tensor, "6"],
         goal: Float[Tensor, "6"],
         r_col: Float[Tensor, ""],
@@ -174,7 +175,7 @@ class Look(Step):
         """Distances (P,), which encounters are live (P,), first prices (P,), standing (P, 3)."""
         own, scene = self.own(initial, goal, r_col), self.scene(interval, nodes, told_nodes, r_col)
         distance = scene.planes.distance
-        live = (scene.turns & (distance < WATCHED)) | (first_price > 0)
+        live = meets(distance, scene.turns, number) | (first_price > 0)
         asked = price_of_first(own, scene.planes.gain).clamp(min=LEAST_PRICE)
         first_price = torch.where(live & (first_price == 0), asked, first_price)
         spent = (controls / self.acceleration(r_col)).abs().sum() - own.controls.abs().sum()

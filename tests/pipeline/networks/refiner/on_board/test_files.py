@@ -13,18 +13,18 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.best import SAFE, STEADY, best_of
+from pipeline.networks.refiner.best import STEADY, best_of
 from pipeline.networks.refiner.on_board.check import Files, check, compare, together
 from pipeline.networks.refiner.on_board.export import export_craft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
 from pipeline.networks.refiner.on_board.swarm import fly_rounds
-from pipeline.networks.refiner.rounds import begin
+from pipeline.networks.refiner.rounds import SAFE, begin
 from pipeline.networks.swarms import swarms
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 
-PROBLEM, ROUNDS, MEMORY = Problem(), 10, 16
+PROBLEM, ROUNDS, MEMORY = Problem(), find("refiner").config["rounds"], 16
 RADIUS = PROBLEM.collision_radius
 UNIT = RADIUS / PROBLEM.time_step**2
 RINGS, DENSE = [(2, 0), (5, 11), (10, 1), (10, 4)], [(5, 0), (5, 2)]
