@@ -143,7 +143,7 @@ def closest(motion):
     low, high = max(when - 1 / STRETCHES, 0.0), min(when + 1 / STRETCHES, 1.0)
     s = when
     for _ in range(NEWTON_STEPS):
-        _, slope, curvature = at(motion, s)
+        _, slope, curvature, _ = at(motion, s)
         step = slope / curvature if curvature > 0 else np.sign(slope) * (high - low) / 4
         s = min(max(s - step, low), high)
         square = at(motion, s)[0]
@@ -156,20 +156,15 @@ def closest(motion):
 @njit(cache=True)
 def level(motion, s):
     """Whether the cubic neither comes closer to 0 nor parts from it, but for rounding."""
-    square, slope, speed = 0.0, 0.0, 0.0
-    for x in range(3):
-        p0, v0, a2, a3 = motion[0, x], motion[1, x], motion[2, x], motion[3, x]
-        p = p0 + s * (v0 + s * (a2 + s * a3))
-        v = v0 + s * (2 * a2 + 3 * s * a3)
-        square, slope, speed = square + p * p, slope + p * v, speed + v * v
+    square, slope, _, speed = at(motion, s)
     return slope * slope <= LEVEL * LEVEL * square * speed
 
 
 @no_type_check
 @njit(cache=True)
 def at(motion, s):
-    """|p|² of the cubic, and half its first two derivatives."""
-    square, slope, curvature = 0.0, 0.0, 0.0
+    """|p|² of the cubic, half its first two derivatives, and |v|²."""
+    square, slope, curvature, speed = 0.0, 0.0, 0.0, 0.0
     for x in range(3):
         p0, v0, a2, a3 = motion[0, x], motion[1, x], motion[2, x], motion[3, x]
         p = p0 + s * (v0 + s * (a2 + s * a3))
@@ -177,7 +172,8 @@ def at(motion, s):
         square += p * p
         slope += p * v
         curvature += v * v + p * (2 * a2 + 6 * s * a3)
-    return square, slope, curvature
+        speed += v * v
+    return square, slope, curvature, speed
 
 
 @no_type_check

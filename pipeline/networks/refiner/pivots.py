@@ -64,7 +64,7 @@ def solve_all(
         asked: what is asked of either, (L, 2).
         dearest: cost of what is missing at a plane.
         controls: result, (C, m).
-        price: result, (L, 2); that of other sides stays.
+        price: zeros, which become the result, (L, 2).
         change: result ∂u/∂asked, (L, 2, m), or (0, 2, m) where it is not wanted.
     """
     C, m = len(crafts), own.shape[1]
@@ -234,8 +234,6 @@ def flown(rows, m, value, basic, controls):
 @njit(cache=True)
 def finish(rows, mine, m, dearest, body, side, basic, other, cost, price, change):
     """Read prices off the tableau, and what controls change with what is asked."""
-    for side_of in mine:
-        price[side_of >> 1, side_of & 1] = 0.0
     for i in range(rows):
         if basic[i] >= m and side[i] < 0:  # what is missing
             plane = mine[basic[i] - m]

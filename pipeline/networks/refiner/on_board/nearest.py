@@ -5,12 +5,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.networks.refiner.nearest import NEWTON_STEPS, STRETCHES
-from pipeline.networks.refiner.on_board.planes import Cubic, cubic, position, velocity
+from pipeline.networks.refiner.on_board.planes import Cubic, position, velocity
 
 
-def nearest(ends: Float[Tensor, "k 2 6"]) -> Float[Tensor, "k"]:
-    """When relative motion between states at both ends of an interval is closest to 0, of 1."""
-    motion = cubic(ends)
+def nearest(motion: Cubic) -> Float[Tensor, "k"]:
+    """When the cubic is closest to 0, as a share of the interval."""
     times = _looked_at(motion)
     squares = torch.stack([_motion(motion, s)[0] for s in times])
     first, least = squares.argmin(dim=0, keepdim=True), squares.amin(dim=0)

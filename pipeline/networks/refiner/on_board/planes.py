@@ -42,11 +42,10 @@ def turns(motion: Cubic, share: Float[Tensor, "k"]) -> Bool[Tensor, "k"]:
 def planes(
     interval: Int[Tensor, "k"],
     share: Float[Tensor, "k"],
-    ends: Float[Tensor, "k 2 6"],
+    motion: Cubic,
     grid: Grid,
 ) -> Planes:
-    """The planes between craft of given relative states at both ends of an interval."""
-    motion = cubic(ends)
+    """The planes between craft whose relative motion is a cubic."""
     gap, speed = position(motion, share), velocity(motion, share)
     touching = (torch.linalg.vector_norm(gap, dim=1) < TOUCHING)[:, None]
     along = _unit(torch.where(touching, _across(speed), gap))

@@ -110,12 +110,10 @@ class Step(nn.Module):
     ) -> Scene:
         """The encounters."""
         ends = self.scaled(nodes, r_col) - self.scaled(told_nodes, r_col)
-        share, here = nearest(ends), torch.zeros_like(interval)
-        met, between = (
-            Encounters(here, here + 1, interval),
-            planes(interval, share, ends, self.grid),
-        )
-        return Scene(met, share, turns(cubic(ends), share), between)
+        motion, here = cubic(ends), torch.zeros_like(interval)
+        share, met = nearest(motion), Encounters(here, here + 1, interval)
+        between = planes(interval, share, motion, self.grid)
+        return Scene(met, share, turns(motion, share), between)
 
 
 class Begin(Step):
@@ -147,7 +145,8 @@ class Meet(Step):
         relative = every[:1] - every[1:]
         each = torch.stack([relative[:, :-1], relative[:, 1:]], dim=2)  # (Q, T-1, 2, 6)
         ends = each.reshape(-1, 2, 6)
-        gap = position(cubic(ends), nearest(ends))
+        motion = cubic(ends)
+        gap = position(motion, nearest(motion))
         closest = torch.linalg.vector_norm(gap, dim=1).reshape(each.shape[:2])
         within = (NEAR_OF_EXTENT * extents(every, every.shape[0])).clamp(min=NEAR)  # (1,)
         return (closest <= within,)

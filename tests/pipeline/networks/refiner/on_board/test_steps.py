@@ -145,10 +145,10 @@ def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
     states[20:, 1:] = states[20:, :1] + 1e-3 * states[20:, 1:]  # almost still
     first = torch.arange(0, 40, 2).repeat_interleave(5)
     met = Encounters(first, first + 1, torch.arange(5).repeat(20))
-    ends = relative(met, states)
-    share, found = nearest(ends), look(met, states)
+    motion = cubic(relative(met, states))
+    share, found = nearest(motion), look(met, states)
     assert share.numpy() == pytest.approx(found.share.numpy(), abs=1e-6)
-    assert torch.equal(turns(cubic(ends), share), found.turns)
+    assert torch.equal(turns(motion, share), found.turns)
     assert (~found.turns).sum() > 5
 
 
@@ -160,7 +160,7 @@ def test_the_planes_that_a_craft_puts_up_are_the_swarm_s():
     met = Encounters(torch.arange(3), torch.arange(3, 6), torch.tensor([2, 0, 9]))
     share = torch.tensor([0.0, 0.3, 1.0]).double()
     wanted = planes(met, share, states, grid)
-    found = on_board_planes(met.interval, share, relative(met, states), grid)
+    found = on_board_planes(met.interval, share, cubic(relative(met, states)), grid)
     for name, values in vars(wanted).items():
         torch.testing.assert_close(getattr(found, name), values, msg=name)
 
