@@ -21,8 +21,12 @@ SMALL = 1e-9
 NO_PIVOT = 1e-11
 """Entries of a tableau under which nothing is divided by them."""
 
+TIE = 1e-6
+"""Difference of prices that says nothing: where several optima cost the same, the earliest control
+enters, or rounding and the order of planes would choose between them."""
+
 MOST_PIVOTS = 500
-"""Pivots of a program after which it is left as it is."""
+"""Pivots after planes were added after which a program is left as it is."""
 
 # jaxtyping cannot look into compiled functions; their shapes are those of ``solve_all``.
 
@@ -71,7 +75,7 @@ def solve_all(
     most = np.max(start[1:] - start[:-1])
     body, value, side = np.empty((6 + most, m - 6)), np.empty(6 + most), np.empty(6 + most)
     basic, other = np.empty(6 + most, np.int64), np.empty(m - 6, np.int64)
-    cost, there = np.empty(m - 6), np.empty(most, np.bool_)
+    cost, ratio, there = np.empty(m - 6), np.empty(m - 6), np.empty(most, np.bool_)
     for c in range(C):
         craft, mine, u = crafts[c], order[start[c] : start[c + 1]], controls[c]
         for k in range(m - 6):
@@ -96,7 +100,7 @@ def solve_all(
             if rows == before:
                 break
             for _ in range(MOST_PIVOTS):
-                if not pivot(rows, m, dearest, body, value, side, basic, other, cost):
+                if not pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
                     break
             flown(rows, m, value, basic, u)
         finish(rows, mine, m, dearest, body, side, basic, other, cost, price, change)
@@ -168,7 +172,7 @@ def slopes(variable, m, dearest):
 
 @no_type_check
 @njit(cache=True)
-def pivot(rows, m, dearest, body, value, side, basic, other, cost):
+def pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
     """One step: a variable on the wrong side goes over, or leaves; False where there is none."""
     leaving, worst = -1, SMALL
     for i in range(rows):
@@ -177,14 +181,14 @@ def pivot(rows, m, dearest, body, value, side, basic, other, cost):
     if leaving < 0:
         return False
     sign, line = side[leaving], body[leaving]
+    least = np.inf
+    for k in range(len(other)):
+        ratio[k] = price_of_entering(sign * line[k], cost[k], other[k], m, dearest)
+        least = min(least, ratio[k])
     entering, step = -1, np.inf
     for k in range(len(other)):
-        slope = sign * line[k]
-        if abs(slope) >= NO_PIVOT:
-            low, high = slopes(other[k], m, dearest)
-            ratio = max((cost[k] - (low if slope > 0 else high)) / slope, 0.0)
-            if ratio < step:
-                entering, step = k, ratio
+        if ratio[k] <= least + TIE and (entering < 0 or other[k] < other[entering]):
+            entering, step = k, ratio[k]
     low, high = slopes(basic[leaving], m, dearest)
     over = high - low <= step
     step = min(step, high - low)
@@ -197,6 +201,16 @@ def pivot(rows, m, dearest, body, value, side, basic, other, cost):
         side[leaving] = -1.0 if sign * line[entering] > 0 else 1.0
         cost[entering] = high - step if sign > 0 else low + step
     return True
+
+
+@no_type_check
+@njit(cache=True)
+def price_of_entering(slope, cost, variable, m, dearest):
+    """Price of the row that leaves at which another variable would come in its place."""
+    if abs(slope) < NO_PIVOT:
+        return np.inf
+    low, high = slopes(variable, m, dearest)
+    return max((cost - (low if slope > 0 else high)) / slope, 0.0)
 
 
 @no_type_check

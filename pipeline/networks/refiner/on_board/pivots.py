@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pipeline.networks.refiner.pivots import MOST_PIVOTS, NO_PIVOT, SMALL
+from pipeline.networks.refiner.pivots import MOST_PIVOTS, NO_PIVOT, SMALL, TIE
 from pipeline.networks.refiner.program import DEAREST, Own
 
 State = tuple[Tensor, ...]
@@ -83,10 +83,11 @@ def _pivot(now: State, low: Tensor, high: Tensor) -> State:
     bound = torch.where(slope > 0, low[other], high[other])
     ratio = ((cost - bound) / slope).clamp(min=0)
     ratio = torch.where(slope.abs() < NO_PIVOT, torch.inf, ratio)
-    entering = ratio.argmin(dim=0, keepdim=True)
-    least, span = ratio[entering], high[gone] - low[gone]
-    over = span <= least
-    step = torch.minimum(span, least)
+    tied = ratio <= ratio.amin() + TIE
+    entering = torch.where(tied, other, len(low)).argmin(dim=0, keepdim=True)
+    here, span = ratio[entering], high[gone] - low[gone]
+    over = span <= here
+    step = torch.minimum(span, here)
     cost = cost - step * slope
     pivot = torch.where(over, 1.0, row[entering])
     come = other[entering]
