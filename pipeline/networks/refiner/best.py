@@ -28,11 +28,12 @@ def best_of(
 ) -> tuple[Float[Tensor, "N m"], Bool[Tensor, "b"]]:
     """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
 
-    A swarm goes on until a round leaves it safe and its fuel next to unchanged.
+    A swarm whose own optima are safe keeps them; any other goes on until a round leaves it safe and
+    its fuel next to unchanged.
     """
     state = start(task)
     best, least = state.controls, _safe_fuel(task, state)
-    going = torch.ones_like(least, dtype=torch.bool)
+    going = least.isinf()
     for number in range(count):
         if not going.any():
             break

@@ -1,6 +1,6 @@
 """Where craft meet: pairs and intervals, and how close they come there.
 
-Within an interval the relative position is, to some tenths of a millimetre, the cubic that has
+Within an interval of two minutes the relative position is, to some millimetres, the cubic that has
 the positions and velocities of both ends. So everything about an encounter, the plane that keeps
 the pair apart included, is linear in the states of the interval's two nodes.
 """
@@ -96,6 +96,21 @@ def look(
     share, distance = torch.empty(2, len(met.first), dtype=torch.float64)
     turns = torch.empty(len(met.first), dtype=torch.bool)
     within = torch.full_like(share, torch.inf) if within is None else within
-    given = (states, met.first, met.second, met.interval, within)
+    everybody = torch.ones(len(states), dtype=torch.bool)
+    return look_again(Look(share, distance, turns), met, states, within, everybody)
+
+
+def look_again(
+    before: Look,
+    met: Encounters,
+    states: Float[Tensor, "N T 6"],
+    within: Float[Tensor, "k"],
+    moved: Bool[Tensor, "N"],
+) -> Look:
+    """The same where craft have moved; who has not is as near to each other as before."""
+    share, distance, turns = (
+        part.to("cpu", copy=True) for part in (before.share, before.distance, before.turns)
+    )
+    given = (states, met.first, met.second, met.interval, within, moved)
     nearest(*map(numbers, given), share.numpy(), distance.numpy(), turns.numpy())
     return Look(*(part.to(states.device) for part in (share, distance, turns)))

@@ -24,7 +24,7 @@ AT_FIRST = 1024
 
 @no_type_check
 @njit(cache=True)
-def nearest(states, first, second, interval, within, share, distance, turns):
+def nearest(states, first, second, interval, within, moved, share, distance, turns):
     """The closest approach of pairs of craft in intervals; lengths in r_col, times in Δt.
 
     Args:
@@ -33,12 +33,15 @@ def nearest(states, first, second, interval, within, share, distance, turns):
         second: second craft, (k,).
         interval: which interval, (k,).
         within: distance beyond which a pair need not be looked at closely, (k,).
+        moved: which craft have moved, (N,); the results of pairs of which none has stay.
         share: result: when, as a share of the interval, (k,); 0 where it was not looked at.
         distance: result, (k,); infinite where it was not looked at.
         turns: result: whether the pair comes closer before and parts after it, (k,).
     """
     motion = np.empty((4, 3))
     for k in range(len(first)):
+        if not (moved[first[k]] or moved[second[k]]):
+            continue
         one, other, t = states[first[k]], states[second[k]], interval[k]
         if stays_beyond(one, other, t, within[k]):
             share[k], distance[k], turns[k] = 0.0, np.inf, False

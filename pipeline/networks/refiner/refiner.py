@@ -100,7 +100,7 @@ class Refiner:
 
     width: int = 32
     message: int = 16
-    rounds: int = 12
+    rounds: int = 14
 
     @property
     def config(self) -> Mapping[str, Any]:

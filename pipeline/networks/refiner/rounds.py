@@ -14,7 +14,7 @@ from torch import Tensor
 
 from pipeline.networks.least_fuel import least_fuel
 from pipeline.networks.refiner.bargain import Bargain
-from pipeline.networks.refiner.encounters import Encounters, Look, candidates, look
+from pipeline.networks.refiner.encounters import Encounters, Look, candidates, look, look_again
 from pipeline.networks.refiner.grid import Grid, grid_of, in_units
 from pipeline.networks.refiner.planes import Planes, planes
 from pipeline.networks.refiner.program import LEAST_FUEL, Own, Program, own_tableau
@@ -22,7 +22,7 @@ from pipeline.networks.refiner.seen import Meeting, free_directions, seen
 from pipeline.networks.refiner.sides import sides_of
 from pipeline.networks.swarms import Swarms
 
-NEAR = 3.0
+NEAR = 4.0
 """Distance in r_col up to which own optima must come for a pair to be looked at at all."""
 
 NEAR_OF_EXTENT = 0.15
@@ -32,7 +32,8 @@ WATCHED = 1.3
 """Distance in r_col within which a pair that turns from coming closer to parting gets a plane."""
 
 SAFE = 1 + 1e-4
-"""Distance in r_col from which an encounter is called safe; the cubics are off by less."""
+"""Distance in r_col from which an encounter is called safe. Cubics are off by millimetres, by some
+centimetres in intervals of four minutes; planes ask for more, and certificates are exact."""
 
 TURNS_ONLY = 3
 """Rounds in which pairs get planes only where they turn; after them also wherever unsafe."""
@@ -138,7 +139,8 @@ def start(task: Task) -> State:
     """The own optima, before anybody has met."""
     controls = task.own.controls
     nothing = controls.new_zeros(len(task.met.first), 2)
-    return _state(task, controls, task.grid.fly(task.initial, controls), Known(nothing, nothing))
+    states, known = task.grid.fly(task.initial, controls), Known(nothing, nothing)
+    return State(controls, states, look(task.met, states, _worth_a_look(known)), known)
 
 
 def play(
@@ -185,7 +187,10 @@ def play(
     flown = task.grid.fly(task.initial[sides.craft], best)
     states = state.states.index_copy(0, sides.craft, flown)
     price = torch.zeros_like(known.price).index_copy(0, which, paid)
-    return _state(task, controls, states, replace(known, price=price))
+    known = replace(known, price=price)
+    moved = torch.zeros_like(controls[:, 0], dtype=torch.bool).index_fill(0, sides.craft, True)
+    found = look_again(state.found, task.met, states, _worth_a_look(known), moved)
+    return State(controls, states, found, known)
 
 
 def meets(
@@ -195,12 +200,9 @@ def meets(
     return (turns & (distance < WATCHED)) | ((distance < SAFE) & (number >= TURNS_ONLY))
 
 
-def _state(
-    task: Task, controls: Float[Tensor, "N m"], states: Float[Tensor, "N T 6"], known: Known
-) -> State:
-    # Who has no plane yet is of no interest before it comes near.
-    within = torch.where(known.first_price[:, 0] > 0, torch.inf, WATCHED)
-    return State(controls, states, look(task.met, states, within), known)
+def _worth_a_look(known: Known) -> Float[Tensor, "E"]:
+    """Distance within which encounters are seen: anywhere, or where they would get a plane."""
+    return torch.where(known.first_price[:, 0] > 0, torch.inf, WATCHED)
 
 
 def to_give(meeting: Meeting, trade: Float[Tensor, "L"] | None) -> Float[Tensor, "L 2"]:
