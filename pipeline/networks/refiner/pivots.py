@@ -25,6 +25,9 @@ TIE = 1e-6
 """Difference of prices that says nothing: where several optima cost the same, the earliest control
 enters, or rounding and the order of planes would choose between them."""
 
+STEEP = 0.1
+"""Share of the largest entry among these that an entry must have to be divided by."""
+
 MOST_PIVOTS = 500
 """Pivots after planes were added after which a program is left as it is."""
 
@@ -185,9 +188,14 @@ def pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
     for k in range(len(other)):
         ratio[k] = price_of_entering(sign * line[k], cost[k], other[k], m, dearest)
         least = min(least, ratio[k])
+    steepest = 0.0
+    for k in range(len(other)):
+        if ratio[k] <= least + TIE:
+            steepest = max(steepest, abs(line[k]))
     entering, step = -1, np.inf
     for k in range(len(other)):
-        if ratio[k] <= least + TIE and (entering < 0 or other[k] < other[entering]):
+        tied = ratio[k] <= least + TIE and abs(line[k]) >= STEEP * steepest
+        if tied and (entering < 0 or other[k] < other[entering]):
             entering, step = k, ratio[k]
     low, high = slopes(basic[leaving], m, dearest)
     over = high - low <= step
@@ -255,7 +263,7 @@ def finish(rows, mine, m, dearest, body, side, basic, other, cost, price, change
     for k in range(m - 6):
         if other[k] >= m:
             plane, second = mine[other[k] - m] >> 1, mine[other[k] - m] & 1
-            price[plane, second] = -cost[k]
+            price[plane, second] = min(max(-cost[k], 0.0), dearest)  # ties may take it beyond
             if len(change):
                 for i in range(rows):
                     if basic[i] < m:

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pipeline.networks.refiner.pivots import MOST_PIVOTS, NO_PIVOT, SMALL, TIE
+from pipeline.networks.refiner.pivots import MOST_PIVOTS, NO_PIVOT, SMALL, STEEP, TIE
 from pipeline.networks.refiner.program import DEAREST, Own
 
 State = tuple[Tensor, ...]
@@ -40,7 +40,8 @@ def solve_one(
     every = torch.zeros_like(low)
     controls = every.scatter(0, basic, value)[:m]
     slope = torch.where(side > 0, high[basic], low[basic])
-    return controls, -every.scatter(0, basic, slope).scatter(0, other, cost)[m:]
+    price = -every.scatter(0, basic, slope).scatter(0, other, cost)[m:]
+    return controls, price.clamp(0.0, DEAREST)  # ties may take it beyond
 
 
 def _repeat(goes_on: Callable[..., Tensor], pivot: Callable[..., State], state: State) -> State:
@@ -84,6 +85,7 @@ def _pivot(now: State, low: Tensor, high: Tensor) -> State:
     ratio = ((cost - bound) / slope).clamp(min=0)
     ratio = torch.where(slope.abs() < NO_PIVOT, torch.inf, ratio)
     tied = ratio <= ratio.amin() + TIE
+    tied = tied & (slope.abs() >= STEEP * torch.where(tied, slope.abs(), 0.0).amax())
     entering = torch.where(tied, other, len(low)).argmin(dim=0, keepdim=True)
     here, span = ratio[entering], high[gone] - low[gone]
     over = span <= here
