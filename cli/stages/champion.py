@@ -11,6 +11,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.compare import compare
 from pipeline.experiments.trials import Entrant, run_trials
 from pipeline.networks.model import Model
+from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.planners.network import Flown
 from registry.models import champion_of, crown, load, resolve
 from registry.version import ModelVersion
@@ -70,6 +71,8 @@ def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Chall
     champion = champion_of(version.name)
     if champion is None or champion.version == version.version:
         return Challenge(crown(version), "the first version of its model")
+    if for_comparison(version.arch, version.recipe):
+        return Challenge(champion, f"recipe {version.recipe} is there to be compared with")
     try:
         model, _ = load(champion)
         held = _held(version, trials, champion, validation_trials(model, data, version.n))

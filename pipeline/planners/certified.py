@@ -1,7 +1,9 @@
 """Controls of any planner made plans: flown and certified, with the bound that no plan beats."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 
+import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
@@ -9,6 +11,9 @@ from pipeline.expert import own_optima
 from pipeline.expert.batch import Batch
 from pipeline.plan import Made, Plan, planned_all
 from pipeline.scenario import Scenario
+
+Ends = Float[Array, "b n 6"]
+"""States of all craft at one end of some transfers, m and m/s."""
 
 
 def certified(
@@ -36,3 +41,33 @@ def certified(
     own = own_optima(batch.initial, batch.goal, batch.problem)
     made = [Made(controls[craft], *own.bound(craft), timing=timing) for craft in batch.craft]
     return planned_all(planner, scenarios, made, at_nodes=at_nodes, passive_safety=passive_safety)
+
+
+def certified_answers(
+    planner: str,
+    scenarios: Sequence[Scenario],
+    answer: Callable[[Ends, Ends], Float[Array, "b n _ 3"]],
+    *,
+    at_nodes: bool = False,
+    passive_safety: float | None = None,
+) -> list[Plan]:
+    """The plans of what answers scenarios of one problem and one n at once, and its time.
+
+    Args:
+        planner: its name.
+        scenarios: what was asked.
+        answer: from initial and goal states, m and m/s, to controls that meet the goal, m/s².
+        at_nodes: judge by separation at the nodes only, the paper's criterion.
+        passive_safety: judge by it after a loss of thrust too, for so many orbits, or None.
+    """
+    if not scenarios:
+        return []
+    started = time.perf_counter()
+    initial = np.stack([scenario.initial for scenario in scenarios])
+    goal = np.stack([scenario.goal for scenario in scenarios])
+    controls = answer(initial, goal)
+    seconds = time.perf_counter() - started
+    flat = controls.reshape(-1, *controls.shape[2:])
+    return certified(
+        planner, scenarios, flat, seconds, at_nodes=at_nodes, passive_safety=passive_safety
+    )

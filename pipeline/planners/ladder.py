@@ -69,5 +69,7 @@ def _where_unsafe(
             before = plans[k]
             timing = {**plan.timing, "plan": before.timing["plan"] + plan.timing["plan"]}
             solves = before.convex_solves + plan.convex_solves
-            found[k] = replace(plan, planner=name, timing=timing, convex_solves=solves)
+            # Where a craft's own optimum is not to be flown, the expert looks at no seed.
+            who = name if plan.convex_solves else plan.planner
+            found[k] = replace(plan, planner=who, timing=timing, convex_solves=solves)
     return found

@@ -36,7 +36,8 @@ def named_planner(
         name: of the planner.
         separation: keep craft apart at all times or at the nodes only; a baseline's plans, which
             keep none apart, are judged by it.
-        effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves.
+        effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves,
+            and behind the refiner ends at the first safe plan.
         raw: asked for a network's plan without the expert after it.
         passive_safety: keep craft apart for so many orbits after a loss of thrust too; a
             baseline's plans are judged by it.

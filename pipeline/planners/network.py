@@ -1,18 +1,18 @@
 """A network as a planner: its answer flown, so that dynamics and both ends hold exactly."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isclose
 
-import numpy as np
+from jaxtyping import Float
 
+from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import Plan
-from pipeline.planners.certified import certified
+from pipeline.planners.certified import Ends, certified_answers
 from pipeline.scenario import Scenario
 
 SAME = 1e-6
@@ -47,25 +47,19 @@ class Flown:
         Raises:
             InputError: where the weights do not fit the scenarios' number of nodes.
         """
-        if not scenarios:
-            return []
-        problem = scenarios[0].problem
-        model = self.model if _fault(self.model, problem) is None else self.model.on(problem)
-        started = time.perf_counter()
-        initial = np.stack([scenario.initial for scenario in scenarios])
-        goal = np.stack([scenario.goal for scenario in scenarios])
-        answer = model.answer(initial, goal, problem.collision_radius)
-        if model.answers == "states":
-            controls = project_to_flyable(answer, initial, goal, problem)
-        else:
-            controls = meet_goal(initial, answer, goal, problem)
-        seconds = time.perf_counter() - started
-        flat = controls.reshape(-1, *controls.shape[2:])
-        return certified(
+
+        def answer(initial: Ends, goal: Ends) -> Float[Array, "b n _ 3"]:
+            problem = scenarios[0].problem
+            model = self.model if _fault(self.model, problem) is None else self.model.on(problem)
+            found = model.answer(initial, goal, problem.collision_radius)
+            if model.answers == "states":
+                return project_to_flyable(found, initial, goal, problem)
+            return meet_goal(initial, found, goal, problem)
+
+        return certified_answers(
             self.name,
             scenarios,
-            flat,
-            seconds,
+            answer,
             at_nodes=self.at_nodes,
             passive_safety=self.passive_safety,
         )

@@ -1,6 +1,7 @@
 """Two versions on the same validation data: the safer one is better, then the cheaper one."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
+from pipeline.networks.refiner.ablations import REFINER, SHORT
 from pipeline.orbit.problem import Problem
 from pipeline.training.loop import Epoch, Trained
 from registry.models import list_versions, resolve
@@ -64,6 +66,17 @@ def test_a_version_that_burns_less_on_the_same_validation_data_takes_the_champio
     held = challenge(dear, validation_trials(model, solved, 3), solved)
     assert held.champion.version == 2
     assert [v.aliases for v in list_versions()] == [(), ("champion",), ()]
+
+
+def test_what_is_there_to_be_compared_with_is_no_champion_however_good_it_is(
+    register: Register, solved: Path
+) -> None:
+    register(1.0)
+    better, model = register(0.0)
+    short = replace(better, arch=REFINER, recipe=SHORT)
+    held = challenge(short, validation_trials(model, solved, 3), solved)
+    assert held.champion.version == 1
+    assert held.reason == "recipe short is there to be compared with"
 
 
 def test_a_worse_version_becomes_champion_only_by_force(register: Register) -> None:

@@ -30,7 +30,7 @@ from pipeline.networks.refiner.ablations import (
 )
 from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.best import best_of, refined
-from pipeline.networks.refiner.rounds import State, Task, begin, play, start
+from pipeline.networks.refiner.rounds import WATCHED, State, Task, begin, play, start
 from pipeline.networks.swarms import Batch, Swarms
 from pipeline.orbit.drift import drift_separations
 
@@ -69,7 +69,8 @@ class Lesson(BaseModel):
     Attributes:
         rounds: in training.
         violation: what a r_col that an encounter lacks counts as, as fuel over the lower bound.
-        clear: distance beyond r_col up to which an encounter lacks something, r_col.
+        clear: distance beyond r_col up to which an encounter lacks something, r_col; nobody is seen
+            beyond ``WATCHED``.
         earlier: what a round counts for the one after it.
         raised: whether collision radii are raised.
         third: whether sides hear of the other sides of both craft.
@@ -81,7 +82,7 @@ class Lesson(BaseModel):
 
     rounds: int = Field(default=8, ge=1)
     violation: float = 2.5
-    clear: float = 0.008
+    clear: float = Field(default=0.008, ge=0, le=WATCHED - 1)
     earlier: float = 0.5
     raised: bool = True
     third: bool = True

@@ -46,9 +46,9 @@ def seen(
     met, planes = meeting.met, meeting.planes
     result = torch.empty(len(meeting.share), 2, FEATURES, dtype=torch.float32)
     time = (met.interval + meeting.share) / (grid.nodes - 1)
-    given = (met.craft, time, *vars(planes).values(), meeting.price, meeting.first_price)
-    fuel = (controls, own.controls)
-    _see(*map(numbers, (*given, *fuel)), number / 8, result.numpy())
+    there = (planes.distance, planes.gain, planes.along, planes.motion, planes.speed)
+    given = (met.craft, time, *there, meeting.price, meeting.first_price, controls, own.controls)
+    _see(*map(numbers, given), number / 8, result.numpy())
     return result.to(controls.device)
 
 

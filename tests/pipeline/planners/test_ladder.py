@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from judge import judge_plan
 
+from pipeline.expert import FIRST_SAFE, solve_many
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED
+from pipeline.plan import SOLVED, UNSAFE
 from pipeline.plan.document import write_plan
+from pipeline.planners import ladder
 from pipeline.planners.ladder import Ladder
 from pipeline.planners.named import named_planner
 from pipeline.planners.network import Flown
@@ -37,8 +39,7 @@ def drawn(n, count, problem=PROBLEM, family="rings"):
 @pytest.mark.parametrize(("family", "count", "rounds"), [("rings", 20, 0), ("dense", 15, 1)])
 def test_every_plan_is_safe_and_says_which_rung_it_is_from(family, count, rounds, tmp_path):
     scenarios = drawn(10, count, family=family)
-    ladder = Ladder(Flown(refiner(rounds), "refiner"))
-    plans = ladder.plan(scenarios)
+    plans = Ladder(Flown(refiner(rounds), "refiner")).plan(scenarios)
     names = [plan.planner for plan in plans]
     assert set(names) >= {"refiner", "refiner + one solve"}
     assert set(names) <= {"refiner", "refiner + one solve", "expert"}
@@ -60,7 +61,35 @@ def test_a_plan_of_the_network_that_is_safe_is_left_as_it_is():
             assert np.array_equal(plan.controls, own.controls)
         else:
             assert plan.convex_solves >= 1
-            assert plan.timing["plan"] > own.timing["plan"] / 2
+
+
+class Unproven(Flown):
+    """A network none of whose plans is proven safe, and that takes a second for each."""
+
+    def plan(self, scenarios):
+        plans = super().plan(scenarios)
+        return [replace(plan, status=UNSAFE, timing={"plan": 1.0}) for plan in plans]
+
+
+def test_where_one_solve_does_not_do_the_expert_plans_and_all_that_it_took_counts(monkeypatch):
+    """One solve that may solve nothing: no network's plan is safe then, nor what comes of it."""
+    scenarios = drawn(10, 3)
+    nothing = replace(ladder.ONE_SOLVE, max_rounds=0)
+    monkeypatch.setattr(ladder, "ONE_SOLVE", nothing)
+    plans = Ladder(Unproven(refiner(0), "refiner")).plan(scenarios)
+    expert = solve_many(scenarios, settings=FIRST_SAFE)
+    for plan, wanted in zip(plans, expert, strict=True):
+        assert (plan.planner, plan.status) == ("expert", SOLVED)
+        assert np.array_equal(plan.controls, wanted.controls)
+        assert plan.timing["plan"] > 1
+
+
+def test_a_plan_that_no_solve_was_needed_for_does_not_claim_one():
+    """A craft alone that may not burn what its optimum needs: the expert sees so at once."""
+    problem = replace(PROBLEM, max_acceleration=1e-6)
+    (plan,) = Ladder(Flown(refiner(0), "refiner")).plan(drawn(1, 1, problem))
+    assert plan.status != SOLVED
+    assert (plan.planner, plan.convex_solves) == ("expert", 0)
 
 
 def test_a_thrust_limit_that_the_network_knows_nothing_of_is_kept():

@@ -1,1 +1,1 @@
-"""The part of a refiner that one craft runs: five steps, between which craft tell each other."""
+"""The part of a refiner that one craft runs: six steps, between which craft tell each other."""

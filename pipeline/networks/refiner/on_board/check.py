@@ -25,6 +25,9 @@ from pipeline.scenario import draw
 TOLERANCE = 1e-5
 """Largest difference of a control from torch, as a share of the largest control."""
 
+MOST_TIES = 1 / 3
+"""Share of the swarms that may meet another optimum of the same fuel."""
+
 SIZES = (2, 10, 30)
 """Swarm sizes that are flown."""
 
@@ -87,7 +90,8 @@ def check(files: Mapping[str, Path], model: Model) -> Checked:
 
     Raises:
         InputError: where onnxruntime is not installed.
-        ProlearnError: where a control differs by more than TOLERANCE for no good reason.
+        ProlearnError: where a control differs by more than TOLERANCE for no good reason, or little
+            could be compared.
     """
     run, compared = Files(files), []
     for initial, goal in _drawn(model):
@@ -101,6 +105,11 @@ def check(files: Mapping[str, Path], model: Model) -> Checked:
         )
     seconds = {name: float(np.median(times or [0.0])) for name, times in run.seconds.items()}
     ties = sum(one.tie for one in compared)
+    if ties > MOST_TIES * len(compared):
+        raise ProlearnError(
+            f"{ties} of {len(compared)} swarms met another optimum of the same fuel, so little "
+            f"was compared; expected at most {MOST_TIES:.0%}: no file was written."
+        )
     return Checked(len(compared), ties, run.encounters, difference, seconds)
 
 

@@ -183,7 +183,7 @@ class Look(Step):
 
 
 class Speak(Step):
-    """What the network makes of both sides, and what each encounter hears of the others."""
+    """What the network makes of both sides, and the sums of that which each encounter hears."""
 
     gives, tells = ("said", "heard"), ("heard",)
 

@@ -62,7 +62,7 @@ VALUES: Mapping[str, Value] = {
     ),
     "offer": Value(("P",), "what the craft offers", FLOAT),
     "said": Value(("P", "H"), "what it makes of both sides", FLOAT),
-    "heard": Value(("P", "2H"), "what came of this craft's other encounters", FLOAT),
+    "heard": Value(("P", "2H"), "what its encounters say: by likeness of planes, and all", FLOAT),
 }
 """By name; what the other side told has the same shape, unless it is here itself."""
 

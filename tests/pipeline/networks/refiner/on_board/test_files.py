@@ -24,7 +24,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 
-PROBLEM, ROUNDS, MEMORY = Problem(), find("refiner").config["rounds"], 16
+PROBLEM, ROUNDS = Problem(), find("refiner").config["rounds"]
 RADIUS = PROBLEM.collision_radius
 UNIT = RADIUS / PROBLEM.time_step**2
 RINGS, DENSE = [(2, 0), (5, 11), (10, 1), (10, 4)], [(5, 0), (5, 2)]
@@ -55,7 +55,7 @@ def exported(model, tmp_path_factory):
 
 
 def flown(exported, ends):
-    """Controls of each round by the files, (9, n, m), and whether they are safe."""
+    """Controls of each round by the files, (rounds + 1, n, m), and whether they are safe."""
     run = Files({name: exported.folder / f"{name}.onnx" for name in STEPS})
     near, counts = np.full(ROUNDS + 1, np.inf), set()
 
