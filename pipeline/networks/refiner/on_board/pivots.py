@@ -84,8 +84,8 @@ def _pivot(now: State, low: Tensor, high: Tensor) -> State:
     bound = torch.where(slope > 0, low[other], high[other])
     ratio = ((cost - bound) / slope).clamp(min=0)
     ratio = torch.where(slope.abs() < NO_PIVOT, torch.inf, ratio)
-    tied = ratio <= ratio.amin() + TIE
-    tied = tied & (slope.abs() >= STEEP * torch.where(tied, slope.abs(), 0.0).amax())
+    tied = ratio <= ratio.amin(dim=0) + TIE
+    tied = tied & (slope.abs() >= STEEP * torch.where(tied, slope.abs(), 0.0).amax(dim=0))
     entering = torch.where(tied, other, len(low)).argmin(dim=0, keepdim=True)
     here, span = ratio[entering], high[gone] - low[gone]
     over = span <= here

@@ -27,7 +27,7 @@ from pipeline.scenario import draw
 PROBLEM, ROUNDS = Problem(), find("refiner").config["rounds"]
 RADIUS = PROBLEM.collision_radius
 UNIT = RADIUS / PROBLEM.time_step**2
-RINGS, DENSE = [(2, 0), (5, 11), (10, 1), (10, 4)], [(5, 0), (5, 2)]
+RINGS, DENSE = [(2, 0), (4, 8), (10, 1), (10, 4)], [(5, 0), (5, 2)]
 SWARMS = [("rings", *one) for one in RINGS] + [("dense", *one) for one in DENSE]
 
 
