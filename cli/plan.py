@@ -117,9 +117,10 @@ def plan(
 
     The refiner's plan is taken where it is proven safe, else one convex solve follows it, else
     the expert plans; the plan says which. The plan of any other model seeds the expert. So what
-    comes out is safe; --raw leaves the expert out. The refiner and LSTMs plan on time grids other
-    than that of their training, too. `refiner` comes with the package; one that was trained here
-    is named with its recipe or version, as refiner:tuned.
+    comes out is safe wherever the expert finds a safe plan; --raw leaves the expert out. The
+    refiner and LSTMs plan on time grids other than that of their training, too. `refiner` comes
+    with the package; one that was trained here is named with its recipe or version, as
+    refiner:tuned.
 
     With `--assignment optimal` craft are interchangeable: each takes the goal that costs least in
     all. The gap is then to the least fuel of any assignment, and the plan file says who takes

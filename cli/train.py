@@ -20,8 +20,8 @@ def train(
     arch: Annotated[
         str,
         typer.Option(
-            help="ff1, ff2, ffcol, lstm1, lstm2, lstmcol, refiner (recipe tuned alone), one of "
-            "your own, or several: ff1,lstm2.",
+            help="ff1, ff2, ffcol, lstm1, lstm2, lstmcol, refiner, one of your own, or "
+            "several: ff1,lstm2.",
             show_default=False,
         ),
     ],

@@ -136,7 +136,7 @@ def _part_verdict(found: list[Loss]) -> str:
     if not worse:
         return "not beyond noise"
     if len(worse) == len(found):
-        return f"yes, of all {len(found)}, most without {worse[0]}"
+        return f"yes, without any of the {len(found)}; most without {worse[0]}"
     return f"only without {_listed(worse)}"
 
 
