@@ -50,5 +50,5 @@ def best_of(
 def _safe_fuel(task: Task, state: State) -> Float[Tensor, "b"]:
     """Fuel of each swarm, infinite where it is not safe."""
     close = (state.found.distance < SAFE).to(state.controls.dtype)
-    safe = task.total(close, task.met.first) == 0
+    safe = task.total(close, task.swarm) == 0
     return torch.where(safe, task.fuel(state.controls), torch.inf)

@@ -73,7 +73,7 @@ def close_pairs(states, n, within):
                 if stays_beyond(states[i], states[j], t, within[swarm]):
                     continue
                 fill(motion, states[i], states[j], t)
-                if closest(motion)[1] > within[swarm]:
+                if not comes_within(motion, within[swarm]):
                     continue
                 if count == found.shape[1]:
                     wider = np.empty((3, 2 * count), np.int64)
@@ -105,6 +105,17 @@ def stays_beyond(one, other, t, within):
         length += middle * middle
     least = min(min(begin, leave), min(come, end))
     return least > 0 and least * least > within * within * length
+
+
+@no_type_check
+@njit(cache=True)
+def comes_within(motion, within):
+    """Whether the cubic comes within a distance of 0; most that do are at one of their ends."""
+    begin, end = 0.0, 0.0
+    for x in range(3):
+        begin += motion[0, x] ** 2
+        end += (motion[0, x] + motion[1, x] + motion[2, x] + motion[3, x]) ** 2
+    return min(begin, end) <= within * within or closest(motion)[1] <= within
 
 
 @no_type_check

@@ -58,6 +58,7 @@ class Task:
         initial: states, (N, 6).
         own: own optima.
         met: pairs and intervals that are looked at.
+        swarm: whose each of these is.
     """
 
     grid: Grid
@@ -65,11 +66,11 @@ class Task:
     initial: Float[Tensor, "N 6"]
     own: Own
     met: Encounters
+    swarm: Int[Tensor, "E"]
 
-    def total(self, values: Float[Tensor, "k"], craft: Int[Tensor, "k"]) -> Float[Tensor, "b"]:
-        """Sums over each swarm of what belongs to craft."""
-        swarms = len(self.initial) // self.n
-        return values.new_zeros(swarms).index_add(0, craft // self.n, values)
+    def total(self, values: Float[Tensor, "k"], swarm: Int[Tensor, "k"]) -> Float[Tensor, "b"]:
+        """Sums over each swarm of what belongs to it."""
+        return values.new_zeros(len(self.initial) // self.n).index_add(0, swarm, values)
 
     def fuel(self, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
         """Σ‖u‖₁ of each swarm."""
@@ -116,8 +117,8 @@ class State:
         Elsewhere a pair that lacks something lacks more in the interval before or after.
         """
         which = (self.found.turns & (self.found.distance < distance)).nonzero()[:, 0]
-        met, between = self.planes(task, which)
-        return task.total(distance - between.distance, met.first)
+        _, between = self.planes(task, which)
+        return task.total(distance - between.distance, task.swarm[which])
 
 
 def begin(swarms: Swarms) -> Task:
@@ -132,7 +133,7 @@ def begin(swarms: Swarms) -> Task:
     side = torch.where(found.basis < m, 1.0, -1.0).to(controls.dtype)
     own = own_tableau(controls, found.basis % m, side, grid.to_goal)
     met = candidates(grid.fly(initial, controls), n, NEAR, NEAR_OF_EXTENT)
-    return Task(grid, n, initial, own, met)
+    return Task(grid, n, initial, own, met, met.first // n)
 
 
 def start(task: Task) -> State:
@@ -165,7 +166,7 @@ def play(
     live = meets(state.found.distance, state.found.turns, number)
     live |= state.known.first_price[:, 0] > 0
     if among is not None:
-        live &= among[task.met.first // task.n]
+        live &= among[task.swarm]
     which = live.nonzero()[:, 0]
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or task.own.others.shape[1] == 0:
