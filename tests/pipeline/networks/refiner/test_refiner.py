@@ -26,8 +26,8 @@ REFINER = find("refiner")
 ENCODING = Encoding(PROBLEM, 10, "line", "offset", (1.0,) * 6, (1.0,) * 6)
 
 
-def ends(n, count, problem=PROBLEM, family="rings"):
-    drawn = [draw(family, 0, n, k, problem, "valid") for k in range(count)]
+def ends(n, count, problem=PROBLEM, family="rings", seed=0):
+    drawn = [draw(family, seed, n, k, problem, "valid") for k in range(count)]
     return np.stack([s.initial for s in drawn]), np.stack([s.goal for s in drawn])
 
 
@@ -59,15 +59,21 @@ def test_its_controls_meet_the_goal_for_any_number_of_craft(n):
     assert np.abs(reached - goal)[..., 3:].max() < 1e-9
 
 
-@pytest.mark.parametrize(("family", "n"), [("rings", 12), ("dense", 10)])
-def test_renumbered_craft_get_the_same_controls(family, n):
-    """In dense swarms some craft's programs have several optima that cost the same."""
-    swarms = [draw(family, 7, n, k, PROBLEM, "valid") for k in range(16)]
-    initial, goal = (np.stack([getattr(s, end) for s in swarms]) for end in ("initial", "goal"))
-    order = np.random.default_rng(0).permutation(n)
+def test_renumbered_craft_get_the_same_controls():
+    initial, goal = ends(12, 4)
+    order = np.random.default_rng(0).permutation(12)
+    answer = model().answer(initial, goal, 15.0)
+    other = model().answer(initial[:, order], goal[:, order], 15.0)
+    assert close(other, answer[:, order])
+
+
+def test_renumbered_craft_get_the_same_controls_where_several_optima_cost_the_same():
+    """As in dense swarms; float32 rounds otherwise in another order, by a millionth a round."""
+    initial, goal = ends(10, 16, family="dense", seed=7)
+    order = np.random.default_rng(0).permutation(10)
     answer = packaged().answer(initial, goal, 15.0)
     other = packaged().answer(initial[:, order], goal[:, order], 15.0)
-    assert np.abs(other - answer[:, order]).max() <= 1e-4 * np.abs(answer).max()
+    assert np.abs(other - answer[:, order]).max() <= 1e-5 * np.abs(answer).max()
 
 
 def test_swarms_answered_together_are_answered_as_alone():
