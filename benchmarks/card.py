@@ -15,6 +15,7 @@ import numpy as np
 import typer
 from rich.progress import track
 
+from benchmarks.quality import quality
 from benchmarks.tables import Row, show, write_json
 from pipeline.expert import Settings, solve_many
 from pipeline.networks.model import load
@@ -67,9 +68,7 @@ def _reference(flown: Flown, family: str, n: int, count: int) -> Row:
         "family": family,
         "n": n,
         "scenarios": count,
-        "unsafe": _unsafe(plans),
-        "node_collisions": float(np.mean([plan.certificate.node_collisions for plan in plans])),
-        "fuel/bound": f"{_ratio(plans):.4f}",
+        **quality(plans),
         "fuel/expert": f"{np.mean(over):.4f}",
         "safe_after_one_solve": len(safe),
         "gap_then_%": 100 * float(np.mean([plan.certificate.optimality_gap for plan in safe])),
@@ -83,24 +82,14 @@ def _grid(flown: Flown, problem: Problem) -> Row:
     return {
         "T": problem.nodes,
         "time_step_s": problem.time_step,
-        "unsafe": _unsafe(plans),
-        "fuel/bound": f"{_ratio(plans):.5f}",
-        "expert": f"{_ratio(expert):.5f}",
+        **quality(plans),
+        "expert": quality(expert)["fuel/bound"],
     }
 
 
 def _in_parts(flown: Flown, scenarios: Sequence[Scenario]) -> list[Plan]:
     parts = range(0, len(scenarios), TOGETHER)
     return [plan for k in parts for plan in flown.plan(scenarios[k : k + TOGETHER])]
-
-
-def _unsafe(plans: Sequence[Plan]) -> int:
-    return sum(plan.status != SOLVED for plan in plans)
-
-
-def _ratio(plans: Sequence[Plan]) -> float:
-    certificates = [plan.certificate for plan in plans]
-    return float(np.mean([c.fuel / c.fuel_lower_bound for c in certificates]))
 
 
 if __name__ == "__main__":

@@ -19,13 +19,14 @@ import torch
 import typer
 from threadpoolctl import threadpool_limits
 
+from benchmarks.quality import quality
 from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import Model, load
 from pipeline.networks.refiner.other_rounds import own_rounds
 from pipeline.networks.refiner.packaged import packaged
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED, Plan
+from pipeline.plan import Plan
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.ladder import ONE_SOLVE, Ladder
 from pipeline.planners.network import Flown
@@ -121,16 +122,9 @@ def _speed(seconds: np.ndarray) -> Row:
 
 
 def _worth(plans: Sequence[Plan]) -> Row:
-    """What plans are worth, by their certificates."""
-    certificates = [plan.certificate for plan in plans]
-    ratio = [c.fuel / c.fuel_lower_bound for c in certificates]
+    """What plans are worth, and how many are from which rung."""
     by = Counter(plan.planner for plan in plans)
-    return {
-        "unsafe_%": 100 * float(np.mean([plan.status != SOLVED for plan in plans])),
-        "node_collisions": float(np.mean([c.node_collisions for c in certificates])),
-        "fuel/bound": f"{np.mean(ratio):.5f}",
-        "rungs": " ".join(str(count) for _, count in by.most_common()),
-    }
+    return {**quality(plans), "rungs": " ".join(str(count) for _, count in by.most_common())}
 
 
 if __name__ == "__main__":

@@ -29,14 +29,12 @@ def certified(
 
     Args:
         planner: its name.
-        scenarios: what was asked.
+        scenarios: what was asked, at least one.
         controls: of all their craft, one after the other, m/s².
         seconds: that it took to make them all.
         at_nodes: judge by separation at the nodes only, the paper's criterion.
         passive_safety: judge by it after a loss of thrust too, for so many orbits, or None.
     """
-    if not scenarios:
-        return []
     batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
     own = own_optima(batch.initial, batch.goal, batch.problem)
     made = [Made(controls[craft], *own.bound(craft), timing=timing) for craft in batch.craft]

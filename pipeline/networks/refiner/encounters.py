@@ -107,7 +107,15 @@ def look_again(
     within: Float[Tensor, "k"],
     moved: Bool[Tensor, "N"],
 ) -> Look:
-    """The same where craft have moved; who has not is as near to each other as before."""
+    """The same where craft have moved; two of which neither has are as near as before.
+
+    Args:
+        before: what was found then.
+        met: pairs and intervals.
+        states: of all craft.
+        within: distance beyond which an encounter may go unseen, as infinitely far away, r_col.
+        moved: which craft have moved.
+    """
     share, distance, turns = (
         part.to("cpu", copy=True) for part in (before.share, before.distance, before.turns)
     )

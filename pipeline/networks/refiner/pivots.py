@@ -184,19 +184,8 @@ def pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
     if leaving < 0:
         return False
     sign, line = side[leaving], body[leaving]
-    least = np.inf
-    for k in range(len(other)):
-        ratio[k] = price_of_entering(sign * line[k], cost[k], other[k], m, dearest)
-        least = min(least, ratio[k])
-    steepest = 0.0
-    for k in range(len(other)):
-        if ratio[k] <= least + TIE:
-            steepest = max(steepest, abs(line[k]))
-    entering, step = -1, np.inf
-    for k in range(len(other)):
-        tied = ratio[k] <= least + TIE and abs(line[k]) >= STEEP * steepest
-        if tied and (entering < 0 or other[k] < other[entering]):
-            entering, step = k, ratio[k]
+    entering = comes_in(sign, line, cost, other, m, dearest, ratio)
+    step = ratio[entering]
     low, high = slopes(basic[leaving], m, dearest)
     over = high - low <= step
     step = min(step, high - low)
@@ -209,6 +198,34 @@ def pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
         side[leaving] = -1.0 if sign * line[entering] > 0 else 1.0
         cost[entering] = high - step if sign > 0 else low + step
     return True
+
+
+@no_type_check
+@njit(cache=True)
+def comes_in(sign, line, cost, other, m, dearest, ratio):
+    """Which of the other variables takes the place of one that leaves: the first of the cheapest.
+
+    Args:
+        sign: the side that the leaving variable is taken to be on.
+        line: its row of the tableau.
+        cost: duals of the others.
+        other: which these are.
+        m: number of controls.
+        dearest: cost of what is missing at a plane.
+        ratio: result: the price of that row at which each would come in.
+    """
+    least, steepest, found = np.inf, 0.0, -1
+    for k in range(len(other)):
+        ratio[k] = price_of_entering(sign * line[k], cost[k], other[k], m, dearest)
+        least = min(least, ratio[k])
+    for k in range(len(other)):
+        if ratio[k] <= least + TIE:
+            steepest = max(steepest, abs(line[k]))
+    for k in range(len(other)):
+        tied = ratio[k] <= least + TIE and abs(line[k]) >= STEEP * steepest
+        if tied and (found < 0 or other[k] < other[found]):
+            found = k
+    return found
 
 
 @no_type_check
