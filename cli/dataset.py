@@ -19,8 +19,8 @@ from pipeline.errors import InputError
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
-    from pipeline.dataset.stages.workers import Workers
     from pipeline.expert import Settings
+    from pipeline.jobs.workers import Workers
 
 
 Jobs = Annotated[int, typer.Option(help="Processes; -1 for all cores.")]
@@ -73,8 +73,8 @@ def sample(
 
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
     """
+    from pipeline.dataset.format.samples import Sample
     from pipeline.dataset.stages.sample import sample as run
-    from pipeline.dataset.storage.samples import Sample
 
     problem = problem_at(altitude, time_step, nodes, collision_radius, max_acceleration)
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
@@ -171,7 +171,7 @@ def verify(
     """
     from pipeline.dataset.stages.verify import repair
     from pipeline.dataset.stages.verify import verify as run
-    from pipeline.dataset.stages.workers import Workers
+    from pipeline.jobs.workers import Workers
 
     workers = Workers(jobs)
     with beside(as_json), progress("mending" if mend else "verifying") as shown:
@@ -206,7 +206,7 @@ def _refuse_options(context: typer.Context) -> None:
 
 def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
-    from pipeline.dataset.stages.workers import Workers
+    from pipeline.jobs.workers import Workers
 
     if backend == "loky":
         return Workers(jobs)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from pipeline.errors import InputError
 
@@ -67,3 +68,17 @@ def refuse_other_versions(what: str, was: Mapping[str, str], now: Mapping[str, s
             f"{what} with {change}; expected the same versions, since results of different ones "
             "do not go into one folder: go back to them, give another folder, or remove this one."
         )
+
+
+def refuse_change(what: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Refuse to go on with other settings than a folder was begun with.
+
+    Raises:
+        InputError: naming the first setting that differs, what it was and what it is now.
+    """
+    for name in sorted({*was, *now}):
+        if was.get(name) != now.get(name):
+            raise InputError(
+                f"{what} was begun with {name} = {was.get(name)}, now it is {now.get(name)}; "
+                "expected the same settings: give the old one or another folder."
+            )

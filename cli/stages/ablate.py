@@ -7,7 +7,6 @@ import pandas as pd
 
 from cli.stages.entrants import Network, newest_on
 from cli.stages.experiment import HeldOut, held_out, listed
-from pipeline.dataset.storage.folder import Where
 from pipeline.errors import InputError
 from pipeline.experiments.ablations.run import run_ablations
 from pipeline.experiments.answer import FREE
@@ -19,6 +18,7 @@ from pipeline.planners.network import Flown
 from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
+from pipeline.storage.folder import Where
 from registry.results import Done
 from registry.store import ABLATIONS
 from registry.version import ModelVersion

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from pipeline.dataset.format.schema import scenarios_of
 from pipeline.dataset.reading.read import solved_rows
-from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.experiments.compare import compare
 from pipeline.experiments.trials import Entrant, run_trials
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.planners.network import Flown
+from pipeline.storage.folder import Where
 from registry.models import champion_of, crown, load, resolve
 from registry.version import ModelVersion
 

@@ -4,8 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.dataset.format.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import Entrant
 from pipeline.expert import Settings
@@ -14,6 +13,7 @@ from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.network import Flown, check_problem
+from pipeline.storage.folder import Where
 from registry.models import load, newest_trainings, resolve
 from registry.version import ModelVersion
 

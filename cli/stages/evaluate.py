@@ -8,12 +8,12 @@ import pandas as pd
 from cli.stages.entrants import unlearned
 from cli.stages.experiment import held_out, listed
 from cli.stages.model_results import add_to_model
-from pipeline.dataset.storage.folder import Where
 from pipeline.errors import InputError
 from pipeline.experiments.examples.run import example_transfer, write_example
 from pipeline.experiments.paper import NETWORK_SIZE
 from pipeline.experiments.trials import run_trials
 from pipeline.progress import SILENT, Progress
+from pipeline.storage.folder import Where
 from registry.results import Done
 from registry.store import EVALUATION
 

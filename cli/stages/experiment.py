@@ -9,13 +9,13 @@ from typing import Any
 import pandas as pd
 
 from cli.stages.entrants import Choice, Network, networks, planners_on
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.schema import scenarios_of
 from pipeline.dataset.reading.read import solved_rows
-from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.progress import Progress
 from pipeline.scenario import Scenario
+from pipeline.storage.folder import Where
 from pipeline.urls import public_url
 from registry.results import Done, earlier_run, record
 

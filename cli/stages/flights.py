@@ -8,11 +8,10 @@ import pandas as pd
 
 from cli.stages.entrants import Network, planners_on
 from cli.stages.experiment import held_out, listed
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import Where
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.experiment5.run import run_flights
 from pipeline.experiments.trials import Entrant
+from pipeline.jobs.workers import Workers
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.planners.baselines import BASELINES
@@ -20,6 +19,7 @@ from pipeline.planners.expert import Expert
 from pipeline.planners.ladder import Ladder
 from pipeline.planners.network import Flown
 from pipeline.progress import SILENT, Progress
+from pipeline.storage.folder import Where
 from registry.results import Done
 from registry.store import FLIGHTS
 from registry.version import ModelVersion

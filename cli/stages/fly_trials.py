@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.dataset.stages.workers import Workers
 from pipeline.errors import InputError
 from pipeline.exhibits.style import save
 from pipeline.files import published
@@ -17,6 +16,7 @@ from pipeline.flight.margin import default_margin, with_margin
 from pipeline.flight.montecarlo import Loop, MonteCarlo, fly_all, portion_of
 from pipeline.flight.summary import Summary, summarize
 from pipeline.flight.world import World
+from pipeline.jobs.workers import Workers
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress

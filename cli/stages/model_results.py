@@ -6,7 +6,6 @@ from tempfile import TemporaryDirectory
 import pandas as pd
 
 from cli.stages.entrants import Network
-from pipeline.dataset.storage.folder import Where
 from pipeline.exhibits.style import save, styles
 from pipeline.experiments import summary as averages
 from pipeline.experiments.examples.figure import figure_transfer
@@ -16,6 +15,7 @@ from pipeline.experiments.summary import sizes_of_paper, summarize
 from pipeline.experiments.trials import PREDICTED, Entrant
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
+from pipeline.storage.folder import Where
 from registry.results import add_model_results
 
 COMPARED = {

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cli.stages.champion import Challenge, challenge, flown_metrics, validation_trials
+from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.stream import MEMORY
-from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
+from pipeline.storage.folder import Where
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
 from pipeline.training.validation import POSITION_RMSE, position_rmse

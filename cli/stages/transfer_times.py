@@ -9,7 +9,6 @@ import pandas as pd
 
 from cli.stages.entrants import unlearned
 from cli.stages.experiment import held_out, listed
-from pipeline.dataset.storage.folder import Where
 from pipeline.errors import InputError
 from pipeline.experiments.experiment4.run import (
     NODES,
@@ -20,6 +19,7 @@ from pipeline.experiments.experiment4.run import (
 from pipeline.experiments.trials import Entrant
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
+from pipeline.storage.folder import Where
 from registry.results import Done
 from registry.store import TRANSFER_TIMES
 

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import mlflow
 from mlflow.exceptions import MlflowException
 
+from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.examples import ExampleSource
-from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
+from pipeline.storage.folder import Where
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
 from pipeline.training.study import complete, open_study, suggested

@@ -6,11 +6,11 @@ from pathlib import Path
 import pandas as pd
 
 from cli.stages.experiment import held_out, listed
-from pipeline.dataset.storage.folder import Where
 from pipeline.errors import InputError
 from pipeline.experiments.experiment3.rows import EXPERT, OPTIMIZERS
 from pipeline.experiments.experiment3.run import run_warmstarts
 from pipeline.progress import SILENT, Progress
+from pipeline.storage.folder import Where
 from registry.results import Done
 from registry.store import WARMSTART
 

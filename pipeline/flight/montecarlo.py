@@ -22,23 +22,23 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.dataset.stages.begun import check_worker, refuse_change
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.lock import sole_writer
-from pipeline.dataset.storage.schema import METADATA_KEY, has_metadata
-from pipeline.dataset.storage.shards import decode, digest_of, encode, read_shard
+from pipeline.dataset.format.schema import METADATA_KEY, has_metadata
 from pipeline.errors import InputError
 from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import Errors, draws
 from pipeline.flight.trials import Flown, OpenLoop, fly_trials
 from pipeline.flight.world import World
+from pipeline.jobs.worker import check_worker
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.approaches import MOST_PAIRS
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import DecidedBy, made_with, refuse_other_versions
+from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.lock import sole_writer
+from pipeline.storage.shards import decode, digest_of, encode, read_shard
 
 SCHEMA = "prolearn.flight/1"
 

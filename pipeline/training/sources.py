@@ -6,14 +6,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.examples import Examples, ExampleSource
 from pipeline.dataset.reading.stream import MEMORY, examples_within
-from pipeline.dataset.storage.folder import Where
-from pipeline.dataset.storage.manifest import read_manifest
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import draw
+from pipeline.storage.folder import Where
 
 
 @dataclass(frozen=True)

@@ -116,8 +116,8 @@ def test_a_folder_that_cannot_be_written_to_is_status_1(tmp_path):
 @pytest.fixture
 def long_work(tmp_path):
     """A folder with a few seconds of work, in small shards."""
+    from pipeline.dataset.format.samples import Sample
     from pipeline.dataset.stages.sample import sample
-    from pipeline.dataset.storage.samples import Sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "long"
@@ -161,7 +161,7 @@ def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(long_work, to_all, jobs
     assert complaints.splitlines()[-1] == "prolearn: interrupted; what was finished is kept."
     assert "Traceback" not in complaints
     from pipeline.dataset.stages.verify import verify
-    from pipeline.dataset.stages.workers import Workers
+    from pipeline.jobs.workers import Workers
 
     faults = list(verify(long_work, workers=Workers(jobs=1)))
     kinds = {fault.what.split(";")[0] for fault in faults}

@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 from cli.main import app
 from cli.progress import each, progress
 from cli.stages.entrants import unlearned
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.reading.examples import Examples
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem

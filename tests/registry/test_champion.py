@@ -9,7 +9,7 @@ import torch
 
 from cli.stages.champion import challenge, flown_metrics, promote, validation_trials
 from cli.stages.train import TrainingSettings, train_model
-from pipeline.dataset.storage.manifest import read_manifest
+from pipeline.dataset.format.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding

@@ -18,15 +18,15 @@ from pipeline.dataset.card.origin import (
     ranges,
 )
 from pipeline.dataset.card.splits import files_by_split
+from pipeline.dataset.format.columns import COLUMNS
+from pipeline.dataset.format.layout import CARD
+from pipeline.dataset.format.manifest import Manifest
 from pipeline.dataset.stages.presets import PRESETS
-from pipeline.dataset.storage.columns import COLUMNS
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.layout import CARD
-from pipeline.dataset.storage.manifest import Manifest
 from pipeline.errors import InputError
 from pipeline.plan import SOLVED
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
+from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.templates import TEMPLATES
 
 LICENCE = "mit"

@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from pipeline.dataset.storage.folder import Folder
-from pipeline.dataset.storage.manifest import Manifest, Shard, read_manifest
-from pipeline.dataset.storage.shards import decode, digest_of
+from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest
 from pipeline.errors import InputError
 from pipeline.plan import SOLVED
 from pipeline.progress import Progress
+from pipeline.storage.folder import Folder
+from pipeline.storage.shards import decode, digest_of
 
 TOLD = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
 """Columns that the card has numbers of."""

@@ -9,7 +9,7 @@ import yaml
 
 from pipeline.dataset.card.contents import Contents, File
 from pipeline.dataset.card.splits import files_by_split
-from pipeline.dataset.storage.schema import SOLVED_FIELDS
+from pipeline.dataset.format.schema import SOLVED_FIELDS
 
 DEFAULT = "default"
 """The configuration that is loaded where none is named: all swarm sizes."""

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
+from pipeline.dataset.format.manifest import Manifest
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.presets import PRESETS
-from pipeline.dataset.storage.manifest import Manifest
-from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, R_EARTH, mean_motion_at

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.schema import problem_of, stacked
 from pipeline.dataset.reading.examples import Examples
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.schema import problem_of, stacked
-from pipeline.dataset.storage.shards import read_shard
 from pipeline.errors import InputError
 from pipeline.plan import SOLVED
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.shards import read_shard
 from pipeline.urls import public_url
 
 LEARNED = ("initial", "goal", "states")

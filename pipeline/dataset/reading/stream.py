@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import pyarrow.compute as pc
 
+from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.examples import Examples, ExampleSource
 from pipeline.dataset.reading.read import LEARNED, examples, examples_of, no_examples, shards_of
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.shards import read_shard
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.shards import read_shard
 
 MEMORY = 2e9
 """Bytes that training may take for its data by default."""

@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.dataset.storage.schema import stacked
+from pipeline.dataset.format.schema import stacked
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem

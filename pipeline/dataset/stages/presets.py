@@ -1,6 +1,6 @@
 """The datasets that the experiments need, by name."""
 
-from pipeline.dataset.storage.samples import Sample
+from pipeline.dataset.format.samples import Sample
 
 ONLY_TEST = (0.0, 0.0, 1.0)
 EVALUATED = range(2, 31)

@@ -4,20 +4,22 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, replace
 
-from pipeline.dataset.stages.begun import SAMPLED_BY, check_worker, refuse_change
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.layout import MANIFEST, OURS
-from pipeline.dataset.storage.ledger import Ledger, written
-from pipeline.dataset.storage.manifest import MadeWith, Manifest, Shard, read_manifest
-from pipeline.dataset.storage.samples import Sample
-from pipeline.dataset.storage.schema import scenario_table
-from pipeline.dataset.storage.shards import digest_of, encode
+from pipeline.dataset.format.layout import OURS
+from pipeline.dataset.format.manifest import MadeWith, Manifest, Shard, read_manifest, under_way
+from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.format.schema import scenario_table
+from pipeline.dataset.stages.begun import SAMPLED_BY
 from pipeline.errors import InputError
+from pipeline.jobs.worker import check_worker
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import made_with, refuse_other_versions
+from pipeline.provenance import made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import draw
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.layout import MANIFEST
+from pipeline.storage.ledger import Ledger
+from pipeline.storage.shards import digest_of, encode
 
 
 def sample(
@@ -45,18 +47,18 @@ def sample(
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     _refuse_foreign(folder)
-    with written(folder, lambda: _begun(folder, samples, problem)) as ledger:
+    with under_way(folder, lambda: _begun(folder, samples, problem)) as ledger:
         draw_scenarios(ledger, lost_scenarios(ledger), workers, progress)
     return ledger.manifest
 
 
-def lost_scenarios(ledger: Ledger) -> list[Shard]:
+def lost_scenarios(ledger: Ledger[Manifest]) -> list[Shard]:
     """Shards whose scenarios are not there or not sound."""
     return [one for one in ledger.manifest.expected() if not ledger.is_sound(one.scenarios)]
 
 
 def draw_scenarios(
-    ledger: Ledger, shards: list[Shard], workers: Workers, progress: Progress
+    ledger: Ledger[Manifest], shards: list[Shard], workers: Workers, progress: Progress
 ) -> None:
     """Draw scenario shards; the plans of one that comes out otherwise count no longer."""
     progress.expect(sum(len(shard.rows) for shard in shards))

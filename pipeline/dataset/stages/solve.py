@@ -6,13 +6,8 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pipeline.dataset.stages.begun import check_worker, refuse_change, refuse_versions, solved_by
-from pipeline.dataset.stages.sample import draw_scenarios, lost_scenarios
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.ledger import Ledger, written
-from pipeline.dataset.storage.manifest import Manifest, Shard, read_manifest
-from pipeline.dataset.storage.schema import (
+from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest, under_way
+from pipeline.dataset.format.schema import (
     Outcome,
     has_metadata,
     same_scenarios,
@@ -20,13 +15,19 @@ from pipeline.dataset.storage.schema import (
     solved_table,
     timing_table,
 )
-from pipeline.dataset.storage.shards import decode, encode
+from pipeline.dataset.stages.begun import refuse_versions, solved_by
+from pipeline.dataset.stages.sample import draw_scenarios, lost_scenarios
 from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
+from pipeline.jobs.worker import check_worker
+from pipeline.jobs.workers import Workers
 from pipeline.plan import SOLVED, UNSOLVED, Plan
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import made_with
+from pipeline.provenance import made_with, refuse_change
 from pipeline.scenario import Scenario
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.ledger import Ledger
+from pipeline.storage.shards import decode, encode
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,12 @@ def solve(
     """
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
-    with written(folder, lambda: _begun(folder, settings)) as ledger:
+    with under_way(folder, lambda: _begun(folder, settings)) as ledger:
         complete(ledger, workers, progress)
     return ledger.manifest
 
 
-def complete(ledger: Ledger, workers: Workers, progress: Progress) -> None:
+def complete(ledger: Ledger[Manifest], workers: Workers, progress: Progress) -> None:
     """Draw and solve whatever is missing or damaged in a folder that is held for writing."""
     folder, lost = ledger.folder, lost_scenarios(ledger)
     if lost:
@@ -92,7 +93,7 @@ def _begun(folder: Folder, settings: Settings) -> Manifest:
     return replace(manifest, solve=now, made_with=replace(manifest.made_with, solve=versions))
 
 
-def _is_done(ledger: Ledger, shard: Shard) -> bool:
+def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
     """Whether plans are there and sound; whole ones of a run that was killed are adopted."""
     name, folder = shard.solved, ledger.folder
     if ledger.is_sound(name):

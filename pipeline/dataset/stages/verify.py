@@ -5,19 +5,20 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
+from pipeline.dataset.format.layout import BOOKS
+from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest, under_way
+from pipeline.dataset.format.schema import SCENARIO_FIELDS, SOLVED_FIELDS, has_metadata
 from pipeline.dataset.stages.begun import refuse_versions
 from pipeline.dataset.stages.physics import row_faults
 from pipeline.dataset.stages.sample import draw_scenarios, lost_scenarios
 from pipeline.dataset.stages.solve import complete
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.layout import BOOKS, FOREIGN, TIMINGS
-from pipeline.dataset.storage.ledger import Ledger, written
-from pipeline.dataset.storage.manifest import Manifest, Shard, read_manifest
-from pipeline.dataset.storage.schema import SCENARIO_FIELDS, SOLVED_FIELDS, has_metadata
-from pipeline.dataset.storage.shards import decode, digest_of
 from pipeline.errors import InputError
+from pipeline.jobs.workers import Workers
 from pipeline.progress import SILENT, Progress
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.layout import FOREIGN, TIMINGS
+from pipeline.storage.ledger import Ledger
+from pipeline.storage.shards import decode, digest_of
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def repair(
     """
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
-    with written(folder, lambda: _begun(folder)) as ledger:
+    with under_way(folder, lambda: _begun(folder)) as ledger:
         faults = list(verify(folder, workers=workers, progress=progress))
         for fault in faults:
             if fault.foreign:
@@ -117,7 +118,7 @@ def _begun(folder: Folder) -> Manifest:
     return manifest
 
 
-def _discard(ledger: Ledger, names: set[str]) -> None:
+def _discard(ledger: Ledger[Manifest], names: set[str]) -> None:
     """Remove damaged files; timings come from solving, so with them goes the solved shard."""
     made = {name.removeprefix(TIMINGS) for name in names}
     for name in names | made:

@@ -8,7 +8,6 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from pipeline.dataset.stages.workers import Workers
 from pipeline.errors import InputError
 from pipeline.exhibits.planners import BASELINES
 from pipeline.experiments.experiment5.rows import (
@@ -32,6 +31,7 @@ from pipeline.flight.margin import default_margin, with_margin
 from pipeline.flight.montecarlo import Loop
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld, World
+from pipeline.jobs.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 
 SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}

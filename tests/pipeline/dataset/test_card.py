@@ -19,15 +19,15 @@ from pipeline.dataset.card.card import write_card
 from pipeline.dataset.card.contents import File
 from pipeline.dataset.card.origin import altitude_of, commands, preset_of, ranges
 from pipeline.dataset.card.splits import HUB_NAMES, files_by_split
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.presets import PRESETS
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import repair, verify
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.samples import Sample
 from pipeline.errors import InputError
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
 

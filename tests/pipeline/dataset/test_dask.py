@@ -8,11 +8,11 @@ import time
 
 import pytest
 
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.samples import Sample
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.progress import Progress
 

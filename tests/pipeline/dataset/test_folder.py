@@ -12,19 +12,19 @@ import pyarrow.dataset as pads
 import pytest
 from rights import read_only, room_until_told
 
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.reading.read import examples
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import repair, verify
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import open_folder
-from pipeline.dataset.storage.lock import sole_writer
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.samples import Sample
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.progress import Progress
+from pipeline.storage.folder import open_folder
+from pipeline.storage.lock import sole_writer
 
 ONE = Workers(jobs=1)
 SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
@@ -142,7 +142,7 @@ class Filling(Progress):
 
 def test_a_full_disk_gives_a_sentence_and_leaves_what_was_there(tmp_path, monkeypatch):
     # Both shards are in the manifest when the disk is full, however fast they were solved.
-    monkeypatch.setattr("pipeline.dataset.storage.ledger.COMMIT_SHARE", float("inf"))
+    monkeypatch.setattr("pipeline.storage.ledger.COMMIT_SHARE", float("inf"))
     folder = tmp_path / "data"
     sample(folder, {8: Sample(count=40, shard_rows=10)}, Problem(), jobs=1)
     with room_until_told() as fill:
@@ -175,8 +175,8 @@ def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, sol
 
 HOLD = """
 import sys, time
-from pipeline.dataset.storage.folder import open_folder
-from pipeline.dataset.storage.lock import sole_writer
+from pipeline.storage.folder import open_folder
+from pipeline.storage.lock import sole_writer
 with sole_writer(open_folder(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

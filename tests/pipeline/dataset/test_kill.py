@@ -18,10 +18,10 @@ from processes import workers_of
 SCRIPT = """
 import json, os, signal, sys
 from pathlib import Path
-from pipeline.dataset.storage.samples import Sample
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.workers import Workers
+from pipeline.jobs.workers import Workers
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 
@@ -101,7 +101,7 @@ SOLVE = textwrap.dedent("""
     import sys
     from pipeline.dataset.stages.solve import solve
     from pipeline.progress import Progress
-    from pipeline.dataset.stages.workers import Workers
+    from pipeline.jobs.workers import Workers
     from pipeline.expert import Settings
 
     class Loud(Progress):
@@ -115,8 +115,8 @@ SOLVE = textwrap.dedent("""
 @pytest.fixture
 def busy(tmp_path):
     """A folder with some work for two processes."""
+    from pipeline.dataset.format.samples import Sample
     from pipeline.dataset.stages.sample import sample
-    from pipeline.dataset.storage.samples import Sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"
@@ -140,8 +140,8 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
     import shutil
 
     from pipeline.dataset.stages.solve import solve
-    from pipeline.dataset.stages.workers import Workers
     from pipeline.expert import Settings
+    from pipeline.jobs.workers import Workers
 
     alone = Path(shutil.copytree(busy, tmp_path / "alone"))
     solve(alone, Settings(), workers=Workers(jobs=1))

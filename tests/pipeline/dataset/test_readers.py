@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.format.schema import SOLVED_FIELDS
 from pipeline.dataset.reading.read import solved_rows
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.samples import Sample
-from pipeline.dataset.storage.schema import SOLVED_FIELDS
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 
 ROOT = Path(__file__).parents[3]

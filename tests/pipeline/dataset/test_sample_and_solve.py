@@ -10,22 +10,22 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.format.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.dataset.reading.read import examples, solved_rows
 from pipeline.dataset.stages import solve as stage
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import verify
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.folder import Folder
-from pipeline.dataset.storage.layout import MANIFEST
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.samples import Sample
-from pipeline.dataset.storage.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings, solve_many
 from pipeline.expert import solve as solve_scenario
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
+from pipeline.storage.folder import Folder
+from pipeline.storage.layout import MANIFEST
 
 ONE = Workers(jobs=1)
 
@@ -263,8 +263,8 @@ from pathlib import Path
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import verify
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.samples import Sample
+from pipeline.jobs.workers import Workers
+from pipeline.dataset.format.samples import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 
@@ -320,7 +320,7 @@ def test_workers_that_cannot_be_are_refused():
 
 
 def test_a_scheduler_that_does_not_answer_is_named(solved, monkeypatch):
-    monkeypatch.setattr("pipeline.dataset.stages.workers.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("pipeline.jobs.workers.CONNECT_SECONDS", 0.5)
     (solved / "n=3/part-00001.parquet").unlink()
     far = Workers(scheduler="tcp://127.0.0.1:1")
     with pytest.raises(ProlearnError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"):

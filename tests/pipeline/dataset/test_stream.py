@@ -12,18 +12,18 @@ import pyarrow as pa
 import pytest
 import torch
 
+from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.format.schema import SOLVED_FIELDS, metadata
 from pipeline.dataset.reading.read import examples
 from pipeline.dataset.reading.stream import COPIES, ExampleStream, bytes_of_one, examples_within
-from pipeline.dataset.storage.layout import MANIFEST
-from pipeline.dataset.storage.samples import Sample
-from pipeline.dataset.storage.schema import SOLVED_FIELDS, metadata
-from pipeline.dataset.storage.shards import digest_of, encode
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.storage.layout import MANIFEST
+from pipeline.storage.shards import digest_of, encode
 from pipeline.training.data import Preparation, batches
 from pipeline.training.loop import train
 

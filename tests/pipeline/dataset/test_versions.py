@@ -6,20 +6,21 @@ import shutil
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.dataset.stages.begun import check_worker, solved_by
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.format.schema import METADATA_KEY
+from pipeline.dataset.stages.begun import solved_by
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
 from pipeline.dataset.stages.verify import repair
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.layout import MANIFEST
-from pipeline.dataset.storage.manifest import read_manifest
-from pipeline.dataset.storage.samples import Sample
-from pipeline.dataset.storage.schema import METADATA_KEY
-from pipeline.dataset.storage.shards import encode
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
+from pipeline.jobs.worker import check_worker
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.provenance import code_digest, made_with
+from pipeline.storage.layout import MANIFEST
+from pipeline.storage.shards import encode
 
 ONE = Workers(jobs=1)
 SAMPLES = {2: Sample(count=7, shard_rows=3)}

@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 from judged import judged
 
-from pipeline.dataset.stages.workers import Workers
 from pipeline.errors import InputError
 from pipeline.experiments.experiment5.rows import (
     LINEAR,
@@ -20,6 +19,7 @@ from pipeline.experiments.experiment5.rows import (
 )
 from pipeline.experiments.experiment5.run import run_flights, worlds_of
 from pipeline.experiments.trials import Entrant
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, radius_at
 from pipeline.planners.baselines import BASELINES

@@ -12,13 +12,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.dataset.stages.workers import Workers
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.errors import COLD_GAS, draws
 from pipeline.flight.montecarlo import Loop, MonteCarlo, fly_all
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld
+from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.planners.expert import Expert
 from pipeline.scenario import draw

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.reading.examples import Examples
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.workers import Workers
-from pipeline.dataset.storage.samples import Sample
 from pipeline.errors import InputError
 from pipeline.expert import Settings
+from pipeline.jobs.workers import Workers
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.networks.model import load, save

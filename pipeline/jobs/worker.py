@@ -4,12 +4,13 @@ import functools
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import ProlearnError
+from pipeline.provenance import DecidedBy, made_with, version_change
 
 PARENT_SECONDS = 1.0
 """How often a worker looks whether its parent is still there."""
@@ -58,3 +59,17 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(PARENT_SECONDS)
     os._exit(1)
+
+
+def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
+    """Refuse to work on a shard with other versions than the process that asked for it has.
+
+    Raises:
+        ProlearnError: naming the first version that differs.
+    """
+    change = version_change(expected, made_with(*decided_by))
+    if change:
+        raise ProlearnError(
+            f"the dataset is made with {change} on a worker; expected the same versions on all "
+            "machines: install them there and run the same command again."
+        )

@@ -15,11 +15,10 @@ Readers of Parquet folders pass over names that begin with an underscore.
 
 import re
 
-MANIFEST, STAMPS = "_manifest.json", "_stamps.json"
-LOCK, WRITER = "_lock", "_writer"
-FOREIGN = "_foreign/"
+from pipeline.storage.layout import FOREIGN, LOCK, MANIFEST, STAMPS, TIMINGS, WRITER
+
 CARD = "README.md"
-SCENARIOS, TIMINGS = "_scenarios/", "_timings/"
+SCENARIOS = "_scenarios/"
 
 BOOKS = re.compile(rf"{MANIFEST}|{STAMPS}|{LOCK}|{WRITER}|{FOREIGN}.*|{re.escape(CARD)}|\..*")
 """Names of files that a dataset may hold beside its shards."""

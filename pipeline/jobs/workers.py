@@ -17,8 +17,8 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
-from pipeline.dataset.stages.worker import loaded, work
 from pipeline.errors import InputError, ProlearnError
+from pipeline.jobs.worker import loaded, work
 from pipeline.progress import SILENT, Progress
 from pipeline.urls import public, public_url
 

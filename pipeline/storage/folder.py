@@ -9,9 +9,9 @@ from typing import Any
 
 from pyarrow import fs
 
-from pipeline.dataset.storage.filesystem import filesystem_of, path_of, reason
 from pipeline.errors import ProlearnError
 from pipeline.files import UNFINISHED, published
+from pipeline.storage.filesystem import filesystem_of, path_of, reason
 from pipeline.urls import public_url
 
 Where = str | Path

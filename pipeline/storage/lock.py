@@ -9,10 +9,10 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from pipeline.dataset.storage.folder import Folder
-from pipeline.dataset.storage.layout import LOCK, WRITER
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import UNFINISHED
+from pipeline.storage.folder import Folder
+from pipeline.storage.layout import LOCK, WRITER
 
 
 @contextmanager

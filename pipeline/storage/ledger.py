@@ -1,17 +1,17 @@
-"""A dataset under way: shards are published, and the manifest commits to them."""
+"""A folder of shards under way: shards are published, and the manifest commits to them."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from time import monotonic
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
 
-from pipeline.dataset.storage.folder import Folder
-from pipeline.dataset.storage.layout import STAMPS
-from pipeline.dataset.storage.lock import sole_writer
-from pipeline.dataset.storage.manifest import Manifest, write_manifest
-from pipeline.dataset.storage.shards import digest_of
 from pipeline.errors import ProlearnError
+from pipeline.storage.folder import Folder
+from pipeline.storage.layout import STAMPS
+from pipeline.storage.lock import sole_writer
+from pipeline.storage.shards import digest_of
 
 COMMIT_SHARE = 0.1
 """Most of the time that may go into commits; small manifests are committed after each shard."""
@@ -20,13 +20,35 @@ Stamps = dict[str, list[int | str]]
 """By shard, its size, last change and digest when it was last known to be sound."""
 
 
-class Ledger:
-    """The manifest that a stage brings up to date, and the folder that it describes."""
+@runtime_checkable
+class Manifest(Protocol):
+    """A frozen dataclass that names the shards of a folder."""
 
-    def __init__(self, folder: Folder, manifest: Manifest) -> None:
-        self.folder, self.manifest = folder, manifest
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def shards(self) -> Mapping[str, str]:
+        """SHA-256 digest of each finished shard, by path inside the folder."""
+        ...
+
+
+Kind = TypeVar("Kind", bound=Manifest)
+
+
+class Ledger(Generic[Kind]):
+    """The manifest that a stage brings up to date, and the folder that it describes.
+
+    Attributes:
+        folder: where the shards are.
+        manifest: what is known of them by now.
+    """
+
+    def __init__(
+        self, folder: Folder, manifest: Kind, write: Callable[[Folder, Kind], None]
+    ) -> None:
+        self.folder, self.manifest, self._write = folder, manifest, write
         self._stamps = _read_stamps(folder)
-        self._committed: tuple[Manifest | None, Stamps] = None, dict(self._stamps)
+        self._committed: tuple[Kind | None, Stamps] = None, dict(self._stamps)
         self._not_before = -float("inf")
 
     def is_sound(self, name: str) -> bool:
@@ -73,7 +95,7 @@ class Ledger:
         started = monotonic()
         manifest, stamps = self._committed
         if self.manifest != manifest:
-            write_manifest(self.folder, self.manifest)
+            self._write(self.folder, self.manifest)
         if self._stamps != stamps:
             self.folder.publish(STAMPS, (json.dumps(self._stamps, indent=1) + "\n").encode())
         self._committed = self.manifest, dict(self._stamps)
@@ -82,15 +104,18 @@ class Ledger:
 
 
 @contextmanager
-def written(folder: Folder, begun: Callable[[], Manifest]) -> Iterator[Ledger]:
+def written(
+    folder: Folder, begun: Callable[[], Kind], write: Callable[[Folder, Kind], None]
+) -> Iterator[Ledger[Kind]]:
     """The ledger of a folder that is held for writing, committed unless the process is killed.
 
     Args:
-        folder: a dataset, or where it shall be.
+        folder: of shards, or where it shall be.
         begun: its manifest, or the refusal to go on with it; asked once the folder is held.
+        write: writes the manifest.
     """
     with sole_writer(folder):
-        ledger = Ledger(folder, begun())
+        ledger = Ledger(folder, begun(), write)
         ledger.commit()
         try:
             yield ledger

@@ -7,8 +7,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.dataset.storage.folder import Folder
 from pipeline.errors import InputError
+from pipeline.storage.folder import Folder
 
 TEXT_COLUMNS = ("family", "split", "status")
 

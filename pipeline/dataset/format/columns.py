@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-from pipeline.dataset.storage.schema import SOLVED_FIELDS
+from pipeline.dataset.format.schema import SOLVED_FIELDS
 
 
 @dataclass(frozen=True)

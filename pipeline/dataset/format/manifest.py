@@ -2,19 +2,22 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, PlainValidator, TypeAdapter, ValidationError
 
-from pipeline.dataset.storage.folder import Folder, Where, open_folder
-from pipeline.dataset.storage.layout import MANIFEST, SCENARIOS, TIMINGS
-from pipeline.dataset.storage.samples import Sample
-from pipeline.dataset.storage.schema import SCHEMA, metadata
+from pipeline.dataset.format.layout import SCENARIOS
+from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.format.schema import SCHEMA, metadata
 from pipeline.documents import first_fault
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.layout import MANIFEST, TIMINGS
+from pipeline.storage.ledger import Ledger, written
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,13 @@ def write_manifest(folder: Folder, manifest: Manifest) -> None:
     for part in ("samples", "shards"):
         document[part] = dict(sorted(document[part].items()))
     folder.publish(MANIFEST, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def under_way(
+    folder: Folder, begun: Callable[[], Manifest]
+) -> AbstractContextManager[Ledger[Manifest]]:
+    """The ledger of a dataset that is held for writing; arguments as of ``written``."""
+    return written(folder, begun, write_manifest)
 
 
 def _fault(error: Exception) -> str:

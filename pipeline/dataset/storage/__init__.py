@@ -1,1 +1,0 @@
-"""Datasets at rest: Parquet shards in a folder or behind a URL, their manifest, and a lock."""
