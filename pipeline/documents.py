@@ -1,11 +1,13 @@
 """JSON documents: read by pydantic, every mistake answered in a sentence, and written whole."""
 
+import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, from_json
 
 from pipeline.errors import InputError
 from pipeline.files import write_text
@@ -17,6 +19,48 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 MOST_FAULTS = 8
 """Faults of a file that are told in full; of others, how many."""
+
+
+MOST_BYTES = 2**28
+"""Size of the largest JSON file that is read; a plan of a thousand craft takes some MB."""
+
+CHECKSUM = "checksum"
+"""Field with the checksum of all others, in documents that have one."""
+
+
+def parsed(content: bytes) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        ValueError: where it is none, too large, nested too deeply, or has an integer of thousands
+            of digits.
+    """
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"larger than {MOST_BYTES // 2**20} MiB")
+    return from_json(content)
+
+
+def with_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a document and the checksum of all of them."""
+    return {**fields, CHECKSUM: _checksum(fields)}
+
+
+def without_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a document whose checksum is right; earlier versions wrote none.
+
+    Raises:
+        ValueError: where it is wrong.
+    """
+    rest = {name: value for name, value in fields.items() if name != CHECKSUM}
+    if fields.get(CHECKSUM, _checksum(rest)) != _checksum(rest):
+        raise ValueError("its checksum is not that of its content")
+    return rest
+
+
+def _checksum(fields: Mapping[str, Any]) -> str:
+    """SHA-256 of fields as JSON, whatever their order and the white space between them."""
+    plain = from_json(json.dumps(fields))  # keys are text, as they are once they are read
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def read_document(path: Path, kind: type[Document], what: str) -> Document:
@@ -31,15 +75,18 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
     try:
-        return kind.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError) as error:
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+    except OSError as error:
         raise InputError(f"{path} cannot be read ({error}); expected {what}.") from error
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path} is not JSON: {error}; expected {what}.") from error
-    except ValidationError as error:
+    try:
+        return kind.model_validate(parsed(content))
+    except ValidationError as error:  # which is a ValueError
         raise InputError(f"{path}: {faults(error)}; expected {what}.") from error
     except InputError as error:  # of a value that refuses what it is made of
         raise InputError(f"{path}: {error}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not JSON: {error}; expected {what}.") from error
 
 
 def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:
