@@ -19,6 +19,9 @@ from pipeline.errors import InputError
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pipeline.dataset.stages.verify import Fault
     from pipeline.expert import Settings
     from pipeline.jobs.workers import Workers
 
@@ -154,14 +157,26 @@ def verify(
     folder: Folder,
     mend: Annotated[
         bool,
-        typer.Option("--repair", help="Do damaged shards again; move foreign files to _foreign/."),
+        typer.Option(
+            "--repair",
+            help="Do damaged shards again; foreign files go to _foreign/, damaged ones to "
+            "_damaged/.",
+        ),
+    ] = False,
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes", help="Set files aside, too, that hold sound rows of another dataset."
+        ),
     ] = False,
     jobs: Jobs = -1,
     as_json: AsJson = False,
 ) -> None:
     """Check the integrity of a dataset and the physics of every row.
 
-    Dynamics, ends, separation at all times and fuel are computed anew.
+    Dynamics, ends, separation at all times and fuel are computed anew. `--repair` deletes
+    nothing, and leaves files alone that hold sound rows, which the manifest does not expect:
+    then it may be the manifest that is wrong. Exit status 1: faults are left.
 
     Examples:
 
@@ -169,30 +184,48 @@ def verify(
         prolearn verify data/paper --repair
         prolearn verify data/paper --json
     """
-    from pipeline.dataset.stages.verify import repair
-    from pipeline.dataset.stages.verify import verify as run
+    from pipeline.dataset.stages.repair import repair
+    from pipeline.dataset.stages.verify import verify as check
     from pipeline.jobs.workers import Workers
 
+    if yes and not mend:
+        raise InputError("--yes is given without --repair; expected both, or neither.")
     workers = Workers(jobs)
     with beside(as_json), progress("mending" if mend else "verifying") as shown:
-        found = repair if mend else run
-        faults = list(found(folder, workers=workers, progress=shown))
+        if mend:
+            faults = repair(folder, yes=yes, workers=workers, progress=shown)
+        else:
+            faults = list(check(folder, workers=workers, progress=shown))
         rows = shown.count
+    left = [fault for fault in faults if not mend or (fault.sound and not yes)]
     if as_json:
         told = {"folder": public_url(folder), "repaired": mend, "faults": faults}
         print_json(told if mend else {**told, "rows": rows})
-        raise typer.Exit(int(bool(faults) and not mend))
+    else:
+        _tell(faults, left, public_url(folder), rows, mended=mend)
+    raise typer.Exit(int(bool(left)))
+
+
+def _tell(
+    faults: "Sequence[Fault]", left: "Sequence[Fault]", where: str, rows: int, *, mended: bool
+) -> None:
+    """Say every fault, and what came of them."""
     for fault in faults:
         typer.echo(f"{fault.path}: {fault.what}", err=True)
-    where = public_url(folder)
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
-    if faults and not mend:
-        typer.echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
-        raise typer.Exit(1)
-    if faults:
-        typer.echo(f"{where} is mended: {many}.")
-    else:
+    if not faults:
         typer.echo(f"{where} is sound: {rows} rows.")
+    elif not left:
+        typer.echo(f"{where} is mended: {many}.")
+    elif not mended:
+        typer.echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
+    else:
+        typer.echo(
+            f"{many} in {where}, of which {len(left)} are left: {left[0].path} holds sound rows, "
+            "which the manifest does not expect. Compare the manifest with what you meant to "
+            f"make; to set them aside all the same: prolearn verify {where} --repair --yes",
+            err=True,
+        )
 
 
 def _refuse_options(context: typer.Context) -> None:

@@ -2,12 +2,19 @@
 
 import contextlib
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from uuid import uuid4
 
-UNFINISHED = ".*.tmp"
-"""Pattern of the names of files that are not finished yet."""
+_UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
+"""Names of files that are not finished yet: that of the file, and one of its own."""
+
+
+def unfinished(path: Path) -> Path | None:
+    """The file that a temporary one is to become, or None where it is none of ours."""
+    found = _UNFINISHED.fullmatch(path.name)
+    return path.with_name(found[1]) if found else None
 
 
 @contextlib.contextmanager
@@ -18,7 +25,7 @@ def published(path: Path) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     # Named here and made in the block: a file made before it would outlive an interrupt between.
-    temporary = path.parent / UNFINISHED.replace("*", f"{path.name}.{uuid4().hex}")
+    temporary = path.parent / f".{path.name}.{uuid4().hex}.tmp"
     try:
         yield temporary
         temporary.chmod(0o644)

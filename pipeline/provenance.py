@@ -1,7 +1,7 @@
 """What results are made with: versions of packages, and of the code of ours that they hang on."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -76,9 +76,19 @@ def refuse_change(what: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> 
     Raises:
         InputError: naming the first setting that differs, what it was and what it is now.
     """
+    was, now = dict(_flat(was)), dict(_flat(now))
     for name in sorted({*was, *now}):
         if was.get(name) != now.get(name):
             raise InputError(
                 f"{what} was begun with {name} = {was.get(name)}, now it is {now.get(name)}; "
                 "expected the same settings: give the old one or another folder."
             )
+
+
+def _flat(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Settings by their names, those inside others as in ``planner.settings.stop``."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping) and value:
+            yield from _flat(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value

@@ -13,7 +13,8 @@ from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
 from pipeline.flight.figure import trials_figure
 from pipeline.flight.margin import default_margin, with_margin
-from pipeline.flight.montecarlo import Loop, MonteCarlo, fly_all, portion_of
+from pipeline.flight.montecarlo import fly_all
+from pipeline.flight.portions import Loop, MonteCarlo, portion_of
 from pipeline.flight.summary import Summary, summarize
 from pipeline.flight.world import World
 from pipeline.jobs.workers import Workers

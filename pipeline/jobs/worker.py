@@ -16,10 +16,11 @@ PARENT_SECONDS = 1.0
 """How often a worker looks whether its parent is still there."""
 
 Task = TypeVar("Task")
+Content = TypeVar("Content")
 Result = TypeVar("Result")
 
 
-def loaded(load: Callable[[Task], bytes], task: Task) -> bytes | ProlearnError:
+def loaded(load: Callable[[Task], Content], task: Task) -> Content | ProlearnError:
     """What a task needs; joblib asks for it in a thread where an error would go unnoticed."""
     try:
         return load(task)
@@ -28,10 +29,10 @@ def loaded(load: Callable[[Task], bytes], task: Task) -> bytes | ProlearnError:
 
 
 def work(
-    function: Callable[[Task, bytes], Result],
+    function: Callable[[Task, Content], Result],
     number: int,
     task: Task,
-    content: bytes | ProlearnError,
+    content: Content | ProlearnError,
     parent: int | None,
 ) -> tuple[int, Result | ProlearnError]:
     """In a worker: errors come back as values, since not all backends bring them safely."""

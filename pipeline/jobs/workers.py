@@ -29,6 +29,7 @@ CONNECT_SECONDS = 10
 """How long a scheduler may take to answer."""
 
 Task = TypeVar("Task")
+Content = TypeVar("Content")
 Result = TypeVar("Result")
 
 
@@ -52,9 +53,9 @@ class Workers:
 
     def work(
         self,
-        function: Callable[[Task, bytes], Result],
+        function: Callable[[Task, Content], Result],
         tasks: Sequence[Task],
-        load: Callable[[Task], bytes],
+        load: Callable[[Task], Content],
         progress: Progress = SILENT,
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
@@ -64,7 +65,7 @@ class Workers:
         Args:
             function: what to do, importable on every worker.
             tasks: what to do it with.
-            load: the bytes that a task needs, read here when its turn comes.
+            load: what a task needs, such as bytes of a file, read here when its turn comes.
             progress: told of killed workers.
 
         Raises:
@@ -92,9 +93,9 @@ class Workers:
 
     def _once(
         self,
-        function: Callable[[Task, bytes], Result],
+        function: Callable[[Task, Content], Result],
         tasks: Mapping[int, Task],
-        load: Callable[[Task], bytes],
+        load: Callable[[Task], Content],
     ) -> Generator[tuple[int, Result], None, None]:
         here = self.scheduler is None
         if here and joblib.effective_n_jobs(self.jobs) == 1:

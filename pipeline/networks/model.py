@@ -67,6 +67,12 @@ class Model:
         """Spacecraft in each instance of its training data."""
         return self.encoding.n
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that decides its answers."""
+        _, document = _documented(self)  # which has the weights' digest
+        return hashlib.sha256(document.model_dump_json().encode()).hexdigest()
+
     def on(self, problem: Problem) -> "Model":
         """The same weights and scales for another problem: other nodes, step or orbit.
 
@@ -149,6 +155,14 @@ def portions(
 
 def save(model: Model, folder: Path) -> None:
     """Write ``weights.safetensors`` and then ``model.json``, which holds the weights' digest."""
+    weights, document = _documented(model)
+    with published(folder / WEIGHTS_FILE) as temporary:
+        temporary.write_bytes(weights)
+    write_text(folder / DOCUMENT_FILE, document.model_dump_json(indent=1) + "\n")
+
+
+def _documented(model: Model) -> tuple[bytes, ModelDocument]:
+    """Weights as bytes, and the document that has their digest."""
     weights = tensors_to({k: v.contiguous() for k, v in model.network.state_dict().items()})
     encoding = model.encoding
     document = ModelDocument(
@@ -163,9 +177,7 @@ def save(model: Model, folder: Path) -> None:
         target_scale=list(encoding.target_scale),
         weights_sha256=hashlib.sha256(weights).hexdigest(),
     )
-    with published(folder / WEIGHTS_FILE) as temporary:
-        temporary.write_bytes(weights)
-    write_text(folder / DOCUMENT_FILE, document.model_dump_json(indent=1) + "\n")
+    return weights, document
 
 
 def load(folder: Path) -> Model:

@@ -50,6 +50,16 @@ Formation = Float[Array, "n 6"]
 Ends = tuple[Formation, Formation]
 
 
+def check_family(family: str) -> None:
+    """Refuse a name that is no family's.
+
+    Raises:
+        InputError: with those there are.
+    """
+    if family not in FAMILIES:
+        raise InputError(f"family is {family!r}; expected one of {', '.join(FAMILIES)}.")
+
+
 def draw(
     family: str, seed: int, n: int, index: int, problem: Problem, split: str = "train"
 ) -> Scenario:
@@ -67,8 +77,7 @@ def draw(
         InputError: for an unknown family or split, n, seed or index out of range, or where no
             passively safe formation of n craft was found.
     """
-    if family not in FAMILIES:
-        raise InputError(f"family is {family!r}; expected one of {', '.join(FAMILIES)}.")
+    check_family(family)
     if split not in SPLITS:
         raise InputError(f"split is {split!r}; expected one of {', '.join(SPLITS)}.")
     if n < 1:
@@ -80,7 +89,12 @@ def draw(
         )
     rng = np.random.default_rng([seed, n, index, SPLITS.index(split)])
     initial, goal = FAMILIES[family](rng, n, problem)
-    return Scenario(problem, initial, goal, family, f"{family}-s{seed}-n{n}-{split}-{index:06d}")
+    return Scenario(problem, initial, goal, family, scenario_id(family, seed, n, index, split))
+
+
+def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
+    """The name of a scenario that ``draw`` gives."""
+    return f"{family}-s{seed}-n{n}-{split}-{index:06d}"
 
 
 def passively_safe(

@@ -3,14 +3,13 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from pyarrow import fs
 
 from pipeline.errors import ProlearnError
-from pipeline.files import UNFINISHED, published
+from pipeline.files import published, unfinished
 from pipeline.storage.filesystem import filesystem_of, path_of, reason
 from pipeline.urls import public_url
 
@@ -57,11 +56,21 @@ class Folder:
             with self._reaching():
                 infos = [info for info in self.files.get_file_info(every) if info.is_file]
             found = [info.path.lstrip("/") for info in infos]
-        return sorted(name for name in found if not fnmatchcase(Path(name).name, UNFINISHED))
+        return sorted(name for name in found if not unfinished(Path(name)))
+
+    def top(self) -> list[str]:
+        """Names of files and folders right inside it, in order."""
+        inside = fs.FileSelector("", allow_not_found=True)
+        with self._reaching():
+            return sorted(info.base_name for info in self.files.get_file_info(inside))
 
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
         return self._info(name).is_file
+
+    def size(self, name: str) -> int:
+        """A file's size in bytes."""
+        return int(self._info(name).size or 0)
 
     def stamp(self, name: str) -> Stamp | None:
         """A file's size and last change, or None where it is not there or the store keeps none."""
@@ -101,8 +110,7 @@ class Folder:
                 with published(self.local / name) as temporary:
                     temporary.write_bytes(content)
                 return
-            above = f"{self.files.base_path}{name}".rpartition("/")[0]
-            self.files.base_fs.create_dir(above, recursive=True)
+            self._make_above(name)
             with self.files.open_output_stream(name) as file:
                 file.write(content)
 
@@ -114,6 +122,20 @@ class Folder:
         """
         with self._writing(name):
             self.files.delete_file(name)
+
+    def move(self, name: str, to: str) -> None:
+        """Give a file another name, whatever it holds and whoever may read it.
+
+        Raises:
+            ProlearnError: where the folder cannot be written to.
+        """
+        with self._writing(to):
+            self._make_above(to)
+            self.files.move(name, to)
+
+    def _make_above(self, name: str) -> None:
+        above = f"{self.files.base_path}{name}".rpartition("/")[0]
+        self.files.base_fs.create_dir(above, recursive=True)
 
     def _info(self, name: str) -> Any:
         with self._reaching():

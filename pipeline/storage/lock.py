@@ -1,6 +1,7 @@
 """One writer of a dataset folder at a time."""
 
 import os
+import re
 import socket
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -10,17 +11,22 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.files import UNFINISHED
+from pipeline.files import unfinished
 from pipeline.storage.folder import Folder
-from pipeline.storage.layout import LOCK, WRITER
+from pipeline.storage.layout import LOCK, PLACES, WRITER, WRITTEN
 
 
 @contextmanager
-def sole_writer(folder: Folder) -> Iterator[None]:
-    """Hold a folder for writing, and clear away what killed writers left unfinished.
+def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
+    """Hold a folder for writing, and remove the unfinished files of killed writers.
 
     The lock is the operating system's, so it ends with its holder, however that ends. Object
     stores have none: there two runs both finish, with identical bytes.
+
+    Args:
+        folder: to be held.
+        owned: pattern of the names of its shards and of other files that its writers make. An
+            unfinished file of any other name is somebody else's, and stays.
 
     Raises:
         InputError: where another process holds it.
@@ -30,14 +36,25 @@ def sole_writer(folder: Folder) -> Iterator[None]:
         yield
         return
     with _locked(folder, folder.local):
-        for left in [path for path in folder.local.rglob(UNFINISHED) if path.is_file()]:
-            folder.remove(left.relative_to(folder.local).as_posix())
+        for name in _unfinished(folder.local, re.compile(f"{WRITTEN}|{owned}")):
+            folder.remove(name)
         try:
             folder.publish(WRITER, _whoami().encode())
             yield
         finally:
             with suppress(ProlearnError):
                 folder.remove(WRITER)
+
+
+def _unfinished(folder: Path, owned: re.Pattern[str]) -> list[str]:
+    """Names of unfinished files that a writer of this folder has left."""
+    found = []
+    for path in (path for place in PLACES for path in folder.glob(f"{place}.*.tmp")):
+        meant = unfinished(path)
+        name = meant and meant.relative_to(folder).as_posix()
+        if name and owned.fullmatch(name) and path.is_file():
+            found.append(path.relative_to(folder).as_posix())
+    return found
 
 
 def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:

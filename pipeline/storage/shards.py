@@ -1,16 +1,40 @@
-"""Shards as bytes: Parquet with page checksums that are verified on read."""
+"""Shards as bytes: Parquet with page checksums, whose metadata says what the rows are."""
 
 import hashlib
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.documents import parsed
 from pipeline.errors import InputError
-from pipeline.storage.folder import Folder
 
 TEXT_COLUMNS = ("family", "split", "status")
+
+METADATA_KEY = b"prolearn"
+"""In the schema's metadata: all that decides the rows, as JSON."""
+
+TIMED_KEY = b"prolearn_shard"
+"""In the metadata of timings: the SHA-256 digest of the shard that they belong to."""
+
+ROW_BYTES, VALUE_BYTES = 2**16, 32
+"""Most that a row takes beside its lists, and each value of a list, before compression."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """The most that a shard may hold; a few bytes of Parquet can stand for gigabytes.
+
+    Attributes:
+        rows: rows.
+        values: numbers in any one column.
+    """
+
+    rows: int
+    values: int
 
 
 def encode(table: pa.Table) -> bytes:
@@ -26,32 +50,22 @@ def encode(table: pa.Table) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def decode(content: bytes) -> pa.Table:
-    """The table in a shard's bytes.
+def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> pa.Table:
+    """The table in a shard's bytes, or some of its columns.
 
     Raises:
-        InputError: where they are damaged.
+        InputError: where they are damaged, or hold more than they may.
     """
+    source = pa.BufferReader(content)
     try:
-        return _table(pa.BufferReader(content), None)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"it cannot be read ({error})") from error
-
-
-def read_shard(folder: Folder, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a shard, or some of its columns, with its checksums verified.
-
-    Raises:
-        InputError: where the file is missing or damaged.
-    """
-    try:
-        with folder.opened(name) as file:
-            return _table(file, None if columns is None else list(columns))
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(
-            f"{name} in {folder} cannot be read ({folder.told(error)}); mend the dataset with "
-            f"`prolearn verify {folder} --repair`."
-        ) from error
+        with pq.ParquetFile(source, page_checksum_verification=True) as file:
+            _refuse_larger(file.metadata, most)
+            _refuse_contradiction(file)
+            return file.read(columns=None if columns is None else list(columns))
+    except InputError:
+        raise
+    except Exception as error:  # Arrow raises of all kinds where a footer is damaged
+        raise InputError(f"cannot be read ({_one_line(error)})") from error
 
 
 def digest_of(content: bytes) -> str:
@@ -59,6 +73,50 @@ def digest_of(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _table(source: Any, columns: list[str] | None) -> pa.Table:
-    with pq.ParquetFile(source, page_checksum_verification=True) as file:
-        return file.read(columns=columns)
+def metadata_of(fields: Mapping[str, Any]) -> dict[bytes, bytes]:
+    """The schema metadata of a shard with all that decides its rows."""
+    return {METADATA_KEY: json.dumps(fields, sort_keys=True, default=str).encode()}
+
+
+def told_by(table: pa.Table) -> dict[str, Any]:
+    """What a shard's metadata says decided its rows.
+
+    Raises:
+        InputError: where it says nothing that can be read.
+    """
+    try:
+        return dict(parsed((table.schema.metadata or {})[METADATA_KEY]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"its metadata cannot be read ({_one_line(error)})") from error
+
+
+def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
+    """Whether a table says that it was made like this, whatever other readers say beside it."""
+    return (table.schema.metadata or {}).get(METADATA_KEY) == meta[METADATA_KEY]
+
+
+def _refuse_larger(file: pq.FileMetaData, most: Size) -> None:
+    groups = [file.row_group(k) for k in range(min(file.num_row_groups, most.rows + 1))]
+    values = [0] * file.num_columns
+    for group in groups:
+        for k in range(file.num_columns):
+            values[k] += group.column(k).num_values
+    stored = sum(group.total_byte_size for group in groups)
+    room = file.num_columns * (most.rows * ROW_BYTES + most.values * VALUE_BYTES)
+    found = max([file.num_rows, file.num_row_groups, sum(g.num_rows for g in groups)])
+    if found > most.rows or max(values, default=0) > most.values or stored > room:
+        raise InputError(
+            f"holds {file.num_rows} rows of up to {max(values, default=0)} numbers in "
+            f"{stored} bytes; expected at most {most.rows} rows and {most.values} numbers"
+        )
+
+
+def _refuse_contradiction(file: pq.ParquetFile) -> None:
+    """A footer has the metadata twice, for all readers of Parquet and for Arrow."""
+    for_all, for_arrow = file.metadata.metadata or {}, file.schema_arrow.metadata or {}
+    if any(for_all.get(key) != for_arrow.get(key) for key in (METADATA_KEY, TIMED_KEY)):
+        raise InputError("is damaged: the two copies of its metadata differ")
+
+
+def _one_line(error: Exception) -> str:
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)

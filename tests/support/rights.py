@@ -32,7 +32,7 @@ def read_only(folder: Path) -> Iterator[None]:
     for path, mode in modes.items():
         path.chmod(mode & 0o555)
     try:
-        with _bound_by_modes():
+        with bound_by_modes():
             yield
     finally:
         for path, mode in modes.items():
@@ -48,7 +48,7 @@ class _Set(ctypes.Structure):
 
 
 @contextmanager
-def _bound_by_modes() -> Iterator[None]:
+def bound_by_modes() -> Iterator[None]:
     """Root, too, is bound by the modes of files: this thread lays its power over them down."""
     if os.geteuid() != 0 or sys.platform != "linux":
         yield

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest
-from pipeline.errors import InputError
+from pipeline.dataset.reading.shards import refuse_unsolved, solved_table
 from pipeline.plan import SOLVED
 from pipeline.progress import Progress
 from pipeline.storage.folder import Folder
-from pipeline.storage.shards import decode, digest_of
 
 TOLD = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
 """Columns that the card has numbers of."""
@@ -61,16 +59,12 @@ def read_contents(folder: Folder, progress: Progress) -> Contents:
     """
     manifest = read_manifest(folder)
     shards = manifest.expected()
-    for shard in shards:
-        if shard.solved not in manifest.shards:
-            raise InputError(
-                f"{folder} is not solved ({shard.solved}); run `prolearn solve {folder}` first."
-            )
+    refuse_unsolved(folder, manifest, shards)
     progress.expect(sum(len(shard.rows) for shard in shards))
     files, parts = [], []
     for shard in shards:
-        content, table = _read(folder, manifest, shard)
-        files.append(File(shard, table.num_rows, len(content), table.nbytes))
+        table = solved_table(folder, manifest, shard)
+        files.append(File(shard, table.num_rows, folder.size(shard.solved), table.nbytes))
         parts.append(table.select(TOLD).to_pandas())
         progress.done(table.num_rows)
     return Contents(manifest, files, pd.concat(parts, ignore_index=True))
@@ -95,17 +89,3 @@ def quality(rows: pd.DataFrame) -> pd.DataFrame:
 def gap_name(quantile: float) -> str:
     """The column that a quantile of the gap has in ``quality``."""
     return f"gap_{quantile:g}"
-
-
-def _read(folder: Folder, manifest: Manifest, shard: Shard) -> tuple[bytes, pa.Table]:
-    """A shard that is what the manifest says."""
-    try:
-        content = folder.read(shard.solved)
-        if digest_of(content) != manifest.shards[shard.solved]:
-            raise InputError("it does not have the digest that the manifest gives it")
-        return content, decode(content)
-    except (OSError, InputError) as error:
-        raise InputError(
-            f"{shard.solved} in {folder} is damaged ({error}); mend the dataset with "
-            f"`prolearn verify {folder} --repair`."
-        ) from error

@@ -1,27 +1,26 @@
-"""Where everything lies in the folder of a dataset.
+"""Where everything lies in the folder of a dataset, beside what any folder of shards has.
 
-    FOLDER/n=10/part-00000.parquet                solved instances
-    FOLDER/_scenarios/n=10/part-00000.parquet     the scenarios they come from
-    FOLDER/_timings/n=10/part-00000.parquet       how long each took
-    FOLDER/_manifest.json                         settings, versions, the digest of every shard
-    FOLDER/_stamps.json                           when each shard was last known to have it
-    FOLDER/_foreign/                              what was there and did not belong there
-    FOLDER/_lock, FOLDER/_writer                  held by the one who writes, and who that is
-    FOLDER/README.md                              the card, for people and dataset hubs
-    FOLDER/.git/, FOLDER/.gitattributes, ...      of tools that keep the folder; left alone
-
-Readers of Parquet folders pass over names that begin with an underscore.
+FOLDER/n=10/part-00000.parquet               solved instances
+FOLDER/_scenarios/n=10/part-00000.parquet    the scenarios they come from
+FOLDER/README.md                             the card, for people and dataset hubs
+FOLDER/.git/, FOLDER/.gitattributes, ...     of tools that keep the folder; left alone
 """
 
 import re
 
-from pipeline.storage.layout import FOREIGN, LOCK, MANIFEST, STAMPS, TIMINGS, WRITER
+from pipeline.storage.layout import DAMAGED, FOREIGN, LOCK, TIMINGS, WRITTEN
 
 CARD = "README.md"
 SCENARIOS = "_scenarios/"
 
-BOOKS = re.compile(rf"{MANIFEST}|{STAMPS}|{LOCK}|{WRITER}|{FOREIGN}.*|{re.escape(CARD)}|\..*")
+SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")
+"""Names of shards."""
+
+OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"
+"""Pattern of the names of files that a dataset's writers make."""
+
+BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
 """Names of files that a dataset may hold beside its shards."""
 
-OURS = re.compile(rf"{BOOKS.pattern}|({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")
-"""Names of all files that a dataset may hold."""
+TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
+"""Names of files and folders right inside the folder of a dataset."""

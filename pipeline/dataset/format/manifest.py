@@ -7,17 +7,32 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, PlainValidator, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    PositiveInt,
+    TypeAdapter,
+    ValidationError,
+    WrapValidator,
+)
 
-from pipeline.dataset.format.layout import SCENARIOS
+from pipeline.dataset.format.layout import OWNED, SCENARIOS
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.format.schema import SCHEMA, metadata
 from pipeline.documents import first_fault
 from pipeline.errors import InputError
+from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
+from pipeline.progress import Progress
+from pipeline.scenario.families import scenario_id
+from pipeline.storage.checked import read_checked
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.layout import MANIFEST, TIMINGS
+from pipeline.storage.layout import COPY, MANIFEST, TIMINGS
 from pipeline.storage.ledger import Ledger, written
+from pipeline.storage.shards import Size
+
+MOST_SHARDS = 200_000
+"""In a folder; their list alone takes a second to make."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +63,27 @@ class Manifest:
     __pydantic_config__ = ConfigDict(extra="forbid")
 
     # As written: an integer stays one, since the metadata of shards repeats it to the letter.
-    problem: Annotated[Problem, PlainValidator(lambda fields: Problem(**fields))]
-    samples: Mapping[int, Sample]
-    solve: Mapping[str, Any]
+    problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
+    samples: Mapping[PositiveInt, Sample]
+    solve: Annotated[Mapping[str, Any], AfterValidator(lambda given: _settings(given))]
     made_with: MadeWith
     shards: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        """Refuse more shards than can be kept count of."""
+        shards = sum(sample.shards for sample in self.samples.values())
+        if shards > MOST_SHARDS:
+            raise InputError(
+                f"its samples take {shards} shards; expected at most {MOST_SHARDS}: draw fewer "
+                "scenarios into one folder."
+            )
+
+    def fields(self) -> dict[str, Any]:
+        """What its file has, JSON-ready."""
+        fields = {"schema": SCHEMA, **asdict(self)}
+        for part in ("samples", "shards"):
+            fields[part] = dict(sorted(fields[part].items()))
+        return fields
 
     def expected(self) -> "list[Shard]":
         """All that it is meant to hold, in order."""
@@ -92,6 +123,18 @@ class Shard:
         return self.sample.rows(self.number)
 
     @property
+    def scenario_ids(self) -> list[str]:
+        """Names of its scenarios, in order."""
+        one = self.sample
+        drawn = [one.drawn_as(row) for row in self.rows]
+        return [scenario_id(one.family, one.seed, self.n, k, split) for split, k in drawn]
+
+    @property
+    def most(self) -> Size:
+        """What its files may hold."""
+        return Size(len(self.rows), len(self.rows) * self.n * 6 * self.about.problem.nodes)
+
+    @property
     def solved(self) -> str:
         """Path of its solved instances inside the folder."""
         return f"n={self.n}/part-{self.number:05d}.parquet"
@@ -118,47 +161,97 @@ def read_manifest(where: Where | Folder) -> Manifest:
     """The manifest of a dataset.
 
     Raises:
-        InputError: where the folder is missing, empty or holds no dataset.
+        InputError: where the folder is missing, empty or holds no dataset, or the manifest is
+            damaged.
     """
     folder = open_folder(where)
-    if not folder.exists(MANIFEST):
-        what = "does not exist"
-        if folder.is_there():
-            what = "holds no dataset" if folder.names() else "is empty"
+    manifest, fault = manifest_or_copy(folder)
+    if fault:
         raise InputError(
-            f"{folder} {what}; expected a dataset folder: make one with "
-            f"`prolearn dataset --preset demo --out {folder}`."
+            f"{MANIFEST} in {folder} {fault}, and its copy is sound; mend it with "
+            f"`prolearn verify {folder} --repair`."
         )
+    return manifest
+
+
+def is_begun(folder: Folder) -> bool:
+    """Whether a dataset has been begun in a folder, be its manifest lost but for a copy."""
+    if folder.exists(MANIFEST):
+        return True
     try:
-        document = json.loads(folder.read(MANIFEST))
-        schema = document.pop("schema")
-        if schema != SCHEMA:
-            raise InputError(
-                f"{folder} has schema {schema}, of another version of prolearn; expected "
-                f"{SCHEMA}: make the dataset anew in another folder, or remove this one."
-            )
-        return TypeAdapter(Manifest).validate_python(document)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return bool(_parsed(folder, COPY))
+    except DamagedError:
+        return False
+
+
+def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
+    """The manifest, or its copy where it is not sound, and then what is wrong with it.
+
+    Raises:
+        InputError: where the folder is missing, empty or holds no dataset, or both are damaged.
+    """
+    try:
+        return _parsed(folder, MANIFEST), ""
+    except DamagedError as error:
+        fault = str(error)
+    try:
+        return _parsed(folder, COPY), fault
+    except DamagedError:
+        pass
+    if folder.exists(MANIFEST):
         raise InputError(
-            f"{MANIFEST} in {folder} is damaged ({_fault(error)}); delete it and give the command "
-            "that made the dataset again: shards that are sound are kept."
-        ) from error
+            f"{MANIFEST} in {folder} {fault}; delete it and give the command that made the dataset "
+            "again: shards that are sound are kept."
+        )
+    what = "does not exist"
+    if folder.is_there():
+        what = "holds no dataset" if folder.names() else "is empty"
+    raise InputError(
+        f"{folder} {what}; expected a dataset folder: make one with "
+        f"`prolearn dataset --preset demo --out {folder}`."
+    )
 
 
-def write_manifest(folder: Folder, manifest: Manifest) -> None:
-    """Write the manifest, whole."""
-    document = {"schema": SCHEMA, **asdict(manifest)}
-    for part in ("samples", "shards"):
-        document[part] = dict(sorted(document[part].items()))
-    folder.publish(MANIFEST, (json.dumps(document, indent=1) + "\n").encode())
+def _settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Settings of the expert as they are written, where they are such settings."""
+    try:
+        TypeAdapter(Settings).validate_python(given)
+        Settings(**given)
+    except ValidationError as error:
+        raise ValueError(first_fault(error)) from None
+    except TypeError as error:  # a name that is none
+        raise ValueError(str(error)) from None
+    return given
+
+
+class DamagedError(Exception):
+    """A manifest that is missing or cannot be what was written, and why."""
+
+
+def _parsed(folder: Folder, name: str) -> Manifest:
+    if not folder.exists(name):
+        raise DamagedError("is missing")
+    try:
+        document = read_checked(folder, name)
+        schema = document.pop("schema")
+        if schema == SCHEMA:
+            return TypeAdapter(Manifest).validate_python(document)
+    except (OSError, ValueError, KeyError, TypeError, InputError) as error:
+        raise DamagedError(f"is damaged ({_fault(error)})") from error
+    raise InputError(
+        f"{folder} has schema {schema}, of another version of prolearn; expected {SCHEMA}: make "
+        "the dataset anew in another folder, or remove this one."
+    )
 
 
 def under_way(
-    folder: Folder, begun: Callable[[], Manifest]
+    folder: Folder, begun: Callable[[], Manifest], progress: Progress
 ) -> AbstractContextManager[Ledger[Manifest]]:
     """The ledger of a dataset that is held for writing; arguments as of ``written``."""
-    return written(folder, begun, write_manifest)
+    return written(folder, OWNED, begun, progress)
 
 
 def _fault(error: Exception) -> str:
-    return first_fault(error) if isinstance(error, ValidationError) else repr(error)
+    if isinstance(error, ValidationError):
+        return first_fault(error)
+    return repr(error) if isinstance(error, KeyError) else str(error).rstrip(".")

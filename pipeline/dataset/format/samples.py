@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.errors import InputError
 from pipeline.scenario import SPLITS
-from pipeline.scenario.families import SEEDS
+from pipeline.scenario.families import SEEDS, check_family
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,7 @@ class Sample:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be sampled."""
+        check_family(self.family)
         if self.count < 1:
             raise InputError(f"count is {self.count}; expected at least one scenario.")
         if not 0 <= self.seed < SEEDS:

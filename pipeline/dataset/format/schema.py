@@ -5,7 +5,6 @@ and every Parquet reader understands them. The schema's metadata has a key ``pro
 problem and how it was sampled and solved, as JSON.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,14 +12,16 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
+from pydantic import TypeAdapter, ValidationError
 
 from pipeline.arrays import Array
+from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Plan
 from pipeline.scenario import Scenario
+from pipeline.storage.shards import TIMED_KEY, metadata_of, told_by
 
 SCHEMA = "prolearn.dataset/2"
-METADATA_KEY = b"prolearn"
 
 NUMBERS = pa.list_(pa.field("element", pa.float64(), nullable=False))
 
@@ -54,6 +55,11 @@ TIMING_FIELDS = [
 ]
 
 
+def timing_schema(digest: str) -> pa.Schema:
+    """The schema of the timings of a solved shard with a digest."""
+    return pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest})
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """What became of a scenario.
@@ -73,14 +79,23 @@ def metadata(
     problem: Problem, settings: Mapping[str, Any], made_with: Mapping[str, str]
 ) -> dict[bytes, bytes]:
     """The schema metadata of a shard: its problem, how it was drawn and solved, and with what."""
-    document = {"schema": SCHEMA, **asdict(problem), **settings, "made_with": dict(made_with)}
-    return {METADATA_KEY: json.dumps(document, sort_keys=True).encode()}
+    return metadata_of(
+        {"schema": SCHEMA, **asdict(problem), **settings, "made_with": dict(made_with)}
+    )
 
 
-def problem_of(schema: pa.Schema) -> Problem:
-    """The problem that a shard's metadata describes."""
-    document = json.loads(schema.metadata[METADATA_KEY])
-    return Problem(**{name: document[name] for name in Problem.__dataclass_fields__})
+def problem_of(table: pa.Table) -> Problem:
+    """The problem that a shard's metadata describes.
+
+    Raises:
+        InputError: where it describes none.
+    """
+    told = told_by(table)
+    try:
+        fields = {name: told[name] for name in Problem.__dataclass_fields__}
+        return TypeAdapter(Problem).validate_python(fields) and Problem(**fields)
+    except (KeyError, ValidationError) as error:
+        raise InputError("its metadata describe no problem") from error
 
 
 def scenario_table(
@@ -102,8 +117,14 @@ def solved_table(
     return pa.Table.from_arrays(columns, schema=pa.schema(SOLVED_FIELDS, metadata=dict(meta)))
 
 
-def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome]) -> pa.Table:
-    """A table of TIMING_FIELDS, which lies beside the data since no two runs agree on it."""
+def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome], digest: str) -> pa.Table:
+    """A table of TIMING_FIELDS, which lies beside the data since no two runs agree on it.
+
+    Args:
+        scenarios: of the shard.
+        outcomes: what became of them.
+        digest: of the solved shard.
+    """
     rows = [
         {
             "scenario_id": name,
@@ -112,12 +133,7 @@ def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome]) -> pa.Table:
         }
         for name, one in zip(scenarios["scenario_id"].to_pylist(), outcomes, strict=True)
     ]
-    return pa.Table.from_pylist(rows, pa.schema(TIMING_FIELDS))
-
-
-def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
-    """Whether a table says that it was made like this, whatever other readers say beside it."""
-    return (table.schema.metadata or {}).get(METADATA_KEY) == meta[METADATA_KEY]
+    return pa.Table.from_pylist(rows, timing_schema(digest))
 
 
 def same_scenarios(table: pa.Table, scenarios: pa.Table) -> bool:
@@ -130,7 +146,7 @@ def same_scenarios(table: pa.Table, scenarios: pa.Table) -> bool:
 
 def scenarios_of(table: pa.Table) -> list[Scenario]:
     """The scenarios in the rows of a table."""
-    problem = problem_of(table.schema)
+    problem = problem_of(table)
     families, names = table["family"].to_pylist(), table["scenario_id"].to_pylist()
     ends = [
         [np.reshape(row.values.to_numpy(), (-1, 6)) for row in table[end]]

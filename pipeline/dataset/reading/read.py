@@ -5,33 +5,31 @@ from collections.abc import Sequence
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest
 from pipeline.dataset.format.schema import problem_of, stacked
 from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.reading.shards import refuse_unsolved, solved_table
 from pipeline.errors import InputError
 from pipeline.plan import SOLVED
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.shards import read_shard
 from pipeline.urls import public_url
 
 LEARNED = ("initial", "goal", "states")
 """Columns that training reads."""
 
 
-def shards_of(folder: Folder, n: int, split: str | None = None) -> list[str]:
-    """The solved shards of one swarm size that hold rows of a split, in order.
+def shards_of(folder: Folder, manifest: Manifest, n: int, split: str | None = None) -> list[Shard]:
+    """The shards of one swarm size that hold rows of a split, in order.
 
     Raises:
-        InputError: where there is no dataset, the size is not in it, or it is not solved.
+        InputError: where the size is not in the dataset, or not solved.
     """
-    manifest = read_manifest(folder)
     if n not in manifest.samples:
         sizes = ", ".join(str(size) for size in sorted(manifest.samples))
         raise InputError(f"{folder} has no scenarios of n={n}; expected n in {sizes}.")
     every = [shard for shard in manifest.expected() if shard.n == n]
-    if not {shard.solved for shard in every}.issubset(folder.names()):
-        raise InputError(f"{folder} is not solved at n={n}; run `prolearn solve {folder}` first.")
-    return [s.solved for s in every if split is None or split in s.sample.splits_of(s.number)]
+    refuse_unsolved(folder, manifest, every)
+    return [s for s in every if split is None or split in s.sample.splits_of(s.number)]
 
 
 def solved_rows(
@@ -50,9 +48,11 @@ def solved_rows(
             shard is damaged.
     """
     folder = open_folder(where)
+    manifest = read_manifest(folder)
     wanted = None if columns is None else list({"split", "status", *columns})
-    names = shards_of(folder, n, split) or shards_of(folder, n)[:1]  # at least a schema
-    table = pa.concat_tables([read_shard(folder, name, wanted) for name in names])
+    # At least a schema, where no shard has rows of the split.
+    shards = shards_of(folder, manifest, n, split) or shards_of(folder, manifest, n)[:1]
+    table = pa.concat_tables([solved_table(folder, manifest, one, wanted) for one in shards])
     return table if split is None else table.filter(pc.equal(table["split"], split))
 
 
@@ -71,7 +71,7 @@ def examples(where: Where | Folder, n: int, split: str) -> Examples:
 def examples_of(table: pa.Table, n: int) -> Examples:
     """The solved rows of a table as arrays, without a loop over rows."""
     table = table.filter(pc.equal(table["status"], SOLVED))
-    problem = problem_of(table.schema)
+    problem = problem_of(table)
     return Examples(
         problem=problem,
         initial=stacked(table, "initial", n, 6),

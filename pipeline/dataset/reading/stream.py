@@ -3,16 +3,20 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import pyarrow as pa
 import pyarrow.compute as pc
 
-from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest
 from pipeline.dataset.reading.examples import Examples, ExampleSource
 from pipeline.dataset.reading.read import LEARNED, examples, examples_of, no_examples, shards_of
+from pipeline.dataset.reading.shards import solved_table
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.shards import read_shard
+
+TOLD = ("split", "status")
+"""Columns that say whether a row is an example."""
 
 MEMORY = 2e9
 """Bytes that training may take for its data by default."""
@@ -27,25 +31,30 @@ class ExampleStream:
 
     Attributes:
         folder: a solved dataset.
+        manifest: what it holds.
         n: number of spacecraft in each instance.
         split: "train", "valid" or "test".
-        problem: the problem that they share.
-        shards: names of the shards that hold them.
+        shards: those that hold them.
         count: number of instances.
         buffer: instances that may be held at once, beside the shard that is being read.
     """
 
     folder: Folder
+    manifest: Manifest
     n: int
     split: str
-    problem: Problem
-    shards: tuple[str, ...]
+    shards: tuple[Shard, ...]
     count: int
     buffer: int
 
     def __len__(self) -> int:
         """Number of instances."""
         return self.count
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that they share."""
+        return self.manifest.problem
 
     @property
     def part_count(self) -> int:
@@ -55,7 +64,8 @@ class ExampleStream:
     def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
         """The instances of one shard after another, in an order of the shards."""
         for k in range(len(self.shards)) if order is None else order:
-            table = read_shard(self.folder, self.shards[k], [*LEARNED, "split", "status"])
+            wanted = [*LEARNED, *TOLD]
+            table = solved_table(self.folder, self.manifest, self.shards[k], wanted)
             yield examples_of(table.filter(pc.equal(table["split"], self.split)), self.n)
 
 
@@ -77,15 +87,15 @@ def examples_within(
     if not memory > 0:
         raise InputError(f"memory is {memory:g} bytes; expected a positive number.")
     folder = open_folder(where)
-    shards = tuple(shards_of(folder, n, split))
-    count = sum(_solved_count(folder, name, split) for name in shards)
+    manifest = read_manifest(folder)
+    shards = tuple(shards_of(folder, manifest, n, split))
+    count = sum(_solved_count(solved_table(folder, manifest, one, TOLD), split) for one in shards)
     if count == 0:
         raise no_examples(where, n, split)
-    problem = read_manifest(folder).problem
-    buffer = max(1, int(memory / (COPIES * bytes_of_one(n, problem))))
+    buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
     if count <= buffer:
         return examples(folder, n, split)
-    return ExampleStream(folder, n, split, problem, shards, count, buffer)
+    return ExampleStream(folder, manifest, n, split, shards, count, buffer)
 
 
 def bytes_of_one(n: int, problem: Problem) -> int:
@@ -93,7 +103,6 @@ def bytes_of_one(n: int, problem: Problem) -> int:
     return 8 * n * 6 * (2 + problem.nodes)
 
 
-def _solved_count(folder: Folder, name: str, split: str) -> int:
-    table = read_shard(folder, name, ["split", "status"])
+def _solved_count(table: pa.Table, split: str) -> int:
     wanted = pc.and_(pc.equal(table["split"], split), pc.equal(table["status"], SOLVED))
     return int(pc.sum(wanted).as_py() or 0)

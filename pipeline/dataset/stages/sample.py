@@ -4,8 +4,15 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, replace
 
-from pipeline.dataset.format.layout import OURS
-from pipeline.dataset.format.manifest import MadeWith, Manifest, Shard, read_manifest, under_way
+from pipeline.dataset.format.layout import TOP
+from pipeline.dataset.format.manifest import (
+    MadeWith,
+    Manifest,
+    Shard,
+    is_begun,
+    read_manifest,
+    under_way,
+)
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.format.schema import scenario_table
 from pipeline.dataset.stages.begun import SAMPLED_BY
@@ -17,7 +24,6 @@ from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import draw
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.layout import MANIFEST
 from pipeline.storage.ledger import Ledger
 from pipeline.storage.shards import digest_of, encode
 
@@ -47,14 +53,10 @@ def sample(
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     _refuse_foreign(folder)
-    with under_way(folder, lambda: _begun(folder, samples, problem)) as ledger:
-        draw_scenarios(ledger, lost_scenarios(ledger), workers, progress)
+    with under_way(folder, lambda: _begun(folder, samples, problem), progress) as ledger:
+        lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
+        draw_scenarios(ledger, lost, workers, progress)
     return ledger.manifest
-
-
-def lost_scenarios(ledger: Ledger[Manifest]) -> list[Shard]:
-    """Shards whose scenarios are not there or not sound."""
-    return [one for one in ledger.manifest.expected() if not ledger.is_sound(one.scenarios)]
 
 
 def draw_scenarios(
@@ -73,9 +75,9 @@ def draw_scenarios(
 
 
 def _refuse_foreign(folder: Folder) -> None:
-    if folder.exists(MANIFEST):
+    if is_begun(folder):
         return
-    foreign = [name for name in folder.names() if not OURS.fullmatch(name)]
+    foreign = [name for name in folder.top() if not TOP.fullmatch(name)]
     if foreign:
         raise InputError(
             f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
@@ -86,7 +88,7 @@ def _refuse_foreign(folder: Folder) -> None:
 def _begun(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
     """The manifest that the folder has or gets, where its settings agree with these."""
     versions = made_with(*SAMPLED_BY)
-    if not folder.exists(MANIFEST):
+    if not is_begun(folder):
         return Manifest(problem, dict(samples), {}, MadeWith(versions, {}), {})
     manifest = read_manifest(folder)
     refuse_change(str(folder), asdict(manifest.problem), asdict(problem))

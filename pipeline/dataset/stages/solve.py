@@ -1,6 +1,6 @@
 """Stage two: the expert's plans for all scenarios of a dataset, shard by shard."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 
@@ -9,14 +9,13 @@ import numpy as np
 from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest, under_way
 from pipeline.dataset.format.schema import (
     Outcome,
-    has_metadata,
     same_scenarios,
     scenarios_of,
     solved_table,
     timing_table,
 )
 from pipeline.dataset.stages.begun import refuse_versions, solved_by
-from pipeline.dataset.stages.sample import draw_scenarios, lost_scenarios
+from pipeline.dataset.stages.sample import draw_scenarios
 from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
 from pipeline.jobs.worker import check_worker
@@ -27,7 +26,7 @@ from pipeline.provenance import made_with, refuse_change
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger
-from pipeline.storage.shards import decode, encode
+from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
 
 @dataclass(frozen=True)
@@ -61,25 +60,37 @@ def solve(
     """
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
-    with under_way(folder, lambda: _begun(folder, settings)) as ledger:
+    with under_way(folder, lambda: _begun(folder, settings), progress) as ledger:
         complete(ledger, workers, progress)
     return ledger.manifest
 
 
-def complete(ledger: Ledger[Manifest], workers: Workers, progress: Progress) -> None:
-    """Draw and solve whatever is missing or damaged in a folder that is held for writing."""
-    folder, lost = ledger.folder, lost_scenarios(ledger)
+def complete(
+    ledger: Ledger[Manifest], workers: Workers, progress: Progress, leave: Collection[str] = ()
+) -> None:
+    """Draw and, once settings for that are known, solve whatever is missing or damaged.
+
+    Args:
+        ledger: of a folder that is held for writing.
+        workers: what to work with.
+        progress: told how far it is.
+        leave: files whose shards are left alone.
+    """
+    folder, manifest = ledger.folder, ledger.manifest
+    shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
+    lost = [s for s in shards if not ledger.is_sound(s.scenarios)]
     if lost:
         progress.say(f"{len(lost)} scenario shards are missing or damaged; they are drawn again.")
         draw_scenarios(ledger, lost, workers, SILENT)
-    wanted = [s for s in ledger.manifest.expected() if not _is_done(ledger, s)]
+    if not manifest.solve:
+        return
+    wanted = [s for s in shards if not _is_done(ledger, s)]
     wanted.reverse()  # the largest swarms take longest: they first
     progress.expect(sum(len(shard.rows) for shard in wanted))
     results = workers.work(_solved, wanted, lambda s: folder.read(s.scenarios), progress)
     with closing(results):
         for shard, solved in results:
-            folder.publish(shard.timings, solved.timings)
-            ledger.publish(shard.solved, solved.content)
+            ledger.publish(shard.solved, solved.content, solved.timings)
             progress.done(len(shard.rows), failed=solved.failed)
 
 
@@ -102,23 +113,26 @@ def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
         return False
     try:
         content = folder.read(name)
-        table, source = decode(content), decode(folder.read(shard.scenarios))
+        table = decode(content, shard.most)
+        source = decode(folder.read(shard.scenarios), shard.most)
     except (OSError, InputError):
         return False
     if not (has_metadata(table, shard.metadata(name)) and same_scenarios(table, source)):
         return False
-    ledger.adopt(name, content)
-    return True
+    if encode(table) != content:  # what no page's checksum is about has changed
+        return False
+    return ledger.adopt(name, content, shard.most)
 
 
 def _solved(shard: Shard, content: bytes) -> Solved:
     settings = Settings(**shard.about.solve)
     check_worker(shard.about.made_with.solve, solved_by(settings))
-    table = decode(content)
+    table = decode(content, shard.most)
     outcomes = _outcomes(scenarios_of(table), settings)
+    solved = encode(solved_table(table, outcomes, shard.metadata(shard.solved)))
     return Solved(
-        encode(solved_table(table, outcomes, shard.metadata(shard.solved))),
-        encode(timing_table(table, outcomes)),
+        solved,
+        encode(timing_table(table, outcomes, digest_of(solved))),
         sum(outcome.status != SOLVED for outcome in outcomes),
     )
 

@@ -1,24 +1,32 @@
-"""Integrity of every shard and physics of every row of a dataset, and what is done about faults."""
+"""Integrity of every shard and physics of every row of a dataset, as a list of faults."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import pyarrow as pa
 
-from pipeline.dataset.format.layout import BOOKS
-from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest, under_way
-from pipeline.dataset.format.schema import SCENARIO_FIELDS, SOLVED_FIELDS, has_metadata
-from pipeline.dataset.stages.begun import refuse_versions
+from pipeline.dataset.format.layout import BESIDE, SHARD
+from pipeline.dataset.format.manifest import Manifest, Shard, manifest_or_copy
+from pipeline.dataset.format.schema import SCENARIO_FIELDS, SOLVED_FIELDS, TIMING_FIELDS
+from pipeline.dataset.stages.alone import stands_alone
 from pipeline.dataset.stages.physics import row_faults
-from pipeline.dataset.stages.sample import draw_scenarios, lost_scenarios
-from pipeline.dataset.stages.solve import complete
+from pipeline.documents import CHECKSUM, parsed
 from pipeline.errors import InputError
 from pipeline.jobs.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.layout import FOREIGN, TIMINGS
-from pipeline.storage.ledger import Ledger
-from pipeline.storage.shards import decode, digest_of
+from pipeline.storage.layout import COPY, MANIFEST, TIMED
+from pipeline.storage.ledger import read_timed
+from pipeline.storage.shards import TIMED_KEY, decode, digest_of, has_metadata
+
+DIGEST = "does not have the digest that the manifest gives it"
+CUT_SHORT = "is not in the manifest; the run that made it was cut short"
+UNTIMED = f"is not in {TIMED}"
+FOREIGN = "does not belong to this dataset"
+
+MOST_BYTES = 2**30
+"""Size of the largest file that is read to be judged; shards have some MB."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +37,13 @@ class Fault:
         path: the file, inside the folder.
         what: what is wrong with it.
         foreign: whether it does not belong there at all.
+        sound: whether it holds sound rows all the same, which are not given up unasked.
     """
 
     path: str
     what: str
     foreign: bool = False
+    sound: bool = False
 
 
 @dataclass(frozen=True)
@@ -41,16 +51,27 @@ class Check:
     """A file to be judged, with what it is meant to be.
 
     Attributes:
-        name: the file: scenarios, solved instances or timings of the shard.
-        shard: what it is meant to hold.
+        name: the file.
+        kind: scenarios, solved instances or timings of a shard, or none of them.
+        shard: what it is meant to hold, or None where it is foreign.
         digest: what the manifest says, or None where it says nothing.
+        solved: of timings, the digest of the solved instances.
         counted: rows that it counts for; a scenario that is solved counts once.
     """
 
     name: str
-    shard: Shard
-    digest: str | None
-    counted: int
+    kind: Literal["scenarios", "solved", "timings", "foreign"]
+    shard: Shard | None = None
+    digest: str | None = None
+    solved: str | None = None
+    counted: int = 0
+
+
+@dataclass(frozen=True)
+class Unread:
+    """Why a file is not read."""
+
+    reason: str
 
 
 def verify(
@@ -64,106 +85,131 @@ def verify(
         progress: told how far it is.
 
     Raises:
-        InputError: where the folder holds no dataset.
+        InputError: where the folder holds no dataset, or neither its manifest nor the copy of
+            that is sound.
     """
     folder, workers = open_folder(where), workers or Workers()
-    manifest = read_manifest(folder)
-    present = set(folder.names())
-    checks = list(_checks(manifest, present))
-    expected = {check.name for check in checks}
-    for name in sorted(present - expected):
-        if not BOOKS.fullmatch(name):
-            yield Fault(name, "does not belong to this dataset", foreign=True)
-    for check in checks:
-        if check.name not in present:
-            yield Fault(check.name, "is missing")
+    manifest, fault = manifest_or_copy(folder)
+    if fault:
+        yield Fault(MANIFEST, fault)
+    checked = bool(fault) or CHECKSUM in parsed(folder.read(MANIFEST))
+    if checked:  # earlier versions wrote neither copies nor digests of timings
+        yield from _faults_beside(folder, solved=bool(manifest.solve))
+    checks, present = list(_checks(folder, manifest, checked=checked)), set(folder.names())
+    yield from (Fault(check.name, "is missing") for check in checks if check.name not in present)
+    foreign = sorted(present - {check.name for check in checks})
     checks = [check for check in checks if check.name in present]
+    checks += [Check(name, "foreign") for name in foreign if not BESIDE.fullmatch(name)]
     progress.expect(sum(check.counted for check in checks))
-    for check, found in workers.work(_judged, checks, lambda c: folder.read(c.name), progress):
-        yield from (Fault(check.name, what) for what in found)
+    for check, faults in workers.work(_judged, checks, lambda c: _read(folder, c), progress):
+        yield from faults
         progress.done(check.counted)
 
 
-def repair(
-    where: Where | Folder, *, workers: Workers | None = None, progress: Progress = SILENT
-) -> list[Fault]:
-    """Do again exactly the shards that have faults, and move foreign files to ``_foreign/``.
-
-    Returns:
-        The faults that were found.
-
-    Raises:
-        InputError: where the folder holds no dataset or another process writes to it.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
-    """
-    folder, workers = open_folder(where), workers or Workers()
-    read_manifest(folder)  # before the lock, which would make a folder
-    with under_way(folder, lambda: _begun(folder)) as ledger:
-        faults = list(verify(folder, workers=workers, progress=progress))
-        for fault in faults:
-            if fault.foreign:
-                folder.publish(FOREIGN + fault.path, folder.read(fault.path))
-                folder.remove(fault.path)
-        _discard(ledger, {fault.path for fault in faults if not fault.foreign})
-        if ledger.manifest.solve:
-            complete(ledger, workers, progress)
-        else:
-            draw_scenarios(ledger, lost_scenarios(ledger), workers, progress)
-    return faults
+def _faults_beside(folder: Folder, *, solved: bool) -> Iterator[Fault]:
+    """Faults of the files that digests are in, but for the manifest."""
+    manifest, copy = (_content(folder, name) for name in (MANIFEST, COPY))
+    if copy != manifest:
+        yield Fault(COPY, f"is not what {MANIFEST} is")
+    if read_timed(folder) is None and (solved or folder.exists(TIMED)):
+        yield Fault(TIMED, "is missing or damaged")
 
 
-def _begun(folder: Folder) -> Manifest:
-    manifest = read_manifest(folder)
-    refuse_versions(folder, manifest)
-    return manifest
-
-
-def _discard(ledger: Ledger[Manifest], names: set[str]) -> None:
-    """Remove damaged files; timings come from solving, so with them goes the solved shard."""
-    made = {name.removeprefix(TIMINGS) for name in names}
-    for name in names | made:
-        if ledger.folder.exists(name):
-            ledger.folder.remove(name)
-    ledger.disown(made)
-
-
-def _checks(manifest: Manifest, present: Collection[str]) -> Iterator[Check]:
-    """Every file that is meant to be there, and timings where there are any."""
-    for shard in manifest.expected():
-        held = (shard.scenarios, shard.solved) if manifest.solve else (shard.scenarios,)
-        for name in (*held, shard.timings):
-            if name in held or name in present:
-                counted = len(shard.rows) if name == held[-1] else 0
-                yield Check(name, shard, manifest.shards.get(name), counted)
-
-
-def _judged(check: Check, content: bytes) -> list[str]:
+def _content(folder: Folder, name: str) -> bytes | None:
     try:
-        table = decode(content)
-    except InputError as error:
-        return [str(error)]
-    if check.name == check.shard.timings:
-        return []
+        return folder.read(name)
+    except OSError:
+        return None
+
+
+def _checks(folder: Folder, manifest: Manifest, *, checked: bool) -> Iterator[Check]:
+    """Every file that is meant to be there; of an earlier version, timings where there are any."""
+    known, timed = manifest.shards, read_timed(folder) or {}
+    for shard in manifest.expected():
+        rows, solved = len(shard.rows), known.get(shard.solved)
+        counted = 0 if manifest.solve else rows
+        yield Check(
+            shard.scenarios, "scenarios", shard, known.get(shard.scenarios), counted=counted
+        )
+        if manifest.solve:
+            yield Check(shard.solved, "solved", shard, solved, counted=rows)
+            if checked:
+                digest = timed.get(shard.solved)
+                yield Check(shard.timings, "timings", shard, digest, solved)
+            elif folder.exists(shard.timings):
+                yield Check(shard.timings, "timings", shard)
+
+
+def _read(folder: Folder, check: Check) -> bytes | Unread:
+    if check.kind == "foreign" and not SHARD.fullmatch(check.name):
+        return b""
+    if folder.size(check.name) > MOST_BYTES:
+        return Unread(f"it is larger than {MOST_BYTES // 2**20} MiB")
+    try:
+        return folder.read(check.name)
+    except OSError as error:
+        return Unread(folder.told(error))
+
+
+def _judged(check: Check, content: bytes | Unread) -> list[Fault]:
+    """The faults of one file."""
+    if check.shard is None:
+        alone = isinstance(content, bytes) and stands_alone(content)
+        return [Fault(check.name, FOREIGN, foreign=True, sound=alone)]
+    if isinstance(content, Unread):
+        return [Fault(check.name, f"cannot be read ({content.reason})")]
+    if check.kind == "timings":
+        return [Fault(check.name, what) for what in _timing_faults(check, check.shard, content)]
     if check.digest is None:
-        return ["is not in the manifest; the run that made it was cut short"]
-    if digest_of(content) != check.digest:
-        return ["does not have the digest that the manifest gives it"]
-    return list(_faults(table, check.shard, check.name))
+        return [Fault(check.name, CUT_SHORT)]
+    return _shard_faults(check, check.shard, content)
 
 
-def _faults(table: pa.Table, shard: Shard, name: str) -> Iterator[str]:
-    solved, one = name == shard.solved, shard.sample
-    fields = pa.schema(SOLVED_FIELDS if solved else SCENARIO_FIELDS)
-    if not table.schema.equals(fields, check_metadata=False):
-        yield "has other columns than a dataset of this version"
+def _shard_faults(check: Check, shard: Shard, content: bytes) -> list[Fault]:
+    """The faults of scenarios or solved instances that the manifest has a digest of."""
+    right = digest_of(content) == check.digest
+    try:
+        table = decode(content, shard.most)
+    except InputError as error:
+        return [Fault(check.name, str(error), sound=stands_alone(content))]
+    fields = SOLVED_FIELDS if check.kind == "solved" else SCENARIO_FIELDS
+    other = None
+    if not table.schema.equals(pa.schema(fields)):
+        other = "has other columns than a dataset of this version"
+    elif not has_metadata(table, shard.metadata(check.name)):
+        other = "was made with other settings or versions than the manifest has"
+    elif table["scenario_id"].to_pylist() != shard.scenario_ids:
+        other = f"has other rows than the {len(shard.rows)} that the manifest expects"
+    if other:
+        return [Fault(check.name, other if right else DIGEST, sound=stands_alone(content))]
+    if not right:
+        return [Fault(check.name, DIGEST)]
+    return [Fault(check.name, what) for what in _row_faults(table, shard, check.kind)]
+
+
+def _timing_faults(check: Check, shard: Shard, content: bytes) -> Iterator[str]:
+    if check.digest is not None and digest_of(content) != check.digest:
+        yield f"does not have the digest that {TIMED} gives it"
         return
-    if not has_metadata(table, shard.metadata(name)):
-        yield "was made with other settings or versions than the manifest has"
+    try:
+        table = decode(content, shard.most)
+    except InputError as error:
+        yield str(error)
         return
-    if table.num_rows != len(shard.rows):
-        yield f"has {table.num_rows} rows; expected {len(shard.rows)}"
-    elif table["split"].to_pylist() != [one.drawn_as(row)[0] for row in shard.rows]:
+    if not table.schema.equals(pa.schema(TIMING_FIELDS)):
+        yield "has other columns than timings of this version"
+    elif table["scenario_id"].to_pylist() != shard.scenario_ids:
+        yield "is of other scenarios"
+    elif check.solved is not None:
+        if (table.schema.metadata or {}).get(TIMED_KEY) != check.solved.encode():
+            yield f"is not of {shard.solved} as the manifest has it"
+        elif check.digest is None:
+            yield UNTIMED
+
+
+def _row_faults(table: pa.Table, shard: Shard, kind: str) -> Iterator[str]:
+    if table["split"].to_pylist() != [shard.sample.drawn_as(row)[0] for row in shard.rows]:
         yield "has rows of other splits than they were drawn for"
-    if solved:
+    if kind == "solved":
         at_nodes = shard.about.solve.get("separation") == "nodes"
         yield from row_faults(table, shard.n, shard.about.problem, at_nodes=at_nodes)

@@ -28,7 +28,7 @@ from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.errors import COLD_GAS, Errors, draws
 from pipeline.flight.margin import default_margin, with_margin
-from pipeline.flight.montecarlo import Loop
+from pipeline.flight.portions import Loop
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld, World
 from pipeline.jobs.workers import Workers

@@ -18,8 +18,8 @@ SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, se
 """Five shards, the last of n=2 not full."""
 
 
-NO_CONTENT = ("_lock", "_stamps.json")
-"""Files that differ between runs which make the same."""
+NO_CONTENT = {"_lock", "_stamps.json", "_timings", "_damaged", "_foreign"}
+"""Files and folders that differ between runs which make the same."""
 
 
 @pytest.fixture(scope="session")
@@ -38,13 +38,13 @@ def solved(solved_once: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def content() -> Callable[[Path], dict[str, str]]:
-    """Digest of every file of a dataset, taken here and not from its manifest, but timings."""
+    """Digest of every file of a dataset that all runs make the same, taken here."""
 
     def of(folder: Path) -> dict[str, str]:
         return {
             path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
             for path in sorted(folder.rglob("*"))
-            if path.is_file() and "_timings" not in path.parts and path.name not in NO_CONTENT
+            if path.is_file() and not NO_CONTENT & {*path.relative_to(folder).parts}
         }
 
     return of

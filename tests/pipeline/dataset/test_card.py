@@ -22,9 +22,10 @@ from pipeline.dataset.card.splits import HUB_NAMES, files_by_split
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.presets import PRESETS
+from pipeline.dataset.stages.repair import repair
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import repair, verify
+from pipeline.dataset.stages.verify import verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.jobs.workers import Workers
@@ -247,9 +248,8 @@ def test_the_card_and_what_keeps_the_folder_are_no_foreign_files(carded, content
     solve(carded, Settings(), workers=ONE)
     assert content(carded) == before
     assert [fault.path for fault in repair(carded, workers=ONE)] == ["n=2/README.md"]
-    after = content(carded)
-    moved = {"_foreign/n=2/README.md" if k == "n=2/README.md" else k: v for k, v in before.items()}
-    assert after == moved
+    assert content(carded) == {k: v for k, v in before.items() if k != "n=2/README.md"}
+    assert (carded / "_foreign/n=2/README.md.1").read_text() == "a card where none belongs"
 
 
 def test_the_documented_way_to_read_a_whole_folder_with_a_card(carded):

@@ -12,14 +12,17 @@ import pyarrow.dataset as pads
 import pytest
 from rights import read_only, room_until_told
 
+from pipeline.dataset.format.layout import OWNED
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.reading.read import examples
+from pipeline.dataset.stages.repair import repair
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import repair, verify
+from pipeline.dataset.stages.verify import verify
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
+from pipeline.flight import portions
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.progress import Progress
@@ -110,7 +113,8 @@ def test_a_file_url_is_the_folder_on_this_machine_with_its_lock_and_its_renames(
     url = f"file://{host}{path.as_uri().removeprefix('file://')}"
     assert open_folder(url) == open_folder(path)
     sample(url, {2: Sample(count=2)}, Problem(), jobs=1)
-    with sole_writer(open_folder(path)), pytest.raises(InputError, match=r"is being written by"):
+    held = sole_writer(open_folder(path), OWNED)
+    with held, pytest.raises(InputError, match=r"is being written by"):
         solve(url, Settings(), workers=ONE)
     solve(url, Settings(), workers=ONE)
     assert list(verify(path, workers=ONE)) == []
@@ -177,7 +181,7 @@ HOLD = """
 import sys, time
 from pipeline.storage.folder import open_folder
 from pipeline.storage.lock import sole_writer
-with sole_writer(open_folder(sys.argv[1])):
+with sole_writer(open_folder(sys.argv[1]), "n=.*"):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -196,16 +200,63 @@ def test_a_second_writer_is_told_who_holds_the_folder_and_a_dead_one_holds_nothi
         holder.communicate()
     solve(solved, Settings(), workers=ONE)
     left = sorted(p.name for p in solved.iterdir() if p.is_file())
-    assert left == ["_lock", "_manifest.json", "_stamps.json"]
+    assert left == ["_lock", "_manifest.copy.json", "_manifest.json", "_stamps.json"]
+
+
+HALF = f"{'0123456789abcdef' * 2}.tmp"
+"""The end of the name of an unfinished file of ours."""
 
 
 def test_what_a_killed_writer_left_unfinished_is_swept_away_and_is_no_fault(solved):
-    left = solved / "n=3" / ".part-00001.parquet.abc.tmp"
-    left.write_bytes(b"half")
+    left = [
+        *(solved / f"{top}n=3/.part-00001.parquet.{HALF}" for top in ("", "_scenarios/")),
+        *(solved / f"_timings/{name}.{HALF}" for name in ("n=3/.part-00001.parquet",)),
+        solved / f"_timings/._manifest.json.{HALF}",
+        *(solved / f".{name}.{HALF}" for name in ("_manifest.json", "_stamps.json", "README.md")),
+    ]
+    for path in left:
+        path.write_bytes(b"half")
     assert list(verify(solved, workers=ONE)) == []
-    with sole_writer(open_folder(solved)):
-        assert not left.exists()
+    with sole_writer(open_folder(solved), OWNED):
+        assert not [path for path in left if path.exists()]
         assert str(os.getpid()) in (solved / "_writer").read_text()
+
+
+OTHERS = [
+    ".letter.tmp",
+    ".git/.mine.tmp",
+    f".git/.part-00001.parquet.{HALF}",
+    f".letter.txt.{HALF}",
+    "n=3/.part-00001.parquet.abc.tmp",
+    f"n=3/.notes.txt.{HALF}",
+    f"papers/n=3/.part-00001.parquet.{HALF}",
+    f"_manifest.json.{HALF}",
+]
+
+
+@pytest.mark.parametrize("owned", [OWNED, portions.OWNED], ids=["dataset", "flights"])
+def test_unfinished_files_of_other_programs_stay(solved, owned):
+    for name in OTHERS:
+        (solved / name).parent.mkdir(parents=True, exist_ok=True)
+        (solved / name).write_text("mine")
+    with sole_writer(open_folder(solved), owned):
+        assert [name for name in OTHERS if not (solved / name).exists()] == []
+
+
+def test_a_writer_does_not_look_through_folders_that_are_not_its_own(tmp_path):
+    """As with --out ~: what takes long is refused before anything is looked through."""
+    for k in range(300):
+        (tmp_path / f"{k}/{k}").mkdir(parents=True)
+        (tmp_path / f"{k}/{k}/.part-00000.parquet.{HALF}").write_text("mine")
+    looked = []
+    sys.addaudithook(lambda event, told: looked.append(told) if event == "os.scandir" else None)
+    with pytest.raises(InputError, match="holds other files"):
+        sample(tmp_path, SAMPLES, Problem(), jobs=1)
+    with sole_writer(open_folder(tmp_path), OWNED):
+        pass
+    opened = [one for one in looked if str(tmp_path) in str(one)]
+    assert len(opened) < 100
+    assert len(list(tmp_path.rglob(f"*{HALF}"))) == 300
 
 
 class InStep(Progress):

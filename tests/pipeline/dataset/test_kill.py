@@ -87,11 +87,11 @@ def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_
     kills, reruns = statuses[:-1:2], statuses[1::2]
     assert set(kills) == {-signal.SIGKILL}
     assert set(reruns) == {0}
-    # Scenarios, timings and plans of two shards, and manifests: each is flushed before and
-    # after its rename, so that every kill falls on one side of one.
+    # Scenarios, timings and plans of two shards, manifests and their copies: each is flushed
+    # before and after its rename, so that every kill falls on one side of one.
     assert len(kills) >= 20
     wanted = content(tmp_path / "undisturbed")
-    assert len(wanted) == 2 + 2 + 1
+    assert len(wanted) == 2 + 2 + 1 + 1
     for k in range(len(kills)):
         assert content(tmp_path / f"{k:03d}") == wanted, f"step {k}"
         assert not list((tmp_path / f"{k:03d}").rglob("*.tmp"))

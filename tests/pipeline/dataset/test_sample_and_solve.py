@@ -7,12 +7,13 @@ import sys
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from forged import forge, remove
 from typer.testing import CliRunner
 
 from cli.main import app
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import METADATA_KEY, SOLVED_FIELDS, scenarios_of, stacked
+from pipeline.dataset.format.schema import SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.dataset.reading.read import examples, solved_rows
 from pipeline.dataset.stages import solve as stage
 from pipeline.dataset.stages.sample import sample
@@ -25,7 +26,8 @@ from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.storage.folder import Folder
-from pipeline.storage.layout import MANIFEST
+from pipeline.storage.layout import COPY, MANIFEST
+from pipeline.storage.shards import METADATA_KEY
 
 ONE = Workers(jobs=1)
 
@@ -142,7 +144,7 @@ def test_another_size_joins_a_folder_and_leaves_the_others_alone(solved, content
     solve(solved, Settings(), workers=ONE)
     after = content(solved)
     changed = {name for name in before if before[name] != after[name]}
-    assert changed == {"_manifest.json"}
+    assert changed == {"_manifest.json", "_manifest.copy.json"}
     assert len(solved_rows(solved, 4)) == 2
 
 
@@ -233,7 +235,7 @@ def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
         solve(solved / "x", Settings(), workers=ONE)
         examples(solved / "x", 3, "test")
     (solved / "n=3/part-00001.parquet").unlink()
-    with pytest.raises(InputError, match="not solved at n=3"):
+    with pytest.raises(InputError, match=r"part-00001\.parquet in .* cannot be read .* --repair"):
         solved_rows(solved, 3)
 
 
@@ -245,14 +247,17 @@ def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
         (lambda document: document["samples"]["2"].update(count="many"), r"2\.count is 'many': "),
         (lambda document: document["samples"]["2"].update(orbits=3), r"2\.orbits is not a field"),
         (lambda document: document["problem"].update(orbits=3), "orbits"),
+        (lambda document: document["problem"].update(nodes=[]), r"nodes: "),
+        (lambda document: document["solve"].update(separation="far"), "separation is 'far'"),
+        (lambda document: document["samples"]["2"].update(family="cubes"), "family is 'cubes'"),
+        (lambda document: document["samples"]["2"].update(count=10**9), "at most 200000"),
+        (lambda document: document["samples"].update({"0": {}}), "greater than 0"),
         (lambda document: document["shards"].update(x=1), r"shards\.x is 1: "),
         (lambda document: document.update(more=1), "more is not a field"),
     ],
 )
 def test_a_manifest_with_a_field_that_is_wrong_is_damaged_and_says_where(solved, damage, fault):
-    document = json.loads((solved / MANIFEST).read_text())
-    damage(document)
-    (solved / MANIFEST).write_text(json.dumps(document))
+    forge(solved, damage)
     with pytest.raises(InputError, match=rf"is damaged \(.*{fault}.*\); delete it and"):
         read_manifest(solved)
 
@@ -291,10 +296,11 @@ def test_whole_numbers_of_a_problem_stay_whole_so_that_shards_made_again_are_the
 def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved, content):
     before = content(solved)
     times = {p: p.stat().st_mtime_ns for p in solved.glob("n=*/*.parquet")}
-    (solved / "_manifest.json").write_text("{")
-    with pytest.raises(InputError, match="damaged"):
+    for name in (MANIFEST, COPY):
+        (solved / name).write_text("{")
+    with pytest.raises(InputError, match=r"damaged .*; delete it and give the command that made"):
         read_manifest(solved)
-    (solved / "_manifest.json").unlink()
+    (solved / MANIFEST).unlink()
     again = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
     sample(solved, again, Problem(), jobs=1)
     solve(solved, Settings(), workers=ONE)
@@ -305,7 +311,7 @@ def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved, conte
 def test_plans_of_other_settings_are_not_adopted(solved, tmp_path):
     sample(tmp_path / "other", {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
     solve(tmp_path / "other", Settings(separation="nodes"), workers=ONE)
-    (solved / "_manifest.json").unlink()
+    remove(solved)
     name = "n=2/part-00000.parquet"
     right = (solved / name).read_bytes()
     (solved / name).write_bytes((tmp_path / "other" / name).read_bytes())

@@ -5,22 +5,21 @@ import shutil
 
 import pyarrow.parquet as pq
 import pytest
+from forged import forge, remove
 
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import METADATA_KEY
 from pipeline.dataset.stages.begun import solved_by
+from pipeline.dataset.stages.repair import repair
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import repair
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
 from pipeline.jobs.worker import check_worker
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.provenance import code_digest, made_with
-from pipeline.storage.layout import MANIFEST
-from pipeline.storage.shards import encode
+from pipeline.storage.shards import METADATA_KEY, encode
 
 ONE = Workers(jobs=1)
 SAMPLES = {2: Sample(count=7, shard_rows=3)}
@@ -28,9 +27,7 @@ SAMPLES = {2: Sample(count=7, shard_rows=3)}
 
 def made_by(folder, stage, **versions):
     """Let a dataset say that it was made with other versions."""
-    document = json.loads((folder / MANIFEST).read_text())
-    document["made_with"][stage] |= versions
-    (folder / MANIFEST).write_text(json.dumps(document))
+    forge(folder, lambda manifest: manifest["made_with"][stage].update(versions))
 
 
 RUNS = {
@@ -68,8 +65,7 @@ def test_plans_of_another_version_are_refused_by_name(solved, content, run, vers
 
 
 def test_a_folder_of_an_older_layout_is_refused_with_what_to_do(solved):
-    document = json.loads((solved / MANIFEST).read_text()) | {"schema": "prolearn.dataset/1"}
-    (solved / MANIFEST).write_text(json.dumps(document))
+    forge(solved, lambda manifest: manifest.update(schema="prolearn.dataset/1"))
     with pytest.raises(InputError, match=r"schema prolearn\.dataset/1.*make the dataset anew"):
         read_manifest(solved)
 
@@ -83,7 +79,7 @@ def test_plans_of_another_version_are_not_adopted_where_the_manifest_is_gone(sol
     old = table.replace_schema_metadata({METADATA_KEY: json.dumps(about, sort_keys=True)})
     (solved / name).write_bytes(encode(old))
     shutil.rmtree(solved / "n=3")
-    (solved / MANIFEST).unlink()
+    remove(solved)
     sample(solved, SAMPLES, Problem(), jobs=1)
     solve(solved, Settings(), workers=ONE)
     assert (solved / name).read_bytes() == right
