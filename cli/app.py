@@ -13,6 +13,9 @@ from pipeline.urls import public
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
+MOST_LISTED = 10_000
+"""Numbers that a list on the command line may stand for."""
+
 
 class Group(TyperGroup):
     """Commands in the order of the work; errors as one sentence and an exit status."""
@@ -75,8 +78,11 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
     try:
         for part in text.split(","):
             first, _, last = part.partition("..")
-            numbers |= set(range(int(first), int(last or first) + 1))
-    except ValueError:
+            wanted = range(int(first), int(last or first) + 1)
+            if len(numbers) + len(wanted) > MOST_LISTED:
+                raise InputError(f"{option} is {text!r}; expected at most {MOST_LISTED} numbers.")
+            numbers |= set(wanted)
+    except (ValueError, OverflowError):
         numbers = set()
     if not numbers or min(numbers) < least:
         raise InputError(

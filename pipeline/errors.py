@@ -7,3 +7,13 @@ class ProlearnError(Exception):
 
 class InputError(ProlearnError):
     """Input that cannot be worked with, in one sentence; the command line exits with 2."""
+
+
+def check_range(name: str, value: float | int, least: float | int, most: float | int) -> None:
+    """Refuse a number outside a range.
+
+    Raises:
+        InputError: naming what it is of, the number and the range.
+    """
+    if not least <= value <= most:
+        raise InputError(f"{name} is {value:g}; expected a number from {least:g} to {most:g}.")

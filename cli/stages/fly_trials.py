@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.exhibits.style import save
 from pipeline.files import published
 from pipeline.flight.effects import refuse_distance
@@ -22,6 +22,7 @@ from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
+from pipeline.scenario.scenario import FURTHEST
 
 OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
 """Ways to fly a plan: as it is; planned anew at every node; with more separation asked for."""
@@ -81,8 +82,7 @@ def fly_trials(
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
     for name, given in (("size", size), ("margin", margin or 0.0)):
-        if not 0 <= given < float("inf"):
-            raise InputError(f"--{name} is {given}; expected a number of metres, 0 or more.")
+        check_range(f"--{name}", given, 0.0, FURTHEST)
     refuse_distance(scenario, plan.controls)
     of = MonteCarlo(scenario, world, errors, seed, portion_of(scenario.n))
     loops = list(_loops(plan, scenario, errors, planner, margin))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.flight.nonlinear import Drag, NonlinearWorld
 from pipeline.flight.perturbations import atmosphere_near
 from pipeline.orbit.elements import Elements
@@ -15,6 +15,10 @@ from pipeline.orbit.reference import R_EARTH, Reference, radius_at
 
 MOST_ECCENTRIC = 0.01
 """Up to which a plan for a circular orbit is flown; bounds on separation hold so far, too."""
+
+
+MOST_BALLISTIC = 100.0
+"""Largest C_D A/m, m²/kg: that of a solar sail."""
 
 
 @dataclass(frozen=True)
@@ -48,21 +52,16 @@ class Conditions:
 
     def __post_init__(self) -> None:
         """Refuse what no reference orbit can be."""
-        self._refuse_beyond("eccentricity", 0.0, MOST_ECCENTRIC)
-        self._refuse_beyond("inclination_deg", 0.0, 180.0)
+        check_range("eccentricity", self.eccentricity, 0.0, MOST_ECCENTRIC)
+        check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
         for angle in ("raan_deg", "argument_of_perigee_deg", "argument_of_latitude_deg"):
-            self._refuse_beyond(angle, -360.0, 360.0)
-        self._refuse_beyond("spread", 0.0, 1.0)
-        held = self.ballistic
-        if held is not None and not (np.isfinite(held) and held > 0):
+            check_range(angle, getattr(self, angle), -360.0, 360.0)
+        check_range("spread", self.spread, 0.0, 1.0)
+        if self.ballistic is not None and not 0 < self.ballistic <= MOST_BALLISTIC:
             raise InputError(
-                f"ballistic is {held}; expected a positive C_D A/m in m²/kg, such as 0.01."
+                f"ballistic is {self.ballistic:g}; expected a positive C_D A/m in m²/kg, such as "
+                f"0.01, of at most {MOST_BALLISTIC:g}."
             )
-
-    def _refuse_beyond(self, name: str, least: float, most: float) -> None:
-        value = getattr(self, name)
-        if not least <= value <= most:
-            raise InputError(f"{name} is {value:g}; expected a number from {least:g} to {most:g}.")
 
     def about(self, reference: Reference) -> "Conditions":
         """The same, on an orbit so inclined, with the frame's origin where it is at the epoch."""

@@ -9,7 +9,6 @@ from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.uncertainty import Uncertainty
 
@@ -41,12 +40,6 @@ class Errors(Uncertainty):
     direction_fixed: float = 0.0
     timing: float = 0.0
     missed: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse what is no standard deviation, or no probability."""
-        super().__post_init__()
-        if self.missed > 1:
-            raise InputError(f"missed is {self.missed}; expected a probability of 0 to 1.")
 
 
 COLD_GAS = Errors(

@@ -41,6 +41,9 @@ from pipeline.storage.shards import (
 )
 from pipeline.storage.sound import sound_table
 
+MOST_TRIALS = 10_000_000
+"""Of one Monte Carlo."""
+
 FIELDS = [
     pa.field("trial", pa.int64(), nullable=False),
     pa.field("min_separation", pa.float64()),
@@ -93,8 +96,8 @@ def fly_all(
             begun with other settings or versions.
         ProlearnError: where the folder cannot be written to or workers are killed again and again.
     """
-    if trials < 1:
-        raise InputError(f"trials is {trials}; expected at least one.")
+    if not 1 <= trials <= MOST_TRIALS:
+        raise InputError(f"trials is {trials}; expected 1 to {MOST_TRIALS}.")
     folder, workers = open_folder(where), workers or Workers()
     with written(folder, OWNED, lambda: _begun(folder), progress) as ledger:
         wanted = [

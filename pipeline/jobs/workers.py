@@ -25,6 +25,9 @@ from pipeline.urls import public, public_url
 MOST_KILLS = 3
 """Times in a row that workers may be killed before a single shard is done."""
 
+MOST_JOBS = 1024
+"""Processes on this machine."""
+
 CONNECT_SECONDS = 10
 """How long a scheduler may take to answer."""
 
@@ -48,8 +51,11 @@ class Workers:
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be run on."""
-        if self.jobs == 0:
-            raise InputError("jobs is 0; expected a number of processes, or -1 for all cores.")
+        if self.jobs == 0 or not -MOST_JOBS <= self.jobs <= MOST_JOBS:
+            raise InputError(
+                f"jobs is {self.jobs}; expected a number of processes up to {MOST_JOBS}, or -1 for "
+                "all cores."
+            )
 
     def work(
         self,

@@ -4,10 +4,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.orbit.cw import ClohessyWiltshire
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.reference import mean_motion_at
+
+RANGES = {
+    "mean_motion": (1e-15, 1.0),
+    "time_step": (1e-3, 1e6),
+    "collision_radius": (1e-6, 1e6),
+    "max_acceleration": (1e-12, 1e6),
+}
+"""Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds."""
+
+MOST_NODES = 1000
+"""Of which a plan of a few craft takes minutes and some GB."""
+
+MOST_TURNS = 1000
+"""Revolutions of the reference orbit that a transfer may take."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +47,18 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Refuse what no transfer can be planned with."""
-        for name in ("mean_motion", "time_step", "collision_radius", "max_acceleration"):
+        for name, (least, most) in RANGES.items():
             value = getattr(self, name)
             if name == "max_acceleration" and value is None:
                 continue
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}; expected a positive finite number.")
+            check_range(name, value, least, most)
+        if self.nodes > MOST_NODES:
+            raise InputError(f"nodes is {self.nodes}; expected at most {MOST_NODES}.")
+        if self.duration * self.mean_motion > 2 * np.pi * MOST_TURNS:
+            raise InputError(
+                f"the transfer takes {self.duration:g} s; expected at most {MOST_TURNS} "
+                f"revolutions of the orbit, {2 * np.pi * MOST_TURNS / self.mean_motion:g} s."
+            )
         if self.nodes < 3:
             raise InputError(
                 f"nodes is {self.nodes}; expected at least 3, since two intervals of constant "

@@ -4,11 +4,17 @@ from dataclasses import dataclass
 from datetime import datetime
 from math import sqrt
 
+from pipeline.errors import check_range
+
 MU_EARTH = 398600.4418e9
 """Gravitational parameter of the Earth, m³/s²."""
 
 R_EARTH = 6378137.0
 """Equatorial radius of the Earth, m."""
+
+
+HIGHEST = 1.5e9
+"""Of orbits about the Earth, altitude in m: about where the Sun's pull takes over."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,12 @@ class Reference:
 
 
 def mean_motion_at(altitude: float) -> float:
-    """Mean motion in rad/s of the circular orbit at an altitude in m: e = √(μ/r₀³)."""
+    """Mean motion in rad/s of the circular orbit at an altitude in m: e = √(μ/r₀³).
+
+    Raises:
+        InputError: for an altitude that no orbit about the Earth has.
+    """
+    check_range("altitude", altitude, 0.0, HIGHEST)
     return sqrt(MU_EARTH / (R_EARTH + altitude) ** 3)
 
 

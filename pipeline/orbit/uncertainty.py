@@ -2,9 +2,16 @@
 
 from dataclasses import dataclass, fields
 
-import numpy as np
+from pipeline.errors import check_range
 
-from pipeline.errors import InputError
+MOST = {
+    **dict.fromkeys(("position", "position_bias"), 1e3),
+    **dict.fromkeys(("velocity", "velocity_bias", "magnitude_fixed", "direction_fixed"), 10.0),
+    **dict.fromkeys(("magnitude", "direction"), 0.3),
+    "timing": 1e3,
+    "missed": 1.0,
+}
+"""Largest errors, SI: beyond any with which craft would be flown near each other."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,4 @@ class Uncertainty:
     def __post_init__(self) -> None:
         """Refuse what is no standard deviation."""
         for field in fields(self):
-            value = getattr(self, field.name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{field.name} is {value}; expected a number of 0 or more.")
+            check_range(field.name, getattr(self, field.name), 0.0, MOST[field.name])

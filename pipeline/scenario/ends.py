@@ -8,9 +8,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, T
 
 from pipeline.arrays import Array
 from pipeline.orbit.rings import pro_states
-
-MOST_CRAFT = 10_000
-"""Craft that a ring may ask for: far more than a plan is made for, few enough to be held."""
+from pipeline.scenario.scenario import MOST_CRAFT
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 State = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
@@ -90,6 +88,12 @@ class RingsDocument(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     rings: list[RingDocument] = Field(min_length=1, description="Rings, whose craft follow on.")
+
+    @model_validator(mode="after")
+    def _not_too_many(self) -> "RingsDocument":
+        if sum(len(ring.phase) for ring in self.rings) > MOST_CRAFT:
+            raise ValueError(f"give rings of at most {MOST_CRAFT} craft together")
+        return self
 
     def states(self, mean_motion: float) -> Float[Array, "n 6"]:
         """States x y z vx vy vz of all craft in m and m/s, mean motion in rad/s."""

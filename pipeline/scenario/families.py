@@ -19,7 +19,7 @@ from pipeline.orbit.approaches import close_approaches, pairs
 from pipeline.orbit.drift import drift_separations, free_drift
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 
 SEMI_MAJOR_AXIS = (100.0, 300.0)
 """Range of ring sizes a, m."""
@@ -80,8 +80,8 @@ def draw(
     check_family(family)
     if split not in SPLITS:
         raise InputError(f"split is {split!r}; expected one of {', '.join(SPLITS)}.")
-    if n < 1:
-        raise InputError(f"n is {n}; expected at least one spacecraft.")
+    if not 1 <= n <= MOST_CRAFT:
+        raise InputError(f"n is {n}; expected 1 to {MOST_CRAFT} spacecraft.")
     if not (0 <= seed < SEEDS and 0 <= index < SEEDS):
         raise InputError(
             f"seed is {seed} and index {index}; expected neither to be negative or above "

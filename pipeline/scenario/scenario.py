@@ -11,6 +11,15 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 
+MOST_CRAFT = 10_000
+"""Far more than plans are made for, and few enough for a list of all pairs."""
+
+MOST_STATES = 1_000_000
+"""Craft times nodes."""
+
+FURTHEST, FASTEST = 1e9, 1e6
+"""Largest component of a position, m, and of a velocity, m/s; beyond, no motion is relative."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
@@ -47,6 +56,17 @@ class Scenario:
                     f"{end}[{bad.argmax()}] has a value that is not a finite number; expected "
                     "six finite numbers x y z vx vy vz in m and m/s."
                 )
+            beyond = np.abs(states).reshape(-1, 2, 3).max(axis=(0, 2)) > (FURTHEST, FASTEST)
+            if beyond.any():
+                raise InputError(
+                    f"{end} reaches {np.abs(states).max():g}; expected positions within "
+                    f"{FURTHEST:g} m and velocities within {FASTEST:g} m/s."
+                )
+        if self.n > MOST_CRAFT or self.n * self.problem.nodes > MOST_STATES:
+            raise InputError(
+                f"there are {self.n} spacecraft and {self.problem.nodes} nodes; expected at most "
+                f"{MOST_CRAFT} spacecraft, and {MOST_STATES} of both multiplied."
+            )
         if len(self.initial) != len(self.goal):
             raise InputError(
                 f"initial has {len(self.initial)} states and goal has {len(self.goal)}; expected "

@@ -22,9 +22,7 @@ from pipeline.plan import (
 from pipeline.plan.certificate import NO_FUEL
 from pipeline.plan.planned import POSITION_TOLERANCE
 from pipeline.scenario import Scenario
-
-FURTHEST = 1e9
-"""Positions beyond this, m, are no relative motion, and no proof holds where numbers overflow."""
+from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6
 """Share by which a claimed cost may differ from the one found anew."""

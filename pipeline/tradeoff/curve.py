@@ -13,7 +13,8 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
+from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
@@ -77,8 +78,7 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
     Raises:
         InputError: where the range holds no whole number of arcs, or too short a transfer.
     """
-    if steps < 1:
-        raise InputError(f"steps is {steps}; expected at least one duration.")
+    check_range("steps", steps, 1, MOST_NODES)
     least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)
     if least < FEWEST:
         raise InputError(
@@ -89,6 +89,11 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
         raise InputError(
             f"duration is {first:g} to {last:g} s; expected a range with a multiple of time_step, "
             f"{time_step:g} s, in it: widen it or lower time_step."
+        )
+    if most >= MOST_NODES:
+        raise InputError(
+            f"duration ends at {last:g} s; expected less than {MOST_NODES * time_step:g} s, which "
+            f"is {MOST_NODES} thrust arcs of the scenario's time_step: end earlier."
         )
     spread = np.linspace(least, most, steps) if steps > 1 else [most]
     return sorted({round(float(arcs)) for arcs in spread})

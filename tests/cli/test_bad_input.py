@@ -1,6 +1,7 @@
 """Bad input: one clear sentence, exit status 2, no traceback, nothing written."""
 
 import json
+import time
 
 import pytest
 
@@ -84,6 +85,25 @@ CASES = {
         [*RISKY, "--risk", "0.1", "--separation", "nodes"],
         "--separation is nodes",
     ),
+    "nodes without measure": (["sample", "--out", "x", "--nodes", "100000"], "at most 1000"),
+    "craft without measure": (["sample", "--out", "x", "--n", "1000000000"], "1 to 10000"),
+    "scenarios without measure": (["sample", "--out", "x", "--count", f"{10**12}"], "shards"),
+    "an altitude without measure": (["sample", "--out", "x", "--altitude", "1e308"], "altitude"),
+    "steps of time without measure": (
+        ["sample", "--out", "x", "--time-step", "1e308"],
+        "time_step is 1e+308; expected a number from 0.001 to 1e+06",
+    ),
+    "a transfer without measure": (["sample", "--out", "x", "--time-step", "1e6"], "revolutions"),
+    "processes without measure": (["sample", "--out", "x", "--jobs", f"{10**9}"], "up to 1024"),
+    "sizes without measure": (["evaluate", "--n", f"2..{10**9}"], "at most 10000 numbers"),
+    "durations without measure": (
+        ["tradeoff", "good.json", "--duration", "1..9999h"],
+        "which is 1000 thrust arcs",
+    ),
+    "errors without measure": (
+        ["plan", "good.json", "--out", "p.json", "--risk", "0.1", "--navigation-sigma", "1e9"],
+        "expected a number from 0 to 1000",
+    ),
     "a model where there is no store": (["models", "show", "hal"], "no tracking store"),
 }
 
@@ -106,6 +126,44 @@ def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
 def scenario_file(path, **fields):
     write_scenario(path, draw("rings", 0, 3, 0, Problem()))
     path.write_text(json.dumps(json.loads(path.read_text()) | fields))
+
+
+HOSTILE = {
+    "nodes that ask for gigabytes": ({"nodes": 100_000}, "nodes is 100000; expected at most"),
+    "nodes that ask for ever": ({"nodes": 10_000_000}, "nodes is 10000000; expected at most"),
+    "craft and nodes together": (
+        {
+            "nodes": 1000,
+            "initial": {"rings": [{"craft": 1001, "size": 2e5}]},
+            "goal": {"rings": [{"craft": 1001, "size": 3e5}]},
+        },
+        "1001 spacecraft and 1000 nodes",
+    ),
+    "rings that add up": (
+        {end: {"rings": [{"craft": 6000, "size": 2e5}] * 2} for end in ("initial", "goal")},
+        "at most 10000 craft together",
+    ),
+    "steps of 1e308 s": ({"time_step": 1e308}, "time_step is 1e+308; expected"),
+    "an orbit of no length": ({"mean_motion": 1e-308}, "mean_motion is 1e-308; expected"),
+    "positions that overflow": ({"initial": [[1e308, 0, 0, 0, 0, 0]] * 3}, "within 1e+09 m"),
+    "an integer of 400 digits": ({"collision_radius": 10**400}, "collision_radius"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+@pytest.mark.parametrize("command", [("scenario", "check"), ("plan", "--out", "p.json")])
+def test_numbers_without_measure_are_refused_before_they_take_memory(
+    case, command, prolearn, tmp_path
+):
+    fields, words = HOSTILE[case]
+    scenario_file(tmp_path / "hostile.json", **fields)
+    started = time.monotonic()
+    done = prolearn(*command, "hostile.json")
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith("prolearn: hostile.json: ")
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert time.monotonic() - started < 30  # a second or two where nobody else works
 
 
 SCENARIO_FAULTS = {

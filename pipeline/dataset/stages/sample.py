@@ -52,6 +52,7 @@ def sample(
     folder, workers = open_folder(where), Workers(jobs)
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
+    Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
     _refuse_foreign(folder)
     with under_way(folder, lambda: _begun(folder, samples, problem), progress) as ledger:
         lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]

@@ -82,7 +82,7 @@ def test_a_reference_orbit_of_the_scenario_is_taken():
         ({"eccentricity": float("nan")}, "eccentricity is nan"),
         ({"inclination_deg": 181.0}, "inclination_deg is 181; expected a number from 0 to 180."),
         ({"argument_of_perigee_deg": float("inf")}, "argument_of_perigee_deg is inf"),
-        ({"ballistic": 0.0}, "ballistic is 0.0; expected a positive"),
+        ({"ballistic": 0.0}, "ballistic is 0; expected a positive"),
         ({"spread": 1.5}, "spread is 1.5"),
     ],
 )

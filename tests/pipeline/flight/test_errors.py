@@ -114,9 +114,9 @@ def test_navigation_has_noise_that_is_new_and_a_bias_that_stays():
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"missed": 1.5}, "missed is 1.5; expected a probability of 0 to 1"),
-        ({"timing": -1.0}, "timing is -1.0; expected a number of 0 or more"),
-        ({"magnitude": float("nan")}, "magnitude is nan; expected a number of 0 or more"),
+        ({"missed": 1.5}, "missed is 1.5; expected a number from 0 to 1"),
+        ({"timing": -1.0}, "timing is -1; expected a number from 0 to 1000"),
+        ({"magnitude": float("nan")}, "magnitude is nan; expected a number from 0 to 0.3"),
     ],
 )
 def test_what_is_no_error_is_refused(wrong, sentence):

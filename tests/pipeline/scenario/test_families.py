@@ -101,7 +101,7 @@ def test_rings_grow_with_the_swarm_beyond_30_craft():
     ("change", "words"),
     [
         ({"family": "spiral"}, "rings, coplanar-split"),
-        ({"n": 0}, "at least one spacecraft"),
+        ({"n": 0}, "expected 1 to 10000 spacecraft"),
         ({"seed": -1}, "negative"),
     ],
 )
