@@ -1,34 +1,34 @@
-"""Work on shards by joblib's workers, on this machine or on a Dask cluster.
+"""Work on shards by several processes, on this machine or on a Dask cluster.
 
-Workers are given bytes and give bytes back: they touch no file, so that a killed one leaves
+Workers are given values and give values back: they touch no file, so that a killed one leaves
 nothing behind, a cluster needs no shared disk, and only the process that holds the folder writes.
 """
 
-import os
-import signal
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from functools import partial
+from math import inf
 from typing import TypeVar
 
 import joblib
-from joblib.externals.loky.backend import resource_tracker as loky_tracker
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.jobs.worker import loaded, work
+from pipeline.jobs.cluster import cluster
+from pipeline.jobs.processes import processes
+from pipeline.jobs.spread import Pool, WorkersLostError, spread
+from pipeline.jobs.worker import work
 from pipeline.progress import SILENT, Progress
-from pipeline.urls import public, public_url
 
-MOST_KILLS = 3
-"""Times in a row that workers may be killed before a single shard is done."""
+MOST_LOSSES = 3
+"""Times in a row that workers may be lost before a single shard is done."""
 
-CONNECT_SECONDS = 10
-"""How long a scheduler may take to answer."""
+SCHEDULER_WAIT = 300.0
+"""Seconds in which a scheduler that was lost may come back, unless a person says otherwise."""
 
 Task = TypeVar("Task")
+Content = TypeVar("Content")
 Result = TypeVar("Result")
 
 
@@ -40,136 +40,78 @@ class Workers:
         jobs: processes on this machine; -1 for one a core. A cluster uses all that it has.
         scheduler: address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786, or None for
             this machine.
+        scheduler_wait: seconds in which a scheduler that was lost may come back.
     """
 
     jobs: int = -1
     scheduler: str | None = None
+    scheduler_wait: float = SCHEDULER_WAIT
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be run on."""
         if self.jobs == 0:
             raise InputError("jobs is 0; expected a number of processes, or -1 for all cores.")
+        if not 0 <= self.scheduler_wait < inf:
+            raise InputError(
+                f"the wait for a lost scheduler is {self.scheduler_wait:g}; expected seconds, 0 or "
+                "more."
+            )
 
     def work(
         self,
-        function: Callable[[Task, bytes], Result],
+        function: Callable[[Task, Content], Result],
         tasks: Sequence[Task],
-        load: Callable[[Task], bytes],
+        load: Callable[[Task], Content],
         progress: Progress = SILENT,
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
-        What a killed worker had in hand is done again by new ones.
+        What a killed worker or a lost scheduler had in hand is done again.
 
         Args:
             function: what to do, importable on every worker.
             tasks: what to do it with.
-            load: the bytes that a task needs, read here when its turn comes.
-            progress: told of killed workers.
+            load: what else a task needs, read here when its turn comes; pickled for the worker.
+            progress: told of what is lost.
 
         Raises:
-            ProlearnError: where workers are killed again and again, or none can be had.
+            ProlearnError: where workers are killed again and again, none can be had, or a lost
+                scheduler does not come back.
         """
-        waiting, kills = dict(enumerate(tasks)), 0
+        waiting, losses, again = dict(enumerate(tasks)), 0, False
         while waiting:
             try:
-                with closing(self._once(function, dict(waiting), load)) as results:
+                with closing(self._once(function, dict(waiting), load, again, progress)) as results:
                     for number, result in results:
-                        kills = 0
+                        losses = 0
                         yield waiting.pop(number), result
-            except _killed() as error:
-                kills += 1
-                if kills == MOST_KILLS:
-                    raise ProlearnError(
-                        "worker processes are killed again and again, perhaps for want of "
-                        "memory; the shards that were done are kept: run the same command again "
-                        "with fewer --jobs."
-                    ) from error
-                progress.say(
-                    "a worker process was killed, perhaps for want of memory; what it had in "
-                    "hand is done again."
-                )
+            except WorkersLostError as lost:
+                losses, again = losses + 1, True
+                if losses == MOST_LOSSES:
+                    raise ProlearnError(lost.again) from lost
+                progress.say(str(lost))
 
     def _once(
         self,
-        function: Callable[[Task, bytes], Result],
+        function: Callable[[Task, Content], Result],
         tasks: Mapping[int, Task],
-        load: Callable[[Task], bytes],
+        load: Callable[[Task], Content],
+        again: bool,
+        progress: Progress,
     ) -> Generator[tuple[int, Result], None, None]:
-        here = self.scheduler is None
-        if here and joblib.effective_n_jobs(self.jobs) == 1:
+        """Results by the tasks' numbers, until all are there or workers are lost."""
+        pool: AbstractContextManager[Pool]
+        if self.scheduler:
+            pool = cluster(self.scheduler, self.scheduler_wait, again, progress)
+        elif (jobs := joblib.effective_n_jobs(self.jobs)) > 1:
+            pool = processes(jobs)
+        else:
             with threadpool_limits(1):
                 for number, task in tasks.items():
                     yield number, function(task, load(task))
             return
-        parent = os.getpid() if here else None
         calls = (
-            joblib.delayed(work)(function, number, task, loaded(load, task), parent)
-            for number, task in tasks.items()
+            (number, partial(work, function, task, load(task))) for number, task in tasks.items()
         )
-        with _cluster(self.scheduler) if self.scheduler else joblib.parallel_config("loky"):
-            parallel = joblib.Parallel(
-                n_jobs=self.jobs, return_as="generator_unordered", batch_size=1
-            )
-            with ExitStack() as stack:  # an interrupt that waited finds the results to close
-                with _deaf_to_interrupts():
-                    results = stack.enter_context(closing(parallel(calls)))
-                for number, result in results:
-                    if isinstance(result, ProlearnError):
-                        raise result
-                    yield number, result
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes that start in the block never see Ctrl-C, which a terminal sends to all of them.
-
-    One that is still importing would print a traceback; this process tells them when to stop.
-    Its own Ctrl-C waits until the block has ended.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    for tracker in (resource_tracker, loky_tracker):
-        tracker.ensure_running()  # one that started in the block would undo it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _cluster(scheduler: str) -> Iterator[None]:
-    """In the block joblib works on the Dask cluster of a scheduler."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError(
-            "backend is 'dask' and Dask is not installed; install it with "
-            "`pip install 'prolearn[dask]'`."
-        ) from error
-    where = public_url(scheduler)
-    try:
-        client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise ProlearnError(
-            f"no Dask scheduler answers at {where} ({public(error, scheduler)}); start one with "
-            "`dask scheduler`."
-        ) from error
-    try:
-        with client, joblib.parallel_config("dask", client=client):
-            yield
-    except TimeoutError as error:
-        raise ProlearnError(
-            f"the scheduler at {where} has no workers; start some with `dask worker {where}`."
-        ) from error
-
-
-def _killed() -> tuple[type[Exception], ...]:
-    """What the loss of a worker looks like; Dask itself replaces lost ones a few times."""
-    try:
-        from distributed import KilledWorker
-    except ImportError:
-        return (TerminatedWorkerError,)
-    return TerminatedWorkerError, KilledWorker
+        with pool as workers:
+            yield from spread(workers, calls)

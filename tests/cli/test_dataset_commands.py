@@ -19,6 +19,8 @@ NO_CONTENT = ("_lock", "_stamps.json")
 
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
+DASK = ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:1"]
+
 
 def run(*arguments):
     """Exit status, output and complaints of a command, run in this process."""
@@ -78,6 +80,9 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
         (["verify", "nowhere"], "nowhere does not exist"),
         (["solve", "DATA", "--jobs", "0"], "jobs is 0"),
         (["solve", "DATA", "--backend", "dask"], "--scheduler tcp://HOST:8786"),
+        (["solve", "DATA", "--scheduler-wait", "60"], "expected it with --backend dask"),
+        (["solve", "DATA", *DASK, "--scheduler-wait", "-1"], "scheduler is -1; expected seconds"),
+        (["solve", "DATA", *DASK, "--scheduler-wait", "nan"], "scheduler is nan; expected seconds"),
         (["solve", "odd://x"], "no known filesystem"),
         (["sample", "--out", "DATA", "--n", "2", "--count", "7"], "count = 6, now it is 7"),
         (["sample", "--out", "DATA", "--count", "0"], "count is 0"),
