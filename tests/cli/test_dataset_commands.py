@@ -153,17 +153,24 @@ def alive(group):
 
 
 @pytest.mark.parametrize(
-    ("to_all", "jobs"), [(True, "2"), (False, "2"), (False, "1")], ids=["terminal", "main", "one"]
+    ("to_all", "jobs"), [(True, "2"), (False, "2"), (False, "1")], ids=["all", "main", "one"]
 )
-def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(long_work, to_all, jobs):
+@pytest.mark.parametrize(
+    ("number", "status", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+    ids=["ctrl-c", "sigterm"],
+)
+def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
+    long_work, to_all, jobs, number, status, word
+):
     process = begun(long_work, "--jobs", jobs)
-    (os.killpg if to_all else os.kill)(process.pid, signal.SIGINT)
+    (os.killpg if to_all else os.kill)(process.pid, number)
     done = len(list(long_work.glob("n=6/*.parquet")))
     _, complaints = process.communicate(timeout=60)
     # Counted in work, not in seconds, of which a busy machine takes any number.
     assert len(list(long_work.glob("n=6/*.parquet"))) < done + 20
-    assert process.returncode == 130
-    assert complaints.splitlines()[-1] == "prolearn: interrupted; what was finished is kept."
+    assert process.returncode == status
+    assert complaints.splitlines()[-1] == f"prolearn: {word}; what was finished is kept."
     assert "Traceback" not in complaints
     from pipeline.dataset.stages.verify import verify
     from pipeline.jobs.workers import Workers
