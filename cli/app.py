@@ -1,8 +1,12 @@
 """The Typer application, and how errors reach a person."""
 
-from collections.abc import Sequence
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from errno import EPIPE
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import typer
@@ -11,7 +15,12 @@ from typer.core import TyperGroup
 from pipeline.errors import InputError, ProlearnError
 from pipeline.urls import public
 
-FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, which ends a run as Ctrl-C does."""
+
 
 MOST_LISTED = 10_000
 """Numbers that a list on the command line may stand for."""
@@ -27,7 +36,8 @@ class Group(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command: bad input exits with 2, a failed run with 1, neither with a traceback."""
         try:
-            return super().invoke(ctx)
+            with _sigterm_raises():
+                return super().invoke(ctx)
         except InputError as error:
             _stop(str(error), BAD_INPUT)
         except ProlearnError as error:
@@ -36,8 +46,28 @@ class Group(TyperGroup):
             if error.errno == EPIPE:  # the reader of our output has left; click is silent then
                 raise
             _stop(str(error), FAILED)
+        except Terminated:
+            _stop("terminated; what was finished is kept.", TERMINATED)
         except KeyboardInterrupt:
             _stop("interrupted; what was finished is kept.", INTERRUPTED)
+
+
+@contextmanager
+def _sigterm_raises() -> Iterator[None]:
+    """In the block a first SIGTERM raises Terminated; a second ends the process at once."""
+    if threading.current_thread() is not threading.main_thread():  # it cannot set handlers
+        yield
+        return
+
+    def end(number: int, _: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _stop(message: str, status: int) -> None:

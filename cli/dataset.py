@@ -46,6 +46,14 @@ Scheduler = Annotated[
     ),
 ]
 
+SchedulerWait = Annotated[
+    float | None,
+    typer.Option(
+        help="Seconds in which a scheduler that was lost may come back; 300 by default.",
+        show_default=False,
+    ),
+]
+
 
 def sample(
     out: Out,
@@ -92,6 +100,7 @@ def solve(
     jobs: Jobs = -1,
     backend: Backend = "loky",
     scheduler: Scheduler = None,
+    scheduler_wait: SchedulerWait = None,
     separation: Separation = "continuous",
     solver: Annotated[
         Literal["simplex", "clarabel", "cvxpy"],
@@ -115,7 +124,7 @@ def solve(
     from pipeline.expert import Settings
 
     settings = Settings(separation=separation, solver=solver)
-    _solve(folder, settings, _workers(jobs, backend, scheduler))
+    _solve(folder, settings, _workers(jobs, backend, scheduler, scheduler_wait))
 
 
 def make(
@@ -127,6 +136,7 @@ def make(
     jobs: Jobs = -1,
     backend: Backend = "loky",
     scheduler: Scheduler = None,
+    scheduler_wait: SchedulerWait = None,
 ) -> None:
     """Sample and solve all that the experiments need.
 
@@ -147,7 +157,7 @@ def make(
     from pipeline.expert import Settings
     from pipeline.orbit.problem import Problem
 
-    folder, workers = out or f"data/{preset}", _workers(jobs, backend, scheduler)
+    folder, workers = out or f"data/{preset}", _workers(jobs, backend, scheduler, scheduler_wait)
     with progress("sampling") as shown:
         run(folder, PRESETS[preset], Problem(), jobs=jobs, progress=shown)
     _solve(folder, Settings(), workers)
@@ -237,18 +247,25 @@ def _refuse_options(context: typer.Context) -> None:
         )
 
 
-def _workers(jobs: int, backend: Backend, scheduler: str | None) -> "Workers":
+def _workers(
+    jobs: int, backend: Backend, scheduler: str | None, scheduler_wait: float | None
+) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
-    from pipeline.jobs.workers import Workers
+    from pipeline.jobs.workers import SCHEDULER_WAIT, Workers
 
     if backend == "loky":
+        if scheduler_wait is not None:
+            raise InputError(
+                f"--scheduler-wait is {scheduler_wait:g} and work on this machine has no "
+                "scheduler; expected it with --backend dask."
+            )
         return Workers(jobs)
     if not scheduler:
         raise InputError(
             "backend is 'dask' and no scheduler is given; expected its address: "
             "--scheduler tcp://HOST:8786."
         )
-    return Workers(jobs, scheduler)
+    return Workers(jobs, scheduler, SCHEDULER_WAIT if scheduler_wait is None else scheduler_wait)
 
 
 def _solve(folder: str, settings: "Settings", workers: "Workers") -> None:

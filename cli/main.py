@@ -76,7 +76,7 @@ app = typer.Typer(
         prolearn plan scenario.json --out plan.json
         prolearn dataset --preset demo --out data/demo
     """,
-    epilog="Exit status: 0 done, 1 failed, 2 bad usage or input, 130 interrupted.",
+    epilog="Exit status: 0 done, 1 failed, 2 bad usage or input, 130 Ctrl-C, 143 SIGTERM.",
 )
 
 

@@ -1,35 +1,36 @@
-"""Work on shards by joblib's workers, on this machine or on a Dask cluster.
+"""Work on shards by several processes, on this machine or on a Dask cluster.
 
-Workers are given bytes and give bytes back: they touch no file, so that a killed one leaves
+Workers are given values and give values back: they touch no file, so that a killed one leaves
 nothing behind, a cluster needs no shared disk, and only the process that holds the folder writes.
 """
 
-import os
-import signal
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from functools import partial
 from typing import TypeVar
 
 import joblib
-from joblib.externals.loky.backend import resource_tracker as loky_tracker
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
-from pipeline.errors import InputError, ProlearnError
-from pipeline.jobs.worker import loaded, work
+from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.jobs.cluster import cluster
+from pipeline.jobs.lost import WorkersLostError
+from pipeline.jobs.processes import by_processes
+from pipeline.jobs.worker import work
 from pipeline.progress import SILENT, Progress
-from pipeline.urls import public, public_url
 
-MOST_KILLS = 3
-"""Times in a row that workers may be killed before a single shard is done."""
+MOST_LOSSES = 3
+"""Times in a row that workers may be lost before a single shard is done."""
 
 MOST_JOBS = 1024
 """Processes on this machine."""
 
-CONNECT_SECONDS = 10
-"""How long a scheduler may take to answer."""
+SCHEDULER_WAIT = 300.0
+"""Seconds in which a scheduler that was lost may come back, unless a person says otherwise."""
+
+MOST_WAIT = 1e7
+"""Longest such wait, s: four months."""
 
 Task = TypeVar("Task")
 Content = TypeVar("Content")
@@ -44,10 +45,12 @@ class Workers:
         jobs: processes on this machine; -1 for one a core. A cluster uses all that it has.
         scheduler: address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786, or None for
             this machine.
+        scheduler_wait: seconds in which a scheduler that was lost may come back.
     """
 
     jobs: int = -1
     scheduler: str | None = None
+    scheduler_wait: float = SCHEDULER_WAIT
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be run on."""
@@ -56,6 +59,7 @@ class Workers:
                 f"jobs is {self.jobs}; expected a number of processes up to {MOST_JOBS}, or -1 for "
                 "all cores."
             )
+        check_range("the wait for a lost scheduler", self.scheduler_wait, 0, MOST_WAIT)
 
     def work(
         self,
@@ -66,117 +70,60 @@ class Workers:
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
-        What a killed worker had in hand is done again by new ones.
+        What a killed worker or a lost scheduler had in hand is done again.
 
         Args:
             function: what to do, importable on every worker.
             tasks: what to do it with.
-            load: what a task needs, such as bytes of a file, read here when its turn comes.
-            progress: told of killed workers.
+            load: what else a task needs, read here when its turn comes; pickled for the worker.
+            progress: told of what is lost.
 
         Raises:
-            ProlearnError: where workers are killed again and again, or none can be had.
+            ProlearnError: where workers are killed again and again, none can be had, or a lost
+                scheduler does not come back.
         """
-        waiting, kills = dict(enumerate(tasks)), 0
+        waiting, losses, again = dict(enumerate(tasks)), 0, False
         while waiting:
             try:
-                with closing(self._once(function, dict(waiting), load)) as results:
+                with closing(self._once(function, dict(waiting), load, again, progress)) as results:
                     for number, result in results:
-                        kills = 0
+                        losses = 0
                         yield waiting.pop(number), result
-            except _killed() as error:
-                kills += 1
-                if kills == MOST_KILLS:
-                    raise ProlearnError(
-                        "worker processes are killed again and again, perhaps for want of "
-                        "memory; the shards that were done are kept: run the same command again "
-                        "with fewer --jobs."
-                    ) from error
-                progress.say(
-                    "a worker process was killed, perhaps for want of memory; what it had in "
-                    "hand is done again."
-                )
+            except WorkersLostError as lost:
+                losses, again = losses + 1, True
+                if losses == MOST_LOSSES:
+                    raise ProlearnError(lost.again) from lost
+                progress.say(str(lost))
 
     def _once(
         self,
         function: Callable[[Task, Content], Result],
         tasks: Mapping[int, Task],
         load: Callable[[Task], Content],
+        again: bool,
+        progress: Progress,
     ) -> Generator[tuple[int, Result], None, None]:
-        here = self.scheduler is None
-        if here and joblib.effective_n_jobs(self.jobs) == 1:
+        """Results by the tasks' numbers, until all are there or workers are lost."""
+        jobs = joblib.effective_n_jobs(self.jobs)
+        if self.scheduler is None and jobs == 1:
             with threadpool_limits(1):
                 for number, task in tasks.items():
                     yield number, function(task, load(task))
             return
-        parent = os.getpid() if here else None
         calls = (
-            joblib.delayed(work)(function, number, task, loaded(load, task), parent)
+            partial(work, function, number, task, _loaded(load, task))
             for number, task in tasks.items()
         )
-        with _cluster(self.scheduler) if self.scheduler else joblib.parallel_config("loky"):
-            parallel = joblib.Parallel(
-                n_jobs=self.jobs, return_as="generator_unordered", batch_size=1
-            )
-            with ExitStack() as stack:  # an interrupt that waited finds the results to close
-                with _deaf_to_interrupts():
-                    results = stack.enter_context(closing(parallel(calls)))
-                for number, result in results:
-                    if isinstance(result, ProlearnError):
-                        raise result
-                    yield number, result
+        if self.scheduler is None:
+            yield from by_processes(calls, jobs)
+            return
+        with cluster(self.scheduler, self.scheduler_wait, again, progress) as workers:
+            yield from workers.results(calls)
 
 
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes that start in the block never see Ctrl-C, which a terminal sends to all of them.
-
-    One that is still importing would print a traceback; this process tells them when to stop.
-    Its own Ctrl-C waits until the block has ended.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    for tracker in (resource_tracker, loky_tracker):
-        tracker.ensure_running()  # one that started in the block would undo it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _loaded(load: Callable[[Task], Content], task: Task) -> Content | Exception:
+    """What a task needs; joblib asks for it in a thread where an error would go unnoticed."""
     try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _cluster(scheduler: str) -> Iterator[None]:
-    """In the block joblib works on the Dask cluster of a scheduler."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError(
-            "backend is 'dask' and Dask is not installed; install it with "
-            "`pip install 'prolearn[dask]'`."
-        ) from error
-    where = public_url(scheduler)
-    try:
-        client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise ProlearnError(
-            f"no Dask scheduler answers at {where} ({public(error, scheduler)}); start one with "
-            "`dask scheduler`."
-        ) from error
-    try:
-        with client, joblib.parallel_config("dask", client=client):
-            yield
-    except TimeoutError as error:
-        raise ProlearnError(
-            f"the scheduler at {where} has no workers; start some with `dask worker {where}`."
-        ) from error
-
-
-def _killed() -> tuple[type[Exception], ...]:
-    """What the loss of a worker looks like; Dask itself replaces lost ones a few times."""
-    try:
-        from distributed import KilledWorker
-    except ImportError:
-        return (TerminatedWorkerError,)
-    return TerminatedWorkerError, KilledWorker
+        return load(task)
+    except Exception as error:
+        return error

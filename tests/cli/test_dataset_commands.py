@@ -19,6 +19,8 @@ NO_CONTENT = {"_lock", "_stamps.json", "_timings", "_damaged", "_foreign"}
 
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
+DASK = ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:1"]
+
 
 def run(*arguments):
     """Exit status, output and complaints of a command, run in this process."""
@@ -78,6 +80,9 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
         (["verify", "nowhere"], "nowhere does not exist"),
         (["solve", "DATA", "--jobs", "0"], "jobs is 0"),
         (["solve", "DATA", "--backend", "dask"], "--scheduler tcp://HOST:8786"),
+        (["solve", "DATA", "--scheduler-wait", "60"], "expected it with --backend dask"),
+        (["solve", "DATA", *DASK, "--scheduler-wait", "-1"], "scheduler is -1; expected a number"),
+        (["solve", "DATA", *DASK, "--scheduler-wait", "nan"], "scheduler is nan; expected a number"),
         (["solve", "odd://x"], "no known filesystem"),
         (["sample", "--out", "DATA", "--n", "2", "--count", "7"], "count = 6, now it is 7"),
         (["sample", "--out", "DATA", "--count", "0"], "count is 0"),
@@ -148,17 +153,24 @@ def alive(group):
 
 
 @pytest.mark.parametrize(
-    ("to_all", "jobs"), [(True, "2"), (False, "2"), (False, "1")], ids=["terminal", "main", "one"]
+    ("to_all", "jobs"), [(True, "2"), (False, "2"), (False, "1")], ids=["all", "main", "one"]
 )
-def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(long_work, to_all, jobs):
+@pytest.mark.parametrize(
+    ("number", "status", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+    ids=["ctrl-c", "sigterm"],
+)
+def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
+    long_work, to_all, jobs, number, status, word
+):
     process = begun(long_work, "--jobs", jobs)
-    (os.killpg if to_all else os.kill)(process.pid, signal.SIGINT)
+    (os.killpg if to_all else os.kill)(process.pid, number)
     done = len(list(long_work.glob("n=6/*.parquet")))
     _, complaints = process.communicate(timeout=60)
     # Counted in work, not in seconds, of which a busy machine takes any number.
     assert len(list(long_work.glob("n=6/*.parquet"))) < done + 20
-    assert process.returncode == 130
-    assert complaints.splitlines()[-1] == "prolearn: interrupted; what was finished is kept."
+    assert process.returncode == status
+    assert complaints.splitlines()[-1] == f"prolearn: {word}; what was finished is kept."
     assert "Traceback" not in complaints
     from pipeline.dataset.stages.verify import verify
     from pipeline.jobs.workers import Workers

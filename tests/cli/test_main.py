@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.app import BAD_INPUT, FAILED, INTERRUPTED
+from cli.app import BAD_INPUT, FAILED, INTERRUPTED, TERMINATED
 
 PAGE = (Path(__file__).parents[2] / "docs/cli.md").read_text(encoding="utf-8")
 
@@ -26,7 +26,7 @@ def test_the_version_is_one_line_with_what_it_runs_on(prolearn):
 def test_exit_statuses_are_the_same_in_help_documentation_and_code(prolearn):
     (line,) = (one for one in prolearn("--help").stdout.splitlines() if "Exit status" in one)
     told = [int(number) for number in re.findall(r"\d+", line)]
-    assert told == [0, FAILED, BAD_INPUT, INTERRUPTED]
+    assert told == [0, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED]
     section = PAGE.partition("## Exit status")[2].partition("\n## ")[0]
     assert [int(k) for k in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)] == told
 

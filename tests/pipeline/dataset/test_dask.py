@@ -1,11 +1,14 @@
-"""A real Dask scheduler with two worker processes on loopback; one is killed half way."""
+"""Real Dask schedulers and worker processes on loopback, killed and started again."""
 
+import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 
+import numpy as np
 import pytest
 
 from pipeline.dataset.format.samples import Sample
@@ -17,65 +20,194 @@ from pipeline.orbit.problem import Problem
 from pipeline.progress import Progress
 
 SHARDS = 12
+PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
 
-def started(log, module, *arguments):
-    command = [sys.executable, "-m", f"distributed.cli.{module}", *arguments, "--no-dashboard"]
-    with log.open("w") as file:
-        return subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT)
+def until(holds, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+class Cluster:
+    """A scheduler, and workers of one thread each."""
+
+    def __init__(self, folder):
+        self.folder, self.started = folder, []
+        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
+        self.log, self.workers = folder / "0.log", []
+        found = r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)"
+        until(lambda: re.search(found, self.log.read_text()))
+        self.address = re.search(found, self.log.read_text()).group(1)
+
+    def _start(self, module, *arguments):
+        k = len(self.started)
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *arguments, "--no-dashboard"]
+        with (self.folder / f"{k}.log").open("w") as log:
+            self.started.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT))
+        return self.started[-1]
+
+    def start_workers(self, count=2):
+        for _ in range(count):
+            scratch = ["--local-directory", str(self.folder / f"scratch{len(self.started)}")]
+            options = ["--nthreads", "1", "--no-nanny", *scratch]
+            self.workers.append(self._start("dask_worker", self.address, *options))
+
+    def await_workers(self, count=2):
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=60)
+
+    def clients(self):
+        """How many have connected so far."""
+        return self.log.read_text().count("Receive client connection")
+
+    def kill_workers(self):
+        for worker in self.workers:
+            kill(worker)
+        self.workers = []
+
+    def start_scheduler_again(self):
+        host, port = self.address.removeprefix("tcp://").split(":")
+        self.scheduler = self._start("dask_scheduler", "--host", host, "--port", port)
+
+    def end(self):
+        for process in self.started:
+            kill(process)
+
+
+def kill(process):
+    process.kill()
+    process.wait()
 
 
 @pytest.fixture
 def cluster(tmp_path):
-    """Address of a scheduler, and its two workers."""
-    log = tmp_path / "scheduler.log"
-    processes = [started(log, "dask_scheduler", "--host", "127.0.0.1", "--port", "0")]
+    (tmp_path / "cluster").mkdir()
+    found = Cluster(tmp_path / "cluster")
     try:
-        found, end = None, time.monotonic() + 30
-        while not found and time.monotonic() < end:
-            found = re.search(r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)", log.read_text())
-            time.sleep(0.05)
-        assert found, log.read_text()
-        address = found.group(1)
-        for k in range(2):
-            local = ["--local-directory", str(tmp_path / f"scratch{k}")]
-            options = ["--nthreads", "1", "--no-nanny", *local]
-            worker = started(tmp_path / f"{k}.log", "dask_worker", address, *options)
-            processes.append(worker)
-        yield address, processes[1:]
+        yield found
     finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+        found.end()
 
 
-class Killer(Progress):
-    """Kills a worker once a third of the rows is done."""
+class After(Progress):
+    """Does something once a third of the shards is done."""
 
-    def __init__(self, worker):
-        self.worker, self.shards, self.at = worker, 0, None
+    def __init__(self, does):
+        self.does, self.shards, self.said = does, 0, []
 
     def done(self, rows, note="", *, failed=0):
         self.shards += 1
         if self.shards == SHARDS // 3:
-            self.worker.send_signal(signal.SIGKILL)
-            self.at = self.shards
+            self.does()
+
+    def say(self, sentence):
+        self.said.append(sentence)
 
 
-def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(cluster, tmp_path, content):
-    from distributed import Client
-
-    address, workers = cluster
+@pytest.fixture
+def here_and_there(tmp_path):
+    """The same dataset twice, solved here, and to be solved there."""
     samples = {5: Sample(count=8 * SHARDS, shard_rows=8)}
-    for name in ("here", "there"):
-        sample(tmp_path / name, samples, Problem(), jobs=1)
-    solve(tmp_path / "here", Settings(), workers=Workers(jobs=1))
-    with Client(address, set_as_default=False) as client:
-        client.wait_for_workers(2, timeout=60)
-    killer = Killer(workers[0])
-    there = Workers(scheduler=address)
-    solve(tmp_path / "there", Settings(), workers=there, progress=killer)
-    assert killer.at == SHARDS // 3
-    assert workers[0].wait(timeout=60) == -signal.SIGKILL
-    assert killer.shards == SHARDS
-    assert content(tmp_path / "there") == content(tmp_path / "here")
+    folders = tmp_path / "here", tmp_path / "there"
+    for folder in folders:
+        sample(folder, samples, Problem(), jobs=1)
+    solve(folders[0], Settings(), workers=Workers(jobs=1))
+    return folders
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(
+    cluster, here_and_there, content
+):
+    here, there = here_and_there
+    cluster.start_workers()
+    cluster.await_workers()
+    progress = After(lambda: kill(cluster.workers[0]))
+    solve(there, Settings(), workers=Workers(scheduler=cluster.address), progress=progress)
+    assert progress.shards == SHARDS
+    assert content(there) == content(here)
+
+
+def test_a_scheduler_that_is_killed_and_comes_back_costs_a_sentence_and_no_byte(
+    cluster, here_and_there, content, capfd
+):
+    here, there = here_and_there
+    cluster.start_workers()
+    cluster.await_workers()
+
+    def restart():
+        kill(cluster.scheduler)
+        cluster.start_scheduler_again()
+        cluster.start_workers()  # the old ones end with their scheduler
+
+    progress = After(restart)
+    solve(there, Settings(), workers=Workers(scheduler=cluster.address), progress=progress)
+    assert progress.shards == SHARDS
+    assert content(there) == content(here)
+    gone = f"the Dask scheduler at {cluster.address} is gone; waiting up to 300 s for it to come"
+    assert progress.said[0].startswith(gone)
+    assert sum("is gone" in sentence for sentence in progress.said) == 1
+    assert capfd.readouterr().err == ""
+
+
+def test_a_scheduler_that_does_not_come_back_ends_the_run_with_a_sentence_and_status_1(
+    cluster, here_and_there
+):
+    _, there = here_and_there
+    cluster.start_workers(1)
+    cluster.await_workers(1)
+    cluster.workers[0].send_signal(signal.SIGSTOP)  # so that the run is not done too early
+    options = ["--backend", "dask", "--scheduler", cluster.address, "--scheduler-wait", "0.5"]
+    command = [*PROGRAM, "solve", str(there), *options]
+    clients = cluster.clients()
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    until(lambda: cluster.clients() > clients)
+    kill(cluster.scheduler)
+    said, complaints = run.communicate(timeout=60)
+    assert (run.returncode, said) == (1, "")
+    lines = complaints.splitlines()
+    gone = f"prolearn: the Dask scheduler at {cluster.address} is gone"
+    assert lines[0].startswith(f"{gone}; waiting up to 0.5 s")
+    assert lines[1].startswith(f"{gone} and did not come back within 0.5 s; ")
+    assert len(lines) == 2
+
+
+def test_workers_and_scheduler_may_be_gone_at_once_before_anything_is_done(cluster, tmp_path):
+    gate = tmp_path / "gate"
+
+    def double(task, content):
+        (tmp_path / f"begun{task}").touch()
+        while not gate.exists():
+            time.sleep(0.02)
+        return task * content
+
+    def lose_all_and_start_again():
+        until(lambda: len(list(tmp_path.glob("begun*"))) == 2)
+        cluster.kill_workers()
+        kill(cluster.scheduler)
+        gate.touch()
+        cluster.start_scheduler_again()
+        until(lambda: any("no workers yet" in sentence for sentence in progress.said))
+        cluster.start_workers()
+
+    cluster.start_workers()
+    progress = After(None)
+    threading.Thread(target=lose_all_and_start_again).start()
+    workers, tasks = Workers(scheduler=cluster.address), range(5)
+    results = dict(workers.work(double, tasks, lambda _: np.full(1000, 2.0), progress))
+    assert sorted(results) == list(tasks)
+    assert all((results[task] == 2.0 * task).all() for task in tasks)
+    gone, empty = progress.said
+    assert "is gone; waiting up to" in gone
+    assert "has no workers yet; start some with `dask worker" in empty
+
+
+def test_a_cluster_of_one_thread_does_the_work_itself(cluster):
+    cluster.start_workers(1)
+    done = Workers(scheduler=cluster.address).work(
+        lambda task, content: os.getpid(), range(2), lambda task: b""
+    )
+    assert {pid for _, pid in done} == {cluster.workers[0].pid}

@@ -10,10 +10,11 @@ import subprocess
 import sys
 import textwrap
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from processes import workers_of
+from processes import SOON, workers_of
 
 SCRIPT = """
 import json, os, signal, sys
@@ -158,3 +159,58 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
     assert run.returncode == 0
     assert "a worker process was killed" in said
     assert content(busy) == content(alone)
+
+
+@pytest.fixture
+def weighty(tmp_path):
+    """A folder whose shards are larger than a pipe holds, so that a worker gets them in parts."""
+    from pipeline.dataset.format.samples import Sample
+    from pipeline.dataset.stages.sample import sample
+    from pipeline.orbit.problem import Problem
+
+    folder = tmp_path / "weighty"
+    sample(folder, {30: Sample(count=320, shard_rows=80)}, Problem(), jobs=1)
+    assert (folder / "_scenarios/n=30/part-00000.parquet").stat().st_size > 2**17
+    return folder
+
+
+def started(folder):
+    """A solve of its own process group, once its first worker has appeared."""
+    run = subprocess.Popen(
+        [sys.executable, "-c", SOLVE, str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
+    assert until(lambda: workers_of(run.pid))
+    return run
+
+
+def semaphores_of(pid):
+    return list(Path("/dev/shm").glob(f"*loky-{pid}-*"))
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
+@pytest.mark.parametrize("wait", [0.0, 0.1, 0.25])  # s: workers are importing
+def test_a_kill_while_workers_are_starting_leaves_no_process_and_no_semaphore(weighty, wait):
+    run = started(weighty)
+    try:
+        time.sleep(wait)
+        run.kill()
+        run.communicate(timeout=SOON)  # until all that hold its output have ended
+        assert not semaphores_of(run.pid)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
+def test_what_processes_left_that_were_killed_all_at_once_is_removed_by_the_next_run(busy):
+    run = started(busy)
+    os.killpg(run.pid, signal.SIGKILL)
+    run.communicate(timeout=SOON)
+    assert semaphores_of(run.pid)  # their tracker, which would have, was killed with them
+    following = started(busy)
+    following.terminate()
+    following.communicate(timeout=SOON)
+    assert not semaphores_of(run.pid)

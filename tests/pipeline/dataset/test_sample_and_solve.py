@@ -326,7 +326,7 @@ def test_workers_that_cannot_be_are_refused():
 
 
 def test_a_scheduler_that_does_not_answer_is_named(solved, monkeypatch):
-    monkeypatch.setattr("pipeline.jobs.workers.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("pipeline.jobs.cluster.CONNECT_SECONDS", 0.5)
     (solved / "n=3/part-00001.parquet").unlink()
     far = Workers(scheduler="tcp://127.0.0.1:1")
     with pytest.raises(ProlearnError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"):
