@@ -8,10 +8,15 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
+from pipeline.text import visible
 from pipeline.urls import public
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+USAGE: Any = typer.BadParameter.__base__
+"""What Typer raises for arguments that a command does not have; it quotes them as they are."""
 
 
 class Group(TyperGroup):
@@ -25,6 +30,9 @@ class Group(TyperGroup):
         """Run a command: bad input exits with 2, a failed run with 1, neither with a traceback."""
         try:
             return super().invoke(ctx)
+        except USAGE as error:
+            error.message = visible(error.message)
+            raise
         except InputError as error:
             _stop(str(error), BAD_INPUT)
         except ProlearnError as error:
@@ -38,7 +46,7 @@ class Group(TyperGroup):
 
 
 def _stop(message: str, status: int) -> None:
-    typer.echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
+    echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
     raise typer.Exit(status)
 
 

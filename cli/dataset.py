@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cli.app import given_options
-from cli.output import AsJson, beside, print_json
+from cli.output import AsJson, beside, echo, print_json
 from cli.problem import (
     Altitude,
     CollisionRadius,
@@ -81,7 +81,7 @@ def sample(
     with progress("sampling") as shown:
         run(out, {n: one}, problem, jobs=jobs, progress=shown)
     where = public_url(out)
-    typer.echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
+    echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
 
 
 def solve(
@@ -183,16 +183,16 @@ def verify(
         print_json(told if mend else {**told, "rows": rows})
         raise typer.Exit(int(bool(faults) and not mend))
     for fault in faults:
-        typer.echo(f"{fault.path}: {fault.what}", err=True)
+        echo(f"{fault.path}: {fault.what}", err=True)
     where = public_url(folder)
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
     if faults and not mend:
-        typer.echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
+        echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
         raise typer.Exit(1)
     if faults:
-        typer.echo(f"{where} is mended: {many}.")
+        echo(f"{where} is mended: {many}.")
     else:
-        typer.echo(f"{where} is sound: {rows} rows.")
+        echo(f"{where} is sound: {rows} rows.")
 
 
 def _refuse_options(context: typer.Context) -> None:
@@ -224,7 +224,7 @@ def _solve(folder: str, settings: "Settings", workers: "Workers") -> None:
     with progress("solving") as shown:
         run(folder, settings, workers=workers, progress=shown)
     done = f"{shown.count} now, {shown.failed} without a plan"
-    typer.echo(f"{public_url(folder)} is solved ({done}).")
+    echo(f"{public_url(folder)} is solved ({done}).")
 
 
 def _shares(text: str) -> tuple[float, float, float]:
