@@ -12,7 +12,9 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
+from pipeline.text import visible
 from pipeline.urls import public
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -24,6 +26,9 @@ class Terminated(KeyboardInterrupt):
 
 MOST_LISTED = 10_000
 """Numbers that a list on the command line may stand for."""
+
+USAGE: Any = typer.BadParameter.__base__
+"""What Typer raises for arguments that a command does not have; it quotes them as they are."""
 
 
 class Group(TyperGroup):
@@ -38,6 +43,9 @@ class Group(TyperGroup):
         try:
             with _sigterm_raises():
                 return super().invoke(ctx)
+        except USAGE as error:
+            error.message = visible(error.message)
+            raise
         except InputError as error:
             _stop(str(error), BAD_INPUT)
         except ProlearnError as error:
@@ -71,7 +79,7 @@ def _sigterm_raises() -> Iterator[None]:
 
 
 def _stop(message: str, status: int) -> None:
-    typer.echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
+    echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
     raise typer.Exit(status)
 
 

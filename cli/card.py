@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from cli.dataset import Folder
+from cli.output import echo
 from cli.progress import progress
 from pipeline.urls import public_url
 
@@ -35,4 +36,4 @@ def card(
         write_card(folder, licence=licence, replace=replace, progress=shown)
         rows = shown.count
     where = public_url(folder)
-    typer.echo(f"{CARD} is in {where}; it tells of {rows} scenarios.")
+    echo(f"{CARD} is in {where}; it tells of {rows} scenarios.")

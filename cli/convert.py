@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from cli.app import FAILED, not_over
+from cli.output import echo
 from pipeline.errors import InputError
 
 
@@ -55,10 +56,10 @@ def convert(
             files = write_ephemerides(made, scenario, target, plan.stem)
         except InputError as error:
             raise InputError(f"{plan}: {error}") from error
-        typer.echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
+        echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
     else:
         (write_csv if to == Form.CSV else write_parquet)(made, scenario, target)
-        typer.echo(f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes.")
+        echo(f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes.")
     if made.status != SOLVED:
-        typer.echo(f"prolearn: {plan} is {made.status}: {made.message}", err=True)
+        echo(f"prolearn: {plan} is {made.status}: {made.message}", err=True)
         raise typer.Exit(FAILED)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cli.app import given_options
-from cli.output import AsJson, beside, print_json
+from cli.output import AsJson, beside, echo, print_json
 from cli.problem import (
     Altitude,
     CollisionRadius,
@@ -92,7 +92,7 @@ def sample(
     with progress("sampling") as shown:
         run(out, {n: one}, problem, jobs=jobs, progress=shown)
     where = public_url(out)
-    typer.echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
+    echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
 
 
 def solve(
@@ -221,16 +221,16 @@ def _tell(
 ) -> None:
     """Say every fault, and what came of them."""
     for fault in faults:
-        typer.echo(f"{fault.path}: {fault.what}", err=True)
+        echo(f"{fault.path}: {fault.what}", err=True)
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
     if not faults:
-        typer.echo(f"{where} is sound: {rows} rows.")
+        echo(f"{where} is sound: {rows} rows.")
     elif not left:
-        typer.echo(f"{where} is mended: {many}.")
+        echo(f"{where} is mended: {many}.")
     elif not mended:
-        typer.echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
+        echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
     else:
-        typer.echo(
+        echo(
             f"{many} in {where}, of which {len(left)} are left: {left[0].path} holds sound rows, "
             "which the manifest does not expect. Compare the manifest with what you meant to "
             f"make; to set them aside all the same: prolearn verify {where} --repair --yes",
@@ -274,7 +274,7 @@ def _solve(folder: str, settings: "Settings", workers: "Workers") -> None:
     with progress("solving") as shown:
         run(folder, settings, workers=workers, progress=shown)
     done = f"{shown.count} now, {shown.failed} without a plan"
-    typer.echo(f"{public_url(folder)} is solved ({done}).")
+    echo(f"{public_url(folder)} is solved ({done}).")
 
 
 def _shares(text: str) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.app import float_list, int_list, name_list
-from cli.output import AsJson, beside, print_json
+from cli.output import AsJson, beside, echo, print_json
 from cli.progress import progress
 from pipeline.experiments.experiment3.rows import EXPERT, PLAIN
 
@@ -298,7 +298,7 @@ def report(
     if as_json:
         print_json(files)
         return
-    typer.echo(f"The report is {files.html} (and {files.markdown}).")
+    echo(f"The report is {files.html} (and {files.markdown}).")
 
 
 def _done(what: str, outcome: "Done", *, as_json: bool) -> None:
@@ -310,4 +310,4 @@ def _done(what: str, outcome: "Done", *, as_json: bool) -> None:
         print_json({**vars(outcome), "averages": rows})
         return
     when = " before" if outcome.earlier else ""
-    typer.echo(f"{what}{when}; MLflow run {outcome.run_id}. Next: prolearn report")
+    echo(f"{what}{when}; MLflow run {outcome.run_id}. Next: prolearn report")

@@ -23,7 +23,7 @@ from cli.conditions import (
     Raan,
     conditions_of,
 )
-from cli.output import AsJson, print_json, print_table
+from cli.output import AsJson, echo, print_json, print_table
 from cli.plan import planner_of
 from cli.progress import progress
 from cli.trials import (
@@ -149,7 +149,7 @@ def fly(
         print_json({"plan": str(plan), "folder": str(done.folder), "loops": done.summaries})
         return
     print_trials(done.summaries, problem.collision_radius, size)
-    typer.echo(f"The trials, trials.csv and the figure are in {done.folder}/.")
+    echo(f"The trials, trials.csv and the figure are in {done.folder}/.")
 
 
 def _fly_once(
@@ -182,13 +182,13 @@ HEADINGS = (
 
 def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
-    typer.echo(_about(report["conditions"]))
+    echo(_about(report["conditions"]))
     rows = report["effects"]
     safe = report["collision_radius"]
     near = [k for k, row in enumerate(rows) if (row["min_separation_bound"] or safe + 1) <= safe]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
-    typer.echo(f"Δv is {number(report['delta_v'])} m/s, as planned.")
-    typer.echo(_verdict(report))
+    echo(f"Δv is {number(report['delta_v'])} m/s, as planned.")
+    echo(_verdict(report))
 
 
 def _about(conditions: Mapping[str, Any]) -> str:

@@ -25,6 +25,7 @@ from cli import (
     tune,
 )
 from cli.app import Group
+from cli.output import echo
 
 # Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
 # wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
@@ -83,7 +84,7 @@ app = typer.Typer(
 def _tell_version(asked: bool) -> None:
     if asked:
         where = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-        typer.echo(f"prolearn {version('prolearn')} ({where})")
+        echo(f"prolearn {version('prolearn')} ({where})")
         raise typer.Exit
 
 

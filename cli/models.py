@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cli.app import Group
-from cli.output import AsJson, beside, print_json
+from cli.output import AsJson, beside, echo, print_json, seen
 from cli.progress import each
 from pipeline.errors import InputError
 
@@ -95,15 +95,16 @@ def _table(versions: "Sequence[ModelVersion]") -> Table:
     table.add_column("age", justify="right", no_wrap=True)
     for version in versions:
         numbers = [version.metrics.get(name) for name in COLUMNS]
-        table.add_row(
+        cells = (
             version.name,
-            str(version.version),
+            version.version,
             ",".join(version.aliases),
             version.recipe,
             *("" if number is None else f"{number:.3g}" for number in numbers),
             _dataset(version),
             _age(version.created),
         )
+        table.add_row(*map(seen, cells))
     return table
 
 
@@ -155,7 +156,7 @@ def show(
     numbers = {name: f"{value:.6g}" for name, value in sorted(version.metrics.items())}
     for part in (head, dict(sorted(version.params.items())), numbers, version.tags):
         for name, value in part.items():
-            table.add_row(name, str(value))
+            table.add_row(seen(name), seen(value))
         table.add_section()
     Console().print(table)
 
@@ -189,7 +190,7 @@ def promote(
 
     held = run(name, version, data, force=force)
     reason = f" ({held.reason})" if held.reason else ""
-    typer.echo(f"{held.champion.name} version {held.champion.version} is the champion{reason}.")
+    echo(f"{held.champion.name} version {held.champion.version} is the champion{reason}.")
 
 
 @app.command()
@@ -267,15 +268,15 @@ def _say(made: "ExportedModel") -> None:
         _say_craft(made.file)
     else:
         _say_file(made.file)
-    typer.echo(f"Model card: {made.card}")
+    echo(f"Model card: {made.card}")
 
 
 def _say_file(file: "Exported") -> None:
     checked = file.checked
     times = ", ".join(f"{seconds * 1e3:.3g} ms (n={n})" for n, seconds in checked.seconds.items())
-    typer.echo(f"{file.path}: {file.kib:.0f} KiB, for {checked.sizes}.")
-    typer.echo(f"onnxruntime on one core, one instance: {times}.")
-    typer.echo(
+    echo(f"{file.path}: {file.kib:.0f} KiB, for {checked.sizes}.")
+    echo(f"onnxruntime on one core, one instance: {times}.")
+    echo(
         f"Largest difference from torch: {checked.difference:.1e} of a component's size, "
         f"{checked.metres:.1e} m in position."
     )
@@ -287,10 +288,10 @@ def _say_craft(files: "ExportedCraft") -> None:
     times = ", ".join(
         f"{seconds * 1e3:.2g} ms ({name})" for name, seconds in checked.seconds.items()
     )
-    typer.echo(f"{files.folder}/: one craft's steps: {steps}.")
-    typer.echo(f"onnxruntime on one core, one call: {times}.")
-    typer.echo(f"Told in a round for each live encounter: {sum(files.told.values())} numbers.")
-    typer.echo(
+    echo(f"{files.folder}/: one craft's steps: {steps}.")
+    echo(f"onnxruntime on one core, one call: {times}.")
+    echo(f"Told in a round for each live encounter: {sum(files.told.values())} numbers.")
+    echo(
         f"Largest difference from torch in {checked.swarms} swarms flown craft by craft: "
         f"{checked.difference:.1e} of the largest control."
     )
@@ -311,4 +312,4 @@ def register(
     from registry.training import register_kept
 
     version = register_kept(folder)
-    typer.echo(f"{version.name} version {version.version} is registered; {folder} can go.")
+    echo(f"{version.name} version {version.version} is registered; {folder} can go.")

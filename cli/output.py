@@ -1,5 +1,6 @@
-"""What commands print on standard output: tables for people, JSON for programs."""
+"""What commands print: lines and tables for people, JSON for programs."""
 
+import json
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -10,6 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pipeline.text import visible
+
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON document, and all else on stderr.")
 ]
@@ -19,6 +22,22 @@ WIDE = 1000
 
 LEAST = 8
 """Characters of its first column that a table keeps on the narrowest terminal."""
+
+
+def echo(*lines: object, err: bool = False) -> None:
+    """Print lines; what a terminal would obey, or not show, is shown as an escape.
+
+    Args:
+        lines: of text, whatever is in it.
+        err: on stderr.
+    """
+    for line in lines:
+        typer.echo(visible(str(line)), err=err)
+
+
+def seen(text: object, style: str = "") -> Text:
+    """A text as rich shows it: no markup is in it, and what cannot be seen is an escape."""
+    return Text(visible(str(text)), style)
 
 
 def print_table(
@@ -36,6 +55,7 @@ def print_table(
         texts: how many columns are text and aligned left; the others are numbers.
         marked: rows shown in red.
     """
+    rows = [[visible(cell) for cell in row] for row in rows]
     console = Console()
     width = console.width if console.is_terminal else WIDE
     columns = zip(headings, *rows, strict=True)
@@ -63,10 +83,19 @@ def beside(as_json: bool) -> Iterator[None]:
 def print_json(document: Any) -> None:
     """Print strict JSON: what is not a finite number is null, times are as in ISO 8601.
 
+    What cannot be seen of its texts is an escape of JSON.
+
     Args:
         document: dataclasses, mappings, sequences, paths, times, and numbers of numpy's, too.
     """
-    from pydantic_core import to_json
+    from pydantic_core import to_jsonable_python
 
-    text = to_json(document, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist())
-    typer.echo(text.decode())
+    plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
+    text = json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
+    typer.echo("\n".join(visible(line, _json_escape) for line in text.split("\n")))
+
+
+def _json_escape(character: str) -> str:
+    """An escape of JSON for each unit of UTF-16."""
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[k : k + 4]}" for k in range(0, len(units), 4))

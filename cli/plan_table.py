@@ -5,9 +5,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import typer
-
-from cli.output import print_table
+from cli.output import echo, print_table
 from pipeline.exhibits.numbers import MISSING, number
 
 Row = Mapping[str, Any]
@@ -54,21 +52,21 @@ def print_plans(rows: Sequence[Row]) -> None:
     print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
     for row in rows:
         for sentence in _remarks(row):
-            typer.echo(f"{row['scenario']}: {sentence}")
+            echo(f"{row['scenario']}: {sentence}")
     if assigned:
         most = max(one["tried"] for one in assigned)
-        typer.echo(
+        echo(
             "saved: against any plan for the given order of goals, of its fuel. "
             f"Assignments tried: {most}{' at most' if len(rows) > 1 else ''}."
         )
     if adrift:
-        typer.echo(
+        echo(
             "adrift from: who comes closest to another after a loss of thrust, and the node of the "
             f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
         )
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
-    typer.echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+    echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
 
 
 def wrong(row: Row) -> bool:

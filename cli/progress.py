@@ -6,7 +6,6 @@ from contextlib import ExitStack, contextmanager
 from time import monotonic
 from typing import Protocol, TypeVar
 
-import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -22,7 +21,9 @@ from rich.progress import (
 from rich.table import Column
 from rich.text import Text
 
+from cli.output import echo
 from pipeline.progress import Progress as Told
+from pipeline.text import visible
 from pipeline.urls import public
 
 LINE_SECONDS = 5.0
@@ -65,7 +66,7 @@ class Shown(Told):
 
     def __init__(self, what: str, stack: ExitStack) -> None:
         self.count = self.failed = 0
-        self._what, self._stack = what, stack
+        self._what, self._stack = visible(what), stack
         self._display: Display | None = None
 
     def expect(self, total: int) -> None:
@@ -82,16 +83,16 @@ class Shown(Told):
             self.failed += failed
             note = f"{self.failed / self.count:.1%} failed"
         if self._display:
-            self._display.advance(units, note)
+            self._display.advance(units, visible(note))
 
     def end(self, note: str) -> None:
         """Show that it is over."""
         if self._display:
-            self._display.end(note)
+            self._display.end(visible(note))
 
     def say(self, sentence: str) -> None:
         """Tell a person, beside the output."""
-        typer.echo(f"prolearn: {public(sentence)}", err=True)
+        echo(f"prolearn: {public(sentence)}", err=True)
 
 
 @contextmanager
@@ -131,7 +132,7 @@ def _columns(console: Console) -> Progress:
     """The bar; where the terminal is narrow, it and the note shrink and no number does."""
     whole = Column(no_wrap=True)
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
         MofNCompleteColumn(table_column=whole),
         RateColumn(table_column=whole),
@@ -185,4 +186,4 @@ class _Lines:
             rate = self._count / seconds
             parts += [f"{rate:.3g}/s", f"{(self._total - self._count) / rate:.0f} s left"]
         said = ", ".join(parts + [note] * bool(note))
-        self._console.print(said, highlight=False, soft_wrap=True, markup=False)
+        self._console.print(Text(said), soft_wrap=True)

@@ -1,6 +1,5 @@
 """Commands about scenario files: new, check, schema."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -10,10 +9,9 @@ import typer
 from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
-from rich.text import Text
 
 from cli.app import FAILED, Group
-from cli.output import AsJson, print_json
+from cli.output import AsJson, echo, print_json, seen
 from cli.problem import (
     Altitude,
     CollisionRadius,
@@ -155,7 +153,7 @@ def new(
     }
     told = {name: value for name, value in reference.items() if value is not None}
     made = write_by_hand(scenario, fields | ({"reference": told} if told else {}))
-    typer.echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
+    echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
 
 
 def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
@@ -214,9 +212,9 @@ def check(
     fine = all(finding.fine for finding in found)
     if as_json:
         told = [{**asdict(finding), "fine": finding.fine} for finding in found]
-        print_json({"scenario": scenario, "fine": fine, "findings": told})
+        print_json({"scenario": str(scenario), "fine": fine, "findings": told})
     else:
-        typer.echo(f"{scenario}: {_about(asked)}\n")
+        echo(f"{scenario}: {_about(asked)}", "")
         _show(found)
     raise typer.Exit(0 if fine else FAILED)
 
@@ -228,8 +226,8 @@ def _show(found: "list[Finding]") -> None:
         row = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
         for width in (8, 14, 5):
             row.add_column(no_wrap=True, min_width=width)
-        verdict = Text("fine", "green") if finding.fine else Text("wrong", "bold red")
-        row.add_row(finding.end, finding.rule, verdict, Text(finding.text))
+        verdict = seen("fine", "green") if finding.fine else seen("wrong", "bold red")
+        row.add_row(*map(seen, (finding.end, finding.rule)), verdict, seen(finding.text))
         console.print(row)
         lines = [case.text for case in finding.cases[:MOST_CASES]]
         if len(finding.cases) > MOST_CASES:
@@ -237,7 +235,7 @@ def _show(found: "list[Finding]") -> None:
         if finding.cure:
             lines.append(f"to mend it, {finding.cure}")
         for line in lines:
-            console.print(Padding(Text(line), (0, 0, 0, 4), expand=False))
+            console.print(Padding(seen(line), (0, 0, 0, 4), expand=False))
 
 
 @app.command()
@@ -257,4 +255,4 @@ def schema(
         from pipeline.plan.document import json_schema as made
     else:
         from pipeline.scenario.document import json_schema as made
-    typer.echo(json.dumps(made(), indent=1, ensure_ascii=False))
+    print_json(made())

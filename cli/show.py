@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from cli.app import not_over
+from cli.output import echo
 from pipeline.errors import InputError
 
 
@@ -42,4 +43,4 @@ def show(
         shown = write_page(target, claimed, scenario, plan.name)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from error
-    typer.echo(" ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults]))
+    echo(" ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults]))

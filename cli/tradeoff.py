@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from cli.dataset import Separation
-from cli.output import AsJson, print_json, print_table
+from cli.output import AsJson, echo, print_json, print_table
 from cli.plan import Assigned, Effort, planner_of
 from cli.plan_table import HEADINGS, cells, who, wrong
 from cli.progress import progress
@@ -116,13 +116,13 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
     print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
     for row in rows:
         if wrong(row):
-            typer.echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
+            echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
     bent = [row for row in rows if row["knee"]]
     for row in bent:
-        typer.echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
+        echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
     if not bent:
-        typer.echo("There is no knee: the curve has too few safe plans, or does not bend.")
-    typer.echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")
+        echo("There is no knee: the curve has too few safe plans, or does not bend.")
+    echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")
 
 
 def _minutes(row: Mapping[str, Any]) -> str:

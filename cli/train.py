@@ -7,7 +7,7 @@ import typer
 
 from cli.app import int_list, name_list
 from cli.models import told
-from cli.output import AsJson, beside, print_json
+from cli.output import AsJson, beside, echo, print_json
 from cli.progress import progress
 from pipeline.errors import InputError
 
@@ -114,10 +114,10 @@ def _trained(
         if earlier is None:
             version, held = train_model(how, data, device=device, memory=memory, progress=shown)
     if earlier is not None:
-        typer.echo(f"Trained before: {_summary(earlier)}")
+        echo(f"Trained before: {_summary(earlier)}")
         return {**told(earlier), "earlier": True}
-    typer.echo(_summary(version))
-    typer.echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
+    echo(_summary(version))
+    echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
     return {**told(version), "earlier": False, "champion": held.champion.version}
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.output import AsJson, beside, print_json
+from cli.output import AsJson, beside, echo, print_json
 from cli.progress import progress
 from pipeline.urls import public_url
 
@@ -58,10 +58,10 @@ def tune(
     if as_json:
         print_json(found)
         return
-    typer.echo(_summary(found, arch, recipe, data, n))
+    echo(*_summary(found, arch, recipe, data, n))
 
 
-def _summary(found: "Tuned", arch: str, recipe: str, data: str, n: int) -> str:
+def _summary(found: "Tuned", arch: str, recipe: str, data: str, n: int) -> tuple[str, str]:
     options = " ".join(
         f"--{name.replace('_', '-')} {value:.4g}"
         if isinstance(value, float)
@@ -70,7 +70,7 @@ def _summary(found: "Tuned", arch: str, recipe: str, data: str, n: int) -> str:
     )
     return (
         f"{found.trials} trials are complete in {found.storage}; best {found.told} on validation "
-        f"data; MLflow run {found.run_id}.\n"
+        f"data; MLflow run {found.run_id}.",
         f"Train with its settings: prolearn train --arch {arch} --recipe {recipe} --data "
-        f"{public_url(data)} --n {n} {options}"
+        f"{public_url(data)} --n {n} {options}",
     )

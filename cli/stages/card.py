@@ -1,14 +1,12 @@
 """The model card that goes with an exported network: what it takes, gives, and is worth."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-from tabulate import tabulate
-
+from pipeline.markdown import Markdown, code, formatted, table
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_check import TOLERANCE
 from pipeline.networks.onnx_export import Exported
-from pipeline.templates import TEMPLATES
+from pipeline.templates import template
 from registry.version import ModelVersion
 
 BY_SIZE = {
@@ -43,7 +41,7 @@ def model_card(
     """
     checked, rmse = exported.checked, version.metrics.get("valid_position_rmse")
     times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in checked.seconds.items()]
-    return TEMPLATES.get_template("cli/stages/card.md.jinja").render(
+    return template("cli/stages/card.md.jinja").render(
         version=version,
         exported=exported,
         checked=checked,
@@ -60,46 +58,42 @@ def model_card(
     )
 
 
-def _interface(T: int, *, flown: bool) -> str:
+def _interface(T: int, *, flown: bool) -> Markdown:
     rows = [
-        ("input", "`initial`", "(batch, n, 6)", f"{STATE} at the first node"),
-        ("input", "`goal`", "(batch, n, 6)", f"{STATE} at the last node"),
-        ("output", "`states`", f"(batch, n, {T}, 6)", f"{STATE} at each node"),
-        ("output", "`controls`", f"(batch, n, {T - 1}, 3)", HELD),
+        ("input", code("initial"), "(batch, n, 6)", f"{STATE} at the first node"),
+        ("input", code("goal"), "(batch, n, 6)", f"{STATE} at the last node"),
+        ("output", code("states"), f"(batch, n, {T}, 6)", f"{STATE} at each node"),
+        ("output", code("controls"), f"(batch, n, {T - 1}, 3)", HELD),
     ]
     return table(("", "name", "shape, float32", "content"), rows if flown else rows[:-1])
 
 
-def training(version: ModelVersion, model: Model) -> str:
+def training(version: ModelVersion, model: Model) -> Markdown:
     """What it was trained on."""
     problem, params = model.problem, version.params
+    commit = version.tags.get("git_commit", "unknown")
     rows = [
-        ("dataset", f"`{params.get('dataset', 'unknown')}`"),
-        ("digest", f"`{version.dataset_digest or 'unknown'}`"),
+        ("dataset", code(params.get("dataset", "unknown"))),
+        ("digest", code(version.dataset_digest or "unknown")),
         ("instances", f"{params.get('train_instances')} + {params.get('valid_instances')}"),
         ("spacecraft in each", model.n_train),
         ("mean motion", f"{problem.mean_motion:.9g} rad/s"),
         ("nodes, step", f"{problem.nodes}, {problem.time_step:g} s"),
         ("collision radius", f"{problem.collision_radius:g} m"),
         ("weights", params.get("parameters", "unknown")),
-        ("seed, code", f"{params.get('seed')}, `{version.tags.get('git_commit', 'unknown')}`"),
+        ("seed, code", formatted("{}, {}", params.get("seed"), code(commit))),
     ]
     return table(("", ""), rows)
 
 
-def by_size(measured: Mapping[str, Mapping[int, float]]) -> str:
+def by_size(measured: Mapping[str, Mapping[int, float]]) -> Markdown:
     """A row for each swarm size; nothing where nothing was measured."""
     measured = {name: by_n for name, by_n in measured.items() if by_n}
     if not measured:
-        return ""
+        return Markdown()
     sizes = sorted({n for by_n in measured.values() for n in by_n})
     rows = [(n, *(f"{m[n]:.3g}" if n in m else "" for m in measured.values())) for n in sizes]
     return table(("n", *(BY_SIZE[name] for name in measured)), rows)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """As Markdown; numbers stay as they are written."""
-    return tabulate(list(rows), head, tablefmt="github", disable_numparse=True)
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from cli.stages.card import by_size, table, training
+from cli.stages.card import by_size, training
+from pipeline.markdown import Markdown, code, table
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.best import STEADY
 from pipeline.networks.refiner.on_board.check import TOLERANCE
@@ -10,7 +11,7 @@ from pipeline.networks.refiner.on_board.export import ExportedCraft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
 from pipeline.networks.refiner.on_board.values import value
 from pipeline.networks.refiner.rounds import SAFE
-from pipeline.templates import TEMPLATES
+from pipeline.templates import template
 from registry.version import ModelVersion
 
 
@@ -28,8 +29,8 @@ def craft_card(
         exported: the files and what was measured of them.
         measured: metrics of experiment 2 by name, then by swarm size.
     """
-    messages = [(f"`{name}`", count, value(name).what) for name, count in exported.told.items()]
-    return TEMPLATES.get_template("cli/stages/craft_card.md.jinja").render(
+    messages = [(code(name), count, _content(name)) for name, count in exported.told.items()]
+    return template("cli/stages/craft_card.md.jinja").render(
         version=version,
         checked=exported.checked,
         tolerance=f"{TOLERANCE:g}",
@@ -47,25 +48,29 @@ def craft_card(
     )
 
 
-def _files(exported: ExportedCraft) -> str:
+def _files(exported: ExportedCraft) -> Markdown:
     rows = [
         (
-            f"`{name}.onnx`",
+            code(f"{name}.onnx"),
             f"{exported.kib[name]:.0f}",
             f"{exported.checked.seconds[name] * 1e3:.2g}",
-            " ".join(f"`{one}`" for one in step.tells),
-            f"`{exported.sha256[name][:16]}`",
+            Markdown(" ".join(map(code, step.tells))),
+            code(exported.sha256[name][:16]),
         )
         for name, step in STEPS.items()
     ]
     return table(("file", "KiB", "ms", "tells", "sha256, beginning"), rows)
 
 
-def _interface(name: str) -> str:
+def _interface(name: str) -> Markdown:
     step = STEPS[name]
     named = [("input", one) for one in takes(step)] + [("output", one) for one in outputs(step)]
-    rows = [(way, f"`{one}`", _shape(one), _type(one), value(one).what) for way, one in named]
+    rows = [(way, code(one), _shape(one), _type(one), _content(one)) for way, one in named]
     return table(("", "name", "shape", "type", "content"), rows)
+
+
+def _content(name: str) -> Markdown:
+    return Markdown(value(name).what)  # ours, and written as such
 
 
 def _shape(name: str) -> str:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.errors import InputError, check_range
+from pipeline.exhibits.blocks import write_csv
 from pipeline.exhibits.style import save
-from pipeline.files import published
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
 from pipeline.flight.figure import trials_figure
@@ -125,5 +125,4 @@ def _write_table(summaries: Sequence[Summary], path: Path) -> None:
         for name in ("within_radius", "within_size"):
             row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval") or (None, None)
         rows.append(row)
-    with published(path) as temporary:
-        pd.DataFrame(rows).to_csv(temporary, index=False)
+    write_csv(pd.DataFrame(rows), path)

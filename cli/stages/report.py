@@ -9,6 +9,7 @@ import pandas as pd
 
 from pipeline.experiments.examples.run import Example, read_example
 from pipeline.experiments.experiment3.rows import OPTIMIZERS
+from pipeline.markdown import formatted
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report, no_rows
@@ -114,14 +115,17 @@ def _notes(
     first: Run, parts: Mapping[str, Run | None], versions: Sequence[ModelVersion]
 ) -> list[str]:
     """What a reader must know of parts that are left out or made with other versions."""
-    notes = []
+    notes: list[str] = []
     for name, part in parts.items():
         known = PARTS[name]
         if part is None and (other := latest(known.experiment, known.having)) is not None:
             others = "other models or other data" if known.same == SAME else "other data"
             notes.append(
-                f"{name}: the newest run ({other.run_id}, {_day(other)}) is of {others} than this "
-                f"evaluation, and is left out; `prolearn {known.command}` makes one."
+                formatted(
+                    "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
+                    "`prolearn {}` makes one.",
+                    *(name, other.run_id, _day(other), others, known.command),
+                )
             )
         if part is not None:
             versions_differ = version_change(

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import InputError
+from pipeline.exhibits.blocks import write_csv
 from pipeline.exhibits.style import save
-from pipeline.files import published
 from pipeline.plan import summary
 from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
@@ -123,5 +123,4 @@ def _write_table(rows: Sequence[dict[str, Any]], path: Path) -> None:
     for k, name in enumerate(("first_craft", "second_craft")):
         pairs = [row["min_separation_pair"] for row in rows]
         frame[name] = pd.array([pair and pair[k] for pair in pairs], dtype="Int64")
-    with published(path) as temporary:
-        frame.drop(columns=[*NOT_IN_CSV]).to_csv(temporary, index=False)
+    write_csv(frame.drop(columns=[*NOT_IN_CSV]), path)

@@ -16,6 +16,9 @@ FINEST = 1e-3
 CROWDED = 1.7
 """Decades from which only powers of ten carry a number."""
 
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+"""Digits of exponents; figures have no formulas, which names would be taken for."""
+
 
 def fit_scale(
     ax: Axes, side: Literal["x", "y"], values: Iterable[float], log: bool = False
@@ -57,4 +60,4 @@ def _decimal(value: float, _position: object) -> str:
     """Plain decimals where they are short; powers of ten elsewhere."""
     if value == 0 or 1e-3 <= abs(value) < 1e4:
         return f"{value:g}"
-    return f"$10^{{{round(np.log10(value))}}}$" if value > 0 else ""
+    return "10" + str(round(np.log10(value))).translate(RAISED) if value > 0 else ""

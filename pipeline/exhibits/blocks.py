@@ -1,13 +1,18 @@
 """What a report shows: tables and pictures."""
 
+import hashlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
-from tabulate import tabulate
 
 from pipeline.exhibits.numbers import percents
+from pipeline.files import write_text
+from pipeline.markdown import Markdown, table
+from pipeline.text import visible
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,7 @@ class Table:
     """A table, whole in its CSV file and rounded on the page.
 
     Attributes:
-        name: name of the CSV file, without suffix.
+        name: what the CSV file is called by.
         frame: the numbers.
         columns: what the page shows of them.
         trainings: most trainings that a number is the average of.
@@ -48,15 +53,18 @@ class Table:
     printed: "pd.Series[bool] | None" = None
 
     @property
-    def markdown(self) -> str:
+    def file(self) -> str:
+        """Name of the CSV file, without suffix."""
+        return file_name(self.name)
+
+    @property
+    def markdown(self) -> Markdown:
         """The printed columns as a Markdown table, numbers aligned right."""
         rows = self.frame if self.printed is None else self.frame[self.printed]
-        return tabulate(
-            list(zip(*(_texts(rows, column) for column in self.columns), strict=True)),
-            headers=[column.title for column in self.columns],
-            colalign=["left" if column.text is None else "right" for column in self.columns],
-            tablefmt="pipe",
-            disable_numparse=True,
+        return table(
+            [column.title for column in self.columns],
+            zip(*(_texts(rows, column) for column in self.columns), strict=True),
+            right=[k for k, column in enumerate(self.columns) if column.text is not None],
         )
 
     @property
@@ -78,18 +86,46 @@ class Picture:
     """A figure.
 
     Attributes:
-        name: name of the figure files, without suffix.
+        name: what the figure files are called by.
         figure: the drawing.
     """
 
     name: str
     figure: Figure
 
+    @property
+    def file(self) -> str:
+        """Name of the figure files, without suffix."""
+        return file_name(self.name)
+
+
+def write_csv(frame: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV, a line for each row: of its texts, what cannot be seen is an escape.
+
+    The file appears whole.
+    """
+    shown = frame.copy()
+    for name, column in frame.select_dtypes(["object", "string"]).items():
+        texts = [visible(value) if isinstance(value, str) else value for value in column]
+        shown[name] = pd.Series(texts, frame.index, dtype=object)
+    text = shown.rename(columns=visible).to_csv(index=False, lineterminator="\n")
+    write_text(path, text)
+
+
+LONGEST = 80
+"""Characters of a file's name that a table or figure keeps of its own."""
+
+
+def file_name(name: str) -> str:
+    """A name as one of a file: one with other signs, or a long one, is told apart by its digest."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)[:LONGEST]
+    return plain if plain == name else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+
 
 def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
     values = frame[column.source]
     if column.text is None:
-        return [" ".join(str(v).split()).replace("|", "\\|") for v in values]
+        return [str(v) for v in values]
     texts = []
     for value, (_, row) in zip(values, frame.iterrows(), strict=True):
         text = column.text(float("nan") if pd.isna(value) else float(value))

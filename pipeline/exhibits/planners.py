@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 
+from pipeline.text import visible
+
 EXPERTS = {"expert": "Expert", "expert (nodes only)": "Expert (nodes only)"}
 """Centralized convex optimization; what it is called by the planner's name."""
 
@@ -27,7 +29,7 @@ KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT | BARGAINING
 
 def name_of(planner: str) -> str:
     """What tables and figures call a planner or a seed."""
-    return "No seed" if planner == "none" else KNOWN.get(planner, planner)
+    return "No seed" if planner == "none" else KNOWN.get(planner, visible(planner))
 
 
 def planner_of(label: str) -> str:

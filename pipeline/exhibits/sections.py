@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.exhibits.blocks import Picture, Table
-from pipeline.templates import TEMPLATES
+from pipeline.markdown import Markdown
+from pipeline.templates import template
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +19,7 @@ class Section:
     of lines are as good as spaces.
 
     Attributes:
-        template: of ``TEMPLATES``.
+        template: its path, as for ``pipeline.templates.template``.
         values: what the template names.
     """
 
@@ -38,12 +39,13 @@ class Writer:
         self.tables: list[Table] = []
         self.pictures: list[Picture] = []
 
-    def write(self, section: Section) -> str:
+    def write(self, section: Section) -> Markdown:
         """The section's Markdown, each paragraph on a line of its own."""
-        template = TEMPLATES.get_template(section.template)
-        text = template.render(section.values, table=self._table, figure=self._figure)
+        given = {**section.values, "table": self._table, "figure": self._figure}
+        text = template(section.template).render(given)
         parts = filter(None, map(str.strip, re.split(r"\n\s*\n", text)))
-        return "\n\n".join(p if p.startswith(("|", "!")) else " ".join(p.split()) for p in parts)
+        lines = (p if p.startswith(("|", "!")) else " ".join(p.split()) for p in parts)
+        return Markdown("\n\n".join(lines))
 
     def _table(self, table: Table, caller: Callable[[], str]) -> str:
         self.tables.append(table)
@@ -53,4 +55,4 @@ class Writer:
     def _figure(self, picture: Picture, caller: Callable[[], str]) -> str:
         self.pictures.append(picture)
         k, caption = len(self.pictures), " ".join(caller().split())
-        return f"![Figure {k}](figures/{picture.name}.svg)\n*Figure {k}. {caption}*\n\n"
+        return f"![Figure {k}](figures/{picture.file}.svg)\n*Figure {k}. {caption}*\n\n"

@@ -8,9 +8,11 @@ from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from pipeline.exhibits.planners import in_order
 from pipeline.files import published
+from pipeline.text import visible
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -46,6 +48,7 @@ RC: dict[Any, Any] = {
     "savefig.dpi": 200,
     "svg.fonttype": "path",
     "svg.hashsalt": "prolearn",
+    "text.parse_math": False,
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
 }
@@ -116,7 +119,12 @@ def in_style(draw: Callable[P, R]) -> Callable[P, R]:
 
 @in_style
 def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
-    """Write a figure as ``path`` with each suffix, the same bytes for the same figure."""
+    """Write a figure as ``path`` with each suffix, the same bytes for the same figure.
+
+    Of its texts, what cannot be seen is drawn as an escape.
+    """
+    for text in figure.findobj(Text):
+        text.set_text(visible(text.get_text()))
     facts = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
     for suffix in suffixes:
         metadata = facts[suffix]

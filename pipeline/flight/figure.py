@@ -55,7 +55,7 @@ def trials_figure(tables: Mapping[str, pa.Table], radius: float, size: float, ti
     _mark(panels[0], radius, "r_col")
     if panels[0].get_xlim()[0] < 2 * size:
         _mark(panels[0], size, "size")
-    figure.suptitle(title, x=0.01, ha="left", parse_math=False)
+    figure.suptitle(title, x=0.01, ha="left")
     handles, labels = panels[1].get_legend_handles_labels()
     if len(tables) > 1:
         figure.legend(handles, labels, loc="outside lower center", ncols=len(tables))

@@ -4,15 +4,20 @@ import re
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from textwrap import wrap
 
 from pipeline.files import write_text
 from pipeline.handover.arcs import Arcs, thrust_arcs
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
+from pipeline.text import visible
 
 DEGREE = 7
 """Of the Hermite interpolation that files ask for."""
+
+LONGEST = 100
+"""Characters of a comment on one line; messages have at most 254 on any."""
 
 
 def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -> list[Path]:
@@ -46,9 +51,10 @@ def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -
 
 def _header(plan: Plan, scenario: Scenario, craft: int, created: str) -> Iterator[str]:
     problem = scenario.problem
-    planner = plan.planner.encode("ascii", "replace").decode()
+    planner = visible(plan.planner).encode("ascii", "replace").decode()
+    about = f"Craft {craft} of {scenario.n}, planned by {planner}: {plan.status}."
     yield "CCSDS_OEM_VERS = 2.0"
-    yield f"COMMENT Craft {craft} of {scenario.n}, planned by {planner}: {plan.status}."
+    yield from (f"COMMENT {line}" for line in wrap(about, LONGEST))
     yield "COMMENT Relative motion is linear (Clohessy-Wiltshire). It was added to a circular"
     yield f"COMMENT two-body orbit of mean motion {problem.mean_motion!r} rad/s,"
     yield f"COMMENT radius {radius_at(problem.mean_motion) / 1e3:.9f} km."

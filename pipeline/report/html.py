@@ -2,28 +2,36 @@
 
 import base64
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 from markdown_it import MarkdownIt
+from markdown_it.rules_inline import StateInline
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from pipeline.templates import TEMPLATES
+from pipeline.templates import template
 
 TABLE = '<div class="table" role="region" aria-label="table" tabindex="0">\n<table>\n'
 """Tables have a box of their own that scrolls where the window is narrow."""
 
+FIGURE = re.compile(r"!\[(?P<label>[^]]*)\]\((?P<src>[^)]*)\)")
 
-def html_page(title: str, markdown: str, folder: Path) -> str:
-    """The page, with the figures that the Markdown names read from ``folder`` and inlined.
 
-    Raw HTML and links in the text stay text: the page refers to nothing outside itself.
+def html_page(title: str, markdown: str, pictures: Mapping[str, bytes]) -> str:
+    """The page, with its figures inlined; it refers to nothing outside itself.
+
+    Raw HTML and links in the text stay text, and so do all images but the figures.
+
+    Args:
+        title: of the page.
+        markdown: its text.
+        pictures: the figures, SVG, by what the Markdown calls them.
     """
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
-    parser.disable(["link", "autolink"])
+    parser.disable(["link", "autolink", "reference"])
+    parser.inline.ruler.at("image", _figures(pictures))
     rules: dict[str, Callable[..., str]] = parser.renderer.rules  # type: ignore[attr-defined]
     rules["table_open"] = lambda *_: TABLE
     rules["table_close"] = lambda *_: "</table>\n</div>\n"
@@ -33,7 +41,7 @@ def html_page(title: str, markdown: str, folder: Path) -> str:
     )
 
     def image(tokens: Sequence[Token], k: int, *_: Any) -> str:
-        data = base64.b64encode((folder / str(tokens[k].attrs["src"])).read_bytes()).decode()
+        data = base64.b64encode(pictures[str(tokens[k].attrs["src"])]).decode()
         label = Markup.escape(tokens[k].content)
         return f'<img alt="{label}" src="data:image/svg+xml;base64,{data}">\n<figcaption>'
 
@@ -42,9 +50,24 @@ def html_page(title: str, markdown: str, folder: Path) -> str:
     contents = _numbered_headings(tokens)
     body = parser.renderer.render(tokens, parser.options, {})
     # The body comes out of the parser, which escapes what the text contains.
-    return TEMPLATES.get_template("pipeline/report/page.html.jinja").render(
-        title=title, contents=contents, body=Markup(body)
-    )
+    page = template("pipeline/report/page.html.jinja")
+    return page.render(title=title, contents=contents, body=Markup(body))
+
+
+def _figures(pictures: Collection[str]) -> Callable[[StateInline, bool], bool]:
+    """The parser's rule for images: those of a list, each at the beginning of its paragraph."""
+
+    def figure(state: StateInline, silent: bool) -> bool:
+        found = FIGURE.match(state.src)
+        if state.pos or found is None or found["src"] not in pictures:
+            return False
+        if not silent:
+            token = state.push("image", "img", 0)
+            token.content, token.attrs = found["label"], {"src": found["src"]}
+        state.pos = found.end()
+        return True
+
+    return figure
 
 
 def _is_figure(tokens: Sequence[Token], k: int) -> bool:
@@ -57,7 +80,8 @@ def _numbered_headings(tokens: Sequence[Token]) -> list[tuple[str, str]]:
     contents = []
     for heading, inline in pairwise(tokens):
         if heading.type == "heading_open" and heading.tag == "h2":
-            name = re.sub(r"[^a-z0-9]+", "-", inline.content.lower()).strip("-")
+            title = "".join(part.content for part in inline.children or ())
+            name = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
             heading.attrSet("id", name)
-            contents.append((name, inline.content))
+            contents.append((name, title))
     return contents

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.exhibits.blocks import Picture, Table
+from pipeline.exhibits.blocks import Picture, Table, write_csv
 from pipeline.exhibits.sections import Writer
 from pipeline.exhibits.style import save, styles
 from pipeline.experiments.ablations.section import section as ablations
@@ -72,7 +72,9 @@ def build_report(results: Results, out: Path) -> ReportFiles:
     markdown = "\n\n".join([f"# {TITLE}", *map(writer.write, sections)]) + "\n"
     tables = [_write_table(table, out) for table in [*writer.tables, Table("summary", summary, [])]]
     figures = [path for picture in writer.pictures for path in _write_figure(picture, out)]
-    page = html_page(TITLE, markdown, out)
+    drawn = {f"figures/{picture.file}.svg": picture for picture in writer.pictures}
+    pictures = {name: (out / name).read_bytes() for name in drawn}
+    page = html_page(TITLE, markdown, pictures)
     files = ReportFiles(out / "report.md", out / "report.html", tuple(tables), tuple(figures))
     write_text(files.markdown, markdown)
     write_text(files.html, page)
@@ -80,12 +82,12 @@ def build_report(results: Results, out: Path) -> ReportFiles:
 
 
 def _write_table(table: Table, out: Path) -> Path:
-    path = out / "tables" / f"{table.name}.csv"
-    write_text(path, table.frame.to_csv(index=False, lineterminator="\n"))
+    path = out / "tables" / f"{table.file}.csv"
+    write_csv(table.frame, path)
     return path
 
 
 def _write_figure(picture: Picture, out: Path) -> tuple[Path, Path]:
-    path = out / "figures" / picture.name
+    path = out / "figures" / picture.file
     save(picture.figure, path)
     return path.with_name(path.name + ".svg"), path.with_name(path.name + ".png")

@@ -53,7 +53,8 @@ class Results:
         examples: transfers to draw.
         provenance: a row for each run that a table comes from: part, run, made, data, digest,
             code, versions, machine.
-        notes: what a reader must know of parts that are left out or were made otherwise.
+        notes: what a reader must know of parts that are left out or were made otherwise; text, or
+            ``Markdown``.
         transfer_times: a row for each trial at each transfer time (experiment 4).
         ablations: a row for each trial after each number of rounds.
         flights: a row for each flight of each planner in each world and loop (experiment 5).

@@ -15,7 +15,7 @@ from pipeline.show.judged import Judged, judged
 from pipeline.show.motion import steps_of
 from pipeline.show.plotly import bundle, licence, packed
 from pipeline.show.tables import certificate_rows, planner_rows, scenario_rows, verdict
-from pipeline.templates import TEMPLATES
+from pipeline.templates import template
 
 SCRIPT = Path(__file__).with_name("page.js")
 
@@ -36,7 +36,7 @@ def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Judged]:
     shown = judged(claimed, scenario)
     data, pairs = page_data(shown.plan, scenario)
     script, plotly = SCRIPT.read_text(encoding="utf-8"), bundle()
-    text = TEMPLATES.get_template("pipeline/show/page.html.jinja").render(
+    text = template("pipeline/show/page.html.jinja").render(
         name=name,
         planner=claimed.planner,
         n=scenario.n,

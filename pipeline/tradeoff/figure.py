@@ -52,7 +52,7 @@ def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> Fi
     ax.set_ylim(low, high)
     ax.set_xlabel("transfer time (min)")
     ax.set_ylabel("Δv, Σ‖u‖₁Δt (m/s)")
-    ax.set_title(title, parse_math=False)
+    ax.set_title(title)
     ax.legend()
     return figure
 

@@ -4,6 +4,7 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
+from hostile import HOSTILE, SEEN
 from oem import OrbitEphemerisMessage
 
 from pipeline.orbit.problem import Problem
@@ -72,6 +73,21 @@ def test_an_unsafe_plan_is_handed_over_with_status_1_and_the_pair_and_time_named
     pair = json.loads((tmp_path / "p.json").read_text())["certificate"]["min_separation_pair"]
     assert f"craft {pair[0]} and {pair[1]} come within" in done.stderr
     assert "own LP: unsafe." in (tmp_path / "o" / "craft-00.oem").read_text()
+
+
+def test_an_ephemeris_has_the_name_of_the_planner_in_comments_alone(prolearn, planned, tmp_path):
+    planned(WHERE)
+    document = json.loads((tmp_path / "p.json").read_text()) | {"planner": HOSTILE}
+    (tmp_path / "p.json").write_text(json.dumps(document))
+    assert prolearn("convert", "p.json", "--to", "oem", "--out", "o").returncode == 0
+    path = tmp_path / "o/craft-00.oem"
+    lines = path.read_text(encoding="ascii").splitlines()
+    assert max(map(len, lines)) <= 254, "as CCSDS 502.0-B has it"
+    head = lines[1 : next(k for k, line in enumerate(lines) if line.startswith("CREATION_DATE"))]
+    assert all(line.startswith("COMMENT ") for line in head)
+    told = " ".join(line.removeprefix("COMMENT ") for line in head)
+    assert told.startswith(f"Craft 0 of 11, planned by {SEEN}: solved. Relative motion")
+    assert len(list(OrbitEphemerisMessage.open(path).segments)) == 10
 
 
 def test_what_is_there_already_and_of_the_other_kind_is_left_alone(prolearn, planned, tmp_path):

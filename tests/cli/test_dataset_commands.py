@@ -82,7 +82,10 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
         (["solve", "DATA", "--backend", "dask"], "--scheduler tcp://HOST:8786"),
         (["solve", "DATA", "--scheduler-wait", "60"], "expected it with --backend dask"),
         (["solve", "DATA", *DASK, "--scheduler-wait", "-1"], "scheduler is -1; expected a number"),
-        (["solve", "DATA", *DASK, "--scheduler-wait", "nan"], "scheduler is nan; expected a number"),
+        (
+            ["solve", "DATA", *DASK, "--scheduler-wait", "nan"],
+            "scheduler is nan; expected a number",
+        ),
         (["solve", "odd://x"], "no known filesystem"),
         (["sample", "--out", "DATA", "--n", "2", "--count", "7"], "count = 6, now it is 7"),
         (["sample", "--out", "DATA", "--count", "0"], "count is 0"),

@@ -119,7 +119,7 @@ def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, tmp_path):
         (["--trials", "9", "--margin", "1"], "--margin is given and nobody plans anew"),
         (["--trials", "9", "--error", "speed=1"], "--error is 'speed=1'; expected NAME=VALUE"),
         (["--trials", "9", "--world", "linear", "--no-j2"], "--no-j2 is given and the linear"),
-        (["--trials", "9", "--size", "nan"], "--size is nan; expected a number of metres"),
+        (["--trials", "9", "--size", "nan"], "--size is nan; expected a number from 0 to"),
         (["--trials", "9", "--out", "plan.json"], "--out is the file plan.json; expected a folder"),
         (["--trials", "9", "--replan", "every-node", "--planner", "me"], "planner is 'me'"),
     ],

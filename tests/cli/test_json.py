@@ -193,7 +193,8 @@ def test_verify_tells_rows_and_faults(prolearn, tmp_path):
     assert strict(done) == {"folder": "data", "repaired": False, "faults": [], "rows": 24}
     assert "verifying: 24/24" in done.stderr
     (tmp_path / "data/notes.txt").write_text("mine")
-    fault = {"path": "notes.txt", "what": "does not belong to this dataset", "foreign": True}
+    what = "does not belong to this dataset"
+    fault = {"path": "notes.txt", "what": what, "foreign": True, "sound": False}
     told = strict(prolearn("verify", "data", "--jobs", 1, "--json"), status=1)
     assert told["faults"] == [fault]
     told = strict(prolearn("verify", "data", "--jobs", 1, "--repair", "--json"))

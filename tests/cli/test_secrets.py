@@ -84,7 +84,7 @@ def test_a_damaged_shard_is_named_without_the_secrets(run):
     (shard,) = [p for p in files.glob("/**/n=2/part-00000.parquet") if "/_" not in p]
     files.pipe(shard, files.cat(shard)[:-50])
     said = run("train", "--arch", "ff1", "--data", URL, "--n", 2, status=2)
-    assert "part-00000.parquet in memory://box/my n4 cannot be read" in said
+    assert "part-00000.parquet in memory://box/my n4 does not have the digest" in said
     assert "1 fault in memory://box/my n4" in run("verify", URL, "--jobs", 1, status=1)
 
 

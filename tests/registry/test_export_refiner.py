@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from hostile import HOSTILE, READ, assert_plain, read
 from typer.testing import CliRunner
 
 from cli.main import app
@@ -15,6 +16,8 @@ from pipeline.networks.refiner.on_board.check import Checked
 from pipeline.networks.refiner.on_board.export import ExportedCraft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, told_each_round
 from pipeline.training.loop import Trained
+from registry.models import resolve
+from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
 
@@ -69,3 +72,15 @@ def test_a_refiner_is_of_one_craft_and_always_flown(refiner: Path, option: tuple
     assert done.exit_code == 2
     assert "expected neither" in done.output
     assert list(refiner.glob("prolearn-refiner*")) == []
+
+
+def test_the_card_of_one_craft_has_what_the_store_says_as_text(refiner: Path) -> None:
+    client, version = connect().client, resolve("prolearn-refiner/1")
+    client.set_tag(version.run_id, "git_commit", HOSTILE)
+    client.set_model_version_tag(version.name, "1", "recipe", HOSTILE)
+    client.set_model_version_tag(version.name, "1", "dataset_digest", HOSTILE)
+    done = CliRunner().invoke(app, ["models", "export", "prolearn-refiner/1"])
+    assert done.exit_code == 0, done.output
+    card = (refiner / "prolearn-refiner-v1.md").read_text(encoding="utf-8")
+    assert_plain(card)
+    assert read(card).count(READ) == 3

@@ -1,11 +1,11 @@
 """README.md of a dataset: what it is, how it was made, what it holds and how good it is."""
 
+import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
-from tabulate import tabulate
 
 from pipeline.dataset.card.contents import QUANTILES, Contents, gap_name, quality, read_contents
 from pipeline.dataset.card.front_matter import front_matter
@@ -23,11 +23,12 @@ from pipeline.dataset.format.layout import CARD
 from pipeline.dataset.format.manifest import Manifest
 from pipeline.dataset.stages.presets import PRESETS
 from pipeline.errors import InputError
+from pipeline.markdown import Markdown, code, formatted, table, verbatim
 from pipeline.plan import SOLVED
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.templates import TEMPLATES
+from pipeline.templates import template
 
 LICENCE = "mit"
 """Of data that come with prolearn: the project's own."""
@@ -83,17 +84,19 @@ def write_card(
 def card_of(contents: Contents, name: str, licence: str) -> str:
     """The card of a dataset whose folder has a name."""
     manifest = contents.manifest
+    splits, quoted = files_by_split(contents.files), json.dumps(name, ensure_ascii=False)
     title = f"Certified transfers of spacecraft swarms, n = {ranges(sorted(manifest.samples))}"
-    body = TEMPLATES.get_template("pipeline/dataset/card/card.md.jinja").render(
+    body = template("pipeline/dataset/card/card.md.jinja").render(
         title=title,
-        folder=name,
+        quoted=verbatim(quoted),
+        one_size=f'load_dataset({quoted}, "n{min(manifest.samples)}")',
         licence=licence,
         problem=manifest.problem,
         altitude=altitude_of(manifest.problem.mean_motion) / 1e3,
         at_nodes=manifest.solve["separation"] == "nodes",
         sizes=sorted(manifest.samples),
         mebibytes=sum(file.stored for file in contents.files) / 2**20,
-        joined=[name for name in files_by_split(contents.files) if "_" in name],
+        joined=Markdown(", ".join(code(name) for name in splits if "_" in name)),
         solved=SOLVED,
         columns=_columns(),
         **_origin(manifest),
@@ -109,9 +112,9 @@ def _name(folder: Folder) -> str:
     return str(folder).rstrip("/").rpartition("/")[2]
 
 
-def _columns() -> str:
-    rows = [(f"`{one.name}`", one.type, one.unit, one.meaning) for one in COLUMNS]
-    return _table(("column", "type", "unit", "meaning"), rows)
+def _columns() -> Markdown:
+    rows = [(code(one.name), one.type, one.unit, Markdown(one.meaning)) for one in COLUMNS]
+    return table(("column", "type", "unit", "meaning"), rows)
 
 
 def _origin(manifest: Manifest) -> Mapping[str, Any]:
@@ -123,14 +126,15 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
     ]
     names = sorted({*made.sample, *made.solve})
     versions = [(name, made.sample.get(name, ""), made.solve.get(name, "")) for name in names]
+    settings = (formatted("{} {}", code(name), value) for name, value in manifest.solve.items())
     families = sorted({way.family for way in manifest.samples.values()})
     return {
-        "draws": _table(("n", "family", "seed", "scenarios of each n", *SPLITS), draws),
+        "draws": table(("n", "family", "seed", "scenarios of each n", *SPLITS), draws),
         "families": {name: described(name) for name in families},
         "commands": list(commands(manifest, AGAIN)),
         "missing": ranges(sorted({*PRESETS.get(preset or "", {})} - {*manifest.samples})),
-        "versions": _table(("", "scenarios", "plans"), versions),
-        "settings": ", ".join(f"`{name}` {value}" for name, value in manifest.solve.items()),
+        "versions": table(("", "scenarios", "plans"), versions),
+        "settings": Markdown(", ".join(settings)),
         "digest": manifest.digest(),
     }
 
@@ -138,7 +142,7 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
 def _worth(rows: pd.DataFrame) -> Mapping[str, Any]:
     """What the template says about how good the plans are."""
     gaps = rows.loc[rows["status"] == SOLVED, "optimality_gap"].quantile(list(QUANTILES))
-    table = [
+    numbers = [
         (
             str(n),
             f"{row['solved']:.0f} of {row['rows']:.0f}",
@@ -153,7 +157,7 @@ def _worth(rows: pd.DataFrame) -> Mapping[str, Any]:
         "scenarios": len(rows),
         "statuses": ", ".join(f"{k} {name}" for name, k in rows["status"].value_counts().items()),
         "gaps": {q: _percent(gap) for q, gap in gaps.items()},
-        "quality": _table((*head, "fuel, mean (m/s²)", "least separation (m)"), table),
+        "quality": table((*head, "fuel, mean (m/s²)", "least separation (m)"), numbers),
     }
 
 
@@ -164,8 +168,3 @@ def _percent(share: float) -> str:
 def _number(value: float, form: str) -> str:
     """A number, or nothing where there is none."""
     return "" if pd.isna(value) else form.format(value)
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """As Markdown; numbers stay as they are written."""
-    return tabulate([list(row) for row in rows], head, tablefmt="github", disable_numparse=True)

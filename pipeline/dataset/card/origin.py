@@ -1,5 +1,6 @@
 """Where the rows of a dataset come from: how they were drawn, and what draws them again."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
@@ -24,6 +25,8 @@ def drawn_alike(manifest: Manifest) -> list[tuple[list[int], Sample]]:
 
 def described(family: str) -> str:
     """A family of scenarios in a sentence."""
+    if family not in FAMILIES:
+        return "Of another version of prolearn."
     told = (FAMILIES[family].__doc__ or "").partition("\n")[0]
     return told.replace(" (the default)", "")
 
@@ -52,7 +55,8 @@ def commands(manifest: Manifest, folder: str) -> Iterator[str]:
     for n, sample in sorted(manifest.samples.items()):
         options = " ".join(_options(sample, manifest.problem))
         yield f"prolearn sample --n {n} {options} --out {folder}"
-    how = " ".join(f"--{name} {manifest.solve[name]}" for name in ("separation", "solver"))
+    chosen = {name: str(manifest.solve[name]) for name in ("separation", "solver")}
+    how = " ".join(f"--{name} {shlex.quote(value)}" for name, value in chosen.items())
     yield f"prolearn solve {folder} {how}"
 
 
@@ -80,7 +84,7 @@ def ranges(numbers: Sequence[int]) -> str:
 
 
 def _options(sample: Sample, problem: Problem) -> Iterator[str]:
-    yield f"--count {sample.count} --seed {sample.seed} --family {sample.family}"
+    yield f"--count {sample.count} --seed {sample.seed} --family {shlex.quote(sample.family)}"
     yield f"--shares {','.join(map(str, sample.shares))}"
     yield f"--altitude {altitude_of(problem.mean_motion)} --time-step {problem.time_step}"
     yield f"--nodes {problem.nodes} --collision-radius {problem.collision_radius}"

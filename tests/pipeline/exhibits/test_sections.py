@@ -1,9 +1,12 @@
 """Sections from templates: numbered tables and figures, each paragraph on one line."""
 
+import csv
+
 import pandas as pd
+from hostile import HOSTILE, SEEN
 from matplotlib.figure import Figure
 
-from pipeline.exhibits.blocks import Column, Picture, Table
+from pipeline.exhibits.blocks import Column, Picture, Table, file_name, write_csv
 from pipeline.exhibits.numbers import number, share
 from pipeline.exhibits.sections import Section, Writer
 
@@ -61,3 +64,19 @@ def test_columns_of_one_heading_stand_beside_each_other():
     assert rows[0] == ["Name", "paper", "paper"]
     assert rows[2] == ["a \\| b", "0.500 ± 0.250", "50 % [25.0, 75.0]"]
     assert rows[3] == ["c", "1.00", "100 %"]
+
+
+def test_a_csv_file_has_a_line_for_each_row_whatever_its_texts_are(tmp_path):
+    frame = pd.DataFrame({HOSTILE: [HOSTILE, "a,\rb"], "n": [1, None], "x": [True, pd.NA]})
+    write_csv(frame.astype({"n": "Int64"}), tmp_path / "t.csv")
+    with (tmp_path / "t.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows == [[SEEN, "n", "x"], [SEEN, "1", "True"], ["a,\\rb", "", ""]]
+
+
+def test_names_of_files_are_plain_and_no_two_are_one():
+    assert file_name("experiment2-n10") == "experiment2-n10"
+    names = ["../../etc/a", "..-..-etc-a", "..-..-etc:a", "a" * 5000, "a" * 4999, "é", "", HOSTILE]
+    found = [file_name(name) for name in names]
+    assert len(set(found)) == len(names)
+    assert all(len(name) < 100 and not {*name} & {*"/\\:\x1b\n"} for name in found)

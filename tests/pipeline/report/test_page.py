@@ -1,12 +1,15 @@
+import base64
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pandas as pd
 import pytest
 
 from pipeline.report import Results, build_report
+from pipeline.report.html import html_page
 
 COMMANDS = ("warmstart", "transfer-times", "flights", "ablate")
 EXPERIMENTS = tuple(f"prolearn {command}" for command in COMMANDS)
@@ -47,6 +50,25 @@ def test_the_page_refers_to_nothing_outside_itself(report):
     assert {"script", "link", "iframe"}.isdisjoint(page.tags)
     assert "@import" not in text
     assert "url(" not in text
+
+
+def test_no_file_is_read_because_a_text_names_it(results, tmp_path):
+    (tmp_path / "secret.svg").write_text("what nobody else may read")
+    asked = f"![i]({tmp_path}/secret.svg) ![i](secret.svg) ![i][r]"
+    hostile = replace(results, provenance=results.provenance.assign(data=asked), notes=[asked])
+    text = build_report(hostile, tmp_path).html.read_text()
+    assert base64.b64encode(b"what nobody else may read").decode() not in text
+    assert text.count(asked) == 2
+
+
+def test_the_only_images_of_a_page_are_its_figures_each_in_its_place():
+    figure = "![Figure 1](figures/a.svg)"
+    text = f"![a](figures/b.svg) ![b]() ![c][r] words {figure}\n\n[r]: figures/a.svg"
+    page = html_page("title", f"{figure}\n*A.*\n\n{text}", {"figures/a.svg": b"<svg/>"})
+    data = base64.b64encode(b"<svg/>").decode()
+    assert page.count("<img") == 1
+    assert f'<img alt="Figure 1" src="data:image/svg+xml;base64,{data}">' in page
+    assert text.replace("\n\n", "</p>\n<p>") in page
 
 
 def test_the_contents_lead_to_the_sections(report):

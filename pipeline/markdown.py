@@ -1,0 +1,98 @@
+"""Markdown (CommonMark with GitHub's extensions) in which text from elsewhere stays text."""
+
+import re
+from collections.abc import Collection, Iterable, Sequence
+
+from tabulate import tabulate
+
+from pipeline.text import visible
+
+
+class Markdown(str):
+    """Markdown; any other text is escaped where it goes into Markdown.
+
+    What methods and operators of ``str`` make of it is plain text again.
+    """
+
+    __slots__ = ()
+
+
+_INLINE = re.compile(
+    r"""[\\`*~$]                                  # escapes, code, emphasis, strikethrough, formulas
+    | \[ (?! [-+0-9.,\ ∞]+ \] (?![\[(:]) )       # links, images, footnotes; no interval is one
+    | (?<![^\W_])_ | _(?![^\W_])                  # emphasis, which never begins or ends in a word
+    | < (?=[A-Za-z/!?]|$)                         # HTML
+    | & (?=\#?\w+;)                               # entities
+    | (?<!\S)\#                                   # headings begin and end with it
+    | (?i: (?<=http)|(?<=https)|(?<=ftp) ):(?=//) # addresses, which become links by themselves
+    | (?i: (?<=www) )\.
+    """,
+    re.VERBOSE,
+)
+"""Characters that may be markup inside a paragraph."""
+
+_BLOCK = re.compile(r"(\ ?)(?:(\d{1,9})(?=[.)](?:\ |$))|(?=[-+](?:\ |$)|>|[-=:|][-=:|\ ]*$))")
+"""What may be a list, a quotation, a rule or a part of a table at the beginning of a paragraph."""
+
+
+def escaped(value: object) -> Markdown:
+    """A value as text on one line: what would be markup is escaped; Markdown stays as it is."""
+    if isinstance(value, Markdown):
+        return value
+    text = _inline(value)
+    found = _BLOCK.match(text)
+    return Markdown(text if found is None else f"{found[0]}\\{text[found.end() :]}")
+
+
+def code(value: object) -> Markdown:
+    """A value as a code span; nothing where it is empty."""
+    text = visible(" ".join(str(value).split()))
+    if not text:
+        return Markdown()
+    longest = max(map(len, re.findall("`+", text)), default=0)
+    pad = " " if text[0] == "`" or text[-1] == "`" else ""
+    fence = "`" * (longest + 1)
+    return Markdown(f"{fence}{pad}{text}{pad}{fence}")
+
+
+def verbatim(value: object) -> Markdown:
+    """A value as part of a line in a block of code, where nothing is markup."""
+    return Markdown(visible(str(value)))
+
+
+def formatted(form: str, *values: object) -> Markdown:
+    """Markdown with values in the place of ``{}``."""
+    return Markdown(form.format(*map(escaped, values)))
+
+
+def table(
+    head: Sequence[object], rows: Iterable[Sequence[object]], right: Collection[int] | None = None
+) -> Markdown:
+    """A table.
+
+    Args:
+        head: headings of its columns.
+        rows: their values.
+        right: columns that are aligned right, and the others left; None leaves that to the reader.
+    """
+    columns = range(len(head))
+    sides = None if right is None else ["right" if k in right else "left" for k in columns]
+    return Markdown(
+        tabulate(
+            [list(map(_cell, row)) for row in rows],
+            headers=list(map(_cell, head)),
+            colalign=sides,
+            tablefmt="pipe" if sides else "github",
+            disable_numparse=True,
+        )
+    )
+
+
+def _cell(value: object) -> str:
+    """What stands in a table, where a ``|`` parts cells even in code."""
+    return (value if isinstance(value, Markdown) else _inline(value)).replace("|", "\\|")
+
+
+def _inline(value: object) -> str:
+    # White space is kept at both ends, where a template may have set it to part words.
+    return _INLINE.sub(r"\\\g<0>", visible(re.sub(r"\s+", " ", str(value))))

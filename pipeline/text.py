@@ -1,0 +1,29 @@
+"""Text from elsewhere: what cannot be seen in it is shown as an escape."""
+
+import re
+from collections.abc import Callable
+
+_BLANK = re.compile(
+    "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180d\u180f\u2800\u3164\ufe00-\ufe0f\uffa0"
+    "\U000e0100-\U000e01ef]"
+)
+"""Unicode's Default_Ignorable_Code_Point as far as ``str.isprintable`` lets it pass, and the blank
+of braille."""
+
+
+def _escape(character: str) -> str:
+    r"""As in Python's strings: ``\x1b``, ``\u202e``, ``\n``."""
+    return character.encode("unicode_escape").decode()
+
+
+def visible(text: str, escape: Callable[[str], str] = _escape) -> str:
+    """A text on one line, with control, invisible and bidirectional characters as escapes.
+
+    A terminal obeys such characters, and they can make a text look like another.
+
+    Args:
+        text: from a file, a store or a person.
+        escape: how one of them is written.
+    """
+    hidden = {ord(c): escape(c) for c in set(text) if not c.isprintable() or _BLANK.match(c)}
+    return text.translate(hidden) if hidden else text
