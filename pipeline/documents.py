@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,6 +25,9 @@ MOST_FAULTS = 8
 MOST_BYTES = 2**28
 """Size of the largest JSON file that is read; a plan of a thousand craft takes some MB."""
 
+_LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")
+"""An integer that no float is near to."""
+
 CHECKSUM = "checksum"
 """Field with the checksum of all others, in documents that have one."""
 
@@ -32,11 +36,13 @@ def parsed(content: bytes) -> Any:
     """The value of a JSON text.
 
     Raises:
-        ValueError: where it is none, too large, nested too deeply, or has an integer of thousands
-            of digits.
+        ValueError: where it is none, too large, nested too deeply, or has an integer beyond all
+            floats.
     """
     if len(content) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES // 2**20} MiB")
+    if found := _LONG.search(content):
+        raise ValueError(f"it has an integer of more than 40 digits at byte {found.start()}")
     return from_json(content)
 
 

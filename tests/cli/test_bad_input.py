@@ -146,7 +146,7 @@ HOSTILE = {
     "steps of 1e308 s": ({"time_step": 1e308}, "time_step is 1e+308; expected"),
     "an orbit of no length": ({"mean_motion": 1e-308}, "mean_motion is 1e-308; expected"),
     "positions that overflow": ({"initial": [[1e308, 0, 0, 0, 0, 0]] * 3}, "within 1e+09 m"),
-    "an integer of 400 digits": ({"collision_radius": 10**400}, "collision_radius"),
+    "an integer of 400 digits": ({"collision_radius": 10**400}, "more than 40 digits"),
 }
 
 
@@ -160,7 +160,7 @@ def test_numbers_without_measure_are_refused_before_they_take_memory(
     started = time.monotonic()
     done = prolearn(*command, "hostile.json")
     assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith("prolearn: hostile.json: ")
+    assert done.stderr.startswith("prolearn: hostile.json")
     assert words in done.stderr
     assert done.stderr.count("\n") == 1
     assert time.monotonic() - started < 30  # a second or two where nobody else works
