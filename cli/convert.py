@@ -51,15 +51,15 @@ def convert(
     if target.is_dir() != (to == Form.OEM) and target.exists():
         kind = "a folder" if to == Form.OEM else "a file"
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
-    if to == Form.OEM:
-        try:
+    try:
+        if to == Form.OEM:
             files = write_ephemerides(made, scenario, target, plan.stem)
-        except InputError as error:
-            raise InputError(f"{plan}: {error}") from error
-        echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
-    else:
-        (write_csv if to == Form.CSV else write_parquet)(made, scenario, target)
-        echo(f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes.")
+            echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
+        else:
+            (write_csv if to == Form.CSV else write_parquet)(made, scenario, target)
+            echo(f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes.")
+    except InputError as error:
+        raise InputError(f"{plan}: {error}") from error
     if made.status != SOLVED:
         echo(f"prolearn: {plan} is {made.status}: {made.message}", err=True)
         raise typer.Exit(FAILED)

@@ -36,6 +36,22 @@ class Arcs:
     states: Float[Array, "n intervals q 6"]
 
 
+def check_states(plan: Plan, scenario: Scenario) -> None:
+    """Refuse a plan whose states do not begin at the scenario's or are not where it leads.
+
+    Raises:
+        InputError: saying how far they are off.
+    """
+    defect = dynamics_defect(plan.states, plan.controls, scenario.problem)[..., :3]
+    start = (plan.states[:, 0] - scenario.initial)[:, :3]
+    off = max(float(np.abs(defect).max()), float(np.abs(start).max()))
+    if not off <= POSITION_TOLERANCE:
+        raise InputError(
+            f"the plan's states are up to {off:.3g} m off those that its controls lead to; "
+            "expected a plan as it was made: plan again."
+        )
+
+
 def thrust_arcs(plan: Plan, scenario: Scenario) -> Arcs:
     """The arcs of a plan, by the motion that it has under constant thrust.
 
@@ -52,12 +68,7 @@ def thrust_arcs(plan: Plan, scenario: Scenario) -> Arcs:
             '"reference": {"epoch": "2026-03-01T12:00:00Z", "inclination_deg": 97.4, '
             '"raan_deg": 40, "argument_of_latitude_deg": 0} with your values: add it.'
         )
-    off = float(np.abs(dynamics_defect(plan.states, plan.controls, problem)[..., :3]).max())
-    if not off <= POSITION_TOLERANCE:
-        raise InputError(
-            f"the plan's states are up to {off:.3g} m off those that its controls lead to; "
-            "expected a plan as it was made: plan again."
-        )
+    check_states(plan, scenario)
     steps = max(FEWEST - 1, int(np.ceil(problem.mean_motion * problem.time_step / SPACING)))
     start = problem.time_step * np.arange(problem.intervals)[:, None]
     microseconds = np.rint(1e6 * (start + problem.time_step * np.arange(steps + 1) / steps))

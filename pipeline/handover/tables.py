@@ -9,6 +9,7 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
 from pipeline.files import published
+from pipeline.handover.arcs import check_states
 from pipeline.plan import Plan
 from pipeline.plan.document import plan_document
 from pipeline.scenario import Scenario
@@ -26,7 +27,11 @@ def table_of(plan: Plan, scenario: Scenario) -> pa.Table:
 
     At the last node no control begins: it is null there. The schema's metadata has a key
     ``prolearn``: the plan file's JSON without its arrays, certificate and scenario included.
+
+    Raises:
+        InputError: where the plan's states are not what its controls lead to.
     """
+    check_states(plan, scenario)
     n, T = plan.states.shape[:2]
     node = np.tile(np.arange(T), n)
     columns = {

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner
@@ -78,7 +78,8 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
     Raises:
         InputError: where the range holds no whole number of arcs, or too short a transfer.
     """
-    check_range("steps", steps, 1, MOST_NODES)
+    if not 1 <= steps <= MOST_NODES:
+        raise InputError(f"steps is {steps}; expected 1 to {MOST_NODES} durations.")
     least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)
     if least < FEWEST:
         raise InputError(

@@ -113,3 +113,19 @@ def test_a_plan_without_its_scenario_is_refused_in_a_sentence(prolearn, planned,
     done = prolearn("convert", "p.json", "--to", "csv")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "prolearn.plan/1, which leaves out the scenario" in done.stderr
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "oem"])
+@pytest.mark.parametrize("node", [0, 5])
+def test_a_plan_whose_states_are_not_its_controls_is_no_file(
+    prolearn, planned, tmp_path, form, node
+):
+    """As where a digit of a file was damaged."""
+    planned(WHERE)
+    document = json.loads((tmp_path / "p.json").read_text())
+    document["states"][2][node][1] += 0.1
+    (tmp_path / "p.json").write_text(json.dumps(document))
+    done = prolearn("convert", "p.json", "--to", form, "--out", "o")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("prolearn: p.json: the plan's states are up to 0.1 m off")
+    assert not (tmp_path / "o").exists()
