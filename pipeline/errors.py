@@ -16,4 +16,10 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
         InputError: naming what it is of, the number and the range.
     """
     if not least <= value <= most:
-        raise InputError(f"{name} is {value:g}; expected a number from {least:g} to {most:g}.")
+        given, low, high = map(_short, (value, least, most))
+        raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
+
+
+def _short(value: float | int) -> str:
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) < 20 else f"{text[:8]}... ({len(text)} digits)"

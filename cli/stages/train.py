@@ -7,9 +7,11 @@ from typing import Any
 from cli.stages.champion import Challenge, challenge, flown_metrics, validation_trials
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.stream import MEMORY
+from pipeline.errors import check_range
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
+from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
@@ -40,6 +42,10 @@ class TrainingSettings:
     n: int = 10
     seed: int = 0
     changes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse a seed that is none."""
+        check_range("seed", self.seed, 0, SEEDS - 1)
 
     @property
     def followed(self) -> Recipe:

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf
 from typing import Any
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
+
+MOST = 1_000_000
+"""Of whatever a recipe counts: instances, passes, scenarios that are drawn."""
 
 CONSTANT, COSINE = "constant", "cosine"
 
@@ -61,16 +63,13 @@ class Recipe:
         """Refuse what nothing can be trained with."""
         leasts = {"batch_size": 1, "epochs": 1, "patience": 1, "draws": 0, "crowded": 0}
         for name, least in leasts.items():
-            if getattr(self, name) < least:
-                raise InputError(f"{name} is {getattr(self, name)}; expected at least {least}.")
+            check_range(name, getattr(self, name), least, MOST)
         for name in ("dropout", "averaging"):
             if not 0 <= getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}; expected a share in [0, 1).")
-        if not 0 < self.learning_rate < inf:
-            raise InputError(f"learning_rate is {self.learning_rate}; expected a positive number.")
+        check_range("learning_rate", self.learning_rate, 1e-30, 1e30)
         for name in ("collision_weight", "gradient_limit"):
-            if not 0 <= getattr(self, name) < inf:
-                raise InputError(f"{name} is {getattr(self, name)}; expected 0 or more.")
+            check_range(name, getattr(self, name), 0, 1e12)
         if self.schedule not in SCHEDULES:
             raise InputError(
                 f"schedule is {self.schedule!r}; expected one of {', '.join(SCHEDULES)}."

@@ -10,7 +10,7 @@ from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest
 from pipeline.dataset.reading.examples import Examples, ExampleSource
 from pipeline.dataset.reading.read import LEARNED, examples, examples_of, no_examples, shards_of
 from pipeline.dataset.reading.shards import solved_table
-from pipeline.errors import InputError
+from pipeline.errors import check_range
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.storage.folder import Folder, Where, open_folder
@@ -84,8 +84,7 @@ def examples_within(
         InputError: where there is no dataset, the size is not in it, it is not solved, a shard is
             damaged, no instance of the split is solved, or memory is not a positive number.
     """
-    if not memory > 0:
-        raise InputError(f"memory is {memory:g} bytes; expected a positive number.")
+    check_range("memory", memory, 1, 1e15)
     folder = open_folder(where)
     manifest = read_manifest(folder)
     shards = tuple(shards_of(folder, manifest, n, split))
