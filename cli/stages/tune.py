@@ -13,11 +13,12 @@ from mlflow.exceptions import MlflowException
 
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.examples import ExampleSource
-from pipeline.errors import InputError, ProlearnError
+from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.networks.architecture import find, recipe_for
-from pipeline.networks.recipes import Recipe
+from pipeline.networks.recipes import MOST, Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
+from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
@@ -146,8 +147,8 @@ def tune(
         InputError: for an unknown name, a missing dataset, trials < 1, or without Optuna.
         ProlearnError: where the tracking store or the storage fails, or no trial came to an end.
     """
-    if trials < 1:
-        raise InputError(f"trials is {trials}; expected at least 1.")
+    check_range("trials", trials, 1, MOST)
+    check_range("seed", seed, 0, SEEDS - 1)
     followed = recipe_for(arch, recipe)
     followed = followed if epochs is None else replace(followed, epochs=epochs)
     learn, valid = sources(followed, data, n, seed=seed)
