@@ -24,8 +24,8 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM, which ends a run as Ctrl-C does."""
 
 
-MOST_LISTED = 10_000
-"""Numbers that a list on the command line may stand for."""
+MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
+"""Numbers that a list on the command line may stand for, and the largest of them."""
 
 USAGE: Any = typer.BadParameter.__base__
 """What Typer raises for arguments that a command does not have; it quotes them as they are."""
@@ -122,9 +122,10 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
             numbers |= set(wanted)
     except (ValueError, OverflowError):
         numbers = set()
-    if not numbers or min(numbers) < least:
+    if not numbers or min(numbers) < least or max(numbers) > GREATEST_LISTED:
+        given = text if len(text) < 40 else f"{text[:20]}..."
         raise InputError(
-            f"{option} is {text!r}; expected whole numbers from {least}, such as 10, 2,10,30 or "
+            f"{option} is {given!r}; expected whole numbers from {least}, such as 10, 2,10,30 or "
             "2..30."
         )
     return sorted(numbers)

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch.export import Dim
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.files import published
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
@@ -16,6 +16,7 @@ from pipeline.networks.onboard import OnBoard, OnBoardFlown
 from pipeline.networks.onnx_check import Checked, check
 from pipeline.networks.onnx_files import traced, write
 from pipeline.networks.supervised import Supervised
+from pipeline.scenario.scenario import MOST_CRAFT
 
 SCHEMA = "prolearn.onnx/1"
 
@@ -62,13 +63,13 @@ def export(
         about: JSON values that are stored in the file's metadata.
 
     Raises:
-        InputError: where onnx or onnxruntime is not installed, n < 1, or the architecture answers
+        InputError: where onnx or onnxruntime is not installed, n is none, or the architecture answers
             in a way of its own.
         ProlearnError: where the architecture cannot be exported, or onnxruntime's answer is not
             torch's.
     """
-    if n is not None and n < 1:
-        raise InputError(f"n is {n}; expected at least 1 spacecraft.")
+    if n is not None:
+        check_range("n", n, 1, MOST_CRAFT)
     outputs = ("states", "controls") if flown else ("states",)
     made = _traced(model, n, outputs)
     with published(path) as temporary:

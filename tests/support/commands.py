@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 SERVER = """
@@ -25,6 +25,7 @@ for line in sys.stdin:
     child = os.fork()
     if child == 0:
         break
+    print(child, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 else:
     sys.exit()
@@ -92,9 +93,16 @@ class Commands:
         self._server.communicate()
 
     def run(
-        self, arguments: list[str], folder: Path, environment: Mapping[str, str]
+        self,
+        arguments: list[str],
+        folder: Path,
+        environment: Mapping[str, str],
+        meanwhile: Callable[[int], object] = lambda process: None,
     ) -> subprocess.CompletedProcess[str]:
-        """Run prolearn in a folder; the result has returncode, stdout and stderr."""
+        """Run prolearn in a folder; the result has returncode, stdout and stderr.
+
+        While it runs, ``meanwhile`` is called with its process id.
+        """
         with tempfile.TemporaryDirectory() as scratch:
             told = {name: Path(scratch) / name for name in ("stdout", "stderr")}
             for path in told.values():
@@ -107,6 +115,7 @@ class Commands:
             }
             print(json.dumps(asked), file=self._server.stdin)
             try:
+                meanwhile(int(_heard(self._server)))
                 status = int(_heard(self._server))
             except subprocess.TimeoutExpired:
                 self._end()

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.exhibits.planners import BASELINES
 from pipeline.experiments.experiment5.rows import (
     ECCENTRICITIES,
@@ -38,6 +38,10 @@ from pipeline.scenario.families import SEEDS
 
 MADE: Mapping[str, Errors] = {NO_ERRORS: Errors(), WITH_ERRORS: COLD_GAS}
 """Errors by name."""
+
+
+MOST_FLIGHTS = 10_000
+"""Of one scenario, side by side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +90,7 @@ def run_flights(
     Raises:
         InputError: for no flights, or a seed that is none.
     """
-    if flights < 1:
-        raise InputError(f"flights is {flights}; expected at least 1.")
+    check_range("flights", flights, 1, MOST_FLIGHTS)
     if not 0 <= seed < SEEDS:
         raise InputError(f"seed is {seed}; expected 0 to {SEEDS - 1}.")
     asked = [Sortie(k, one, entrants, flights, seed) for k, one in enumerate(scenarios)]
