@@ -15,9 +15,9 @@ from safetensors.torch import save as tensors_to
 from torch import Tensor, nn
 
 from pipeline.arrays import Array
-from pipeline.documents import read_document
+from pipeline.documents import read_document, with_checksum, write_document
 from pipeline.errors import InputError
-from pipeline.files import published, write_text
+from pipeline.files import published
 from pipeline.networks.architecture import Answer, find
 from pipeline.networks.document import WHAT, ModelDocument, ProblemFields
 from pipeline.networks.encoding import Encoding
@@ -148,7 +148,7 @@ def portions(
 
 
 def save(model: Model, folder: Path) -> None:
-    """Write ``weights.safetensors`` and then ``model.json``, which holds the weights' digest."""
+    """Write ``weights.safetensors``, then ``model.json`` with their digest and its own checksum."""
     weights = tensors_to({k: v.contiguous() for k, v in model.network.state_dict().items()})
     encoding = model.encoding
     document = ModelDocument(
@@ -165,7 +165,7 @@ def save(model: Model, folder: Path) -> None:
     )
     with published(folder / WEIGHTS_FILE) as temporary:
         temporary.write_bytes(weights)
-    write_text(folder / DOCUMENT_FILE, document.model_dump_json(indent=1) + "\n")
+    write_document(folder / DOCUMENT_FILE, with_checksum(document.model_dump(mode="json")))
 
 
 def load(folder: Path) -> Model:
