@@ -1,14 +1,13 @@
 """Registered models: list them, load one, make one the champion."""
 
 from collections.abc import Mapping
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import mlflow
 
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
+from pipeline.scratch import scratch_folder
 from registry.reference import find, resolve
 from registry.store import opened
 from registry.version import CHAMPION, ModelVersion, read_version, read_versions
@@ -57,12 +56,12 @@ def load(reference: str | ModelVersion) -> tuple[Model, ModelVersion]:
         InputError: where there is no such model, or its files are gone or not sound.
         ProlearnError: where the store fails.
     """
-    with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
+    with opened(create=False) as store, scratch_folder() as scratch:
         version = reference if isinstance(reference, ModelVersion) else find(store, reference)
         mlflow.artifacts.download_artifacts(
-            artifact_uri=version.uri, dst_path=scratch, tracking_uri=store.uri
+            artifact_uri=version.uri, dst_path=str(scratch), tracking_uri=store.uri
         )
-        folder = Path(scratch) / NETWORK_PATH
+        folder = scratch / NETWORK_PATH
         if not folder.is_dir():
             raise InputError(
                 f"{version.uri} has no {NETWORK_PATH}; expected a model that `prolearn train` "

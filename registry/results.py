@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, SupportsFloat
 
 import mlflow
@@ -12,9 +11,11 @@ import pandas as pd
 
 from pipeline.errors import InputError
 from pipeline.progress import SILENT, Progress
+from pipeline.scratch import scratch_folder
 from registry.entries import log_metrics, log_params, metrics_now, recorded
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
-from registry.store import EVALUATION, Store, opened, recorded_run
+from registry.running import recorded_run
+from registry.store import EVALUATION, Store, opened
 from registry.story import EVALUATION_DATA, dataset_input
 from registry.version import ModelVersion, moment
 
@@ -112,13 +113,13 @@ def record(
     with (
         opened() as store,
         recorded_run(store, experiment, name, environment_tags(EVALUATED_BY)) as run_id,
-        TemporaryDirectory(prefix="prolearn-") as scratch,
+        scratch_folder() as scratch,
     ):
         log_params(store, run_id, params)
         if dataset is not None:
             store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
-        table.to_parquet(Path(scratch) / TABLE, index=False)
-        store.client.log_artifacts(run_id, scratch, "tables")
+        table.to_parquet(scratch / TABLE, index=False)
+        store.client.log_artifacts(run_id, str(scratch), "tables")
         if files is not None:
             store.client.log_artifacts(run_id, str(files), "files")
         return run_id
@@ -179,8 +180,8 @@ def table_of(run_id: str) -> tuple[str, pd.DataFrame]:
 
 def _read(store: Store, run: Any) -> Run:
     """A run with its table."""
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
+    with scratch_folder() as scratch:
+        folder = Path(_download(store, run.info.run_id, "tables", scratch))
         table = pd.read_parquet(folder / TABLE)
     return Run(
         run_id=run.info.run_id,

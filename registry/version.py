@@ -1,6 +1,6 @@
 """A registered model version with all that its training run says about it."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -9,6 +9,7 @@ from mlflow.exceptions import MlflowException
 
 from registry.entries import recorded
 from registry.environment import MADE_WITH
+from registry.paging import pages
 from registry.store import TRAINING, Store
 from registry.story import RECIPE_PARAMS
 
@@ -119,17 +120,6 @@ def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
         metrics=dict(run.data.metrics) if run else {},
         tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k} if run else {},
     )
-
-
-def pages(search: Callable[..., Any], **query: Any) -> Iterator[Any]:
-    """All results of one of MLflow's searches, page after page."""
-    token = None
-    while True:
-        page = search(page_token=token, **query)
-        yield from page
-        token = page.token
-        if not token:
-            return
 
 
 def moment(milliseconds: int) -> datetime:

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pandas as pd
 
@@ -12,6 +11,7 @@ from pipeline.experiments.experiment3.rows import OPTIMIZERS
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report, no_rows
+from pipeline.scratch import scratch_folder
 from registry.environment import versions_of
 from registry.models import list_versions
 from registry.results import Run, evaluation, fetch_files, latest
@@ -197,6 +197,6 @@ def _day(run: Run | ModelVersion) -> str:
 
 
 def _examples(first: Run) -> list[Example]:
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        folder = fetch_files(first, Path(scratch))
+    with scratch_folder() as scratch:
+        folder = fetch_files(first, scratch)
         return [read_example(path) for path in sorted(folder.glob("*.npz"))]

@@ -20,7 +20,8 @@ from registry.results import (
     latest,
     record,
 )
-from registry.store import EVALUATION, WARMSTART, connect, recorded_run
+from registry.running import recorded_run
+from registry.store import EVALUATION, WARMSTART, connect
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
 
