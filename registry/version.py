@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 from mlflow.exceptions import MlflowException
@@ -12,6 +12,7 @@ from registry.environment import MADE_WITH
 from registry.paging import pages
 from registry.store import TRAINING, Store
 from registry.story import RECIPE_PARAMS
+from registry.values import moment
 
 PREFIX = "prolearn-"
 CHAMPION = "champion"
@@ -120,11 +121,6 @@ def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
         metrics=dict(run.data.metrics) if run else {},
         tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k} if run else {},
     )
-
-
-def moment(milliseconds: int) -> datetime:
-    """A time of MLflow's as a date in UTC."""
-    return datetime.fromtimestamp(milliseconds / 1000, UTC)
 
 
 def _aliases(store: Store, name: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from pipeline.experiments.experiment3.summary import summarize_warmstarts
 from pipeline.experiments.experiment4.summary import summarize_times
 from pipeline.experiments.experiment5.summary import summarize_flights
 from pipeline.experiments.summary import summarize
-from registry.results import table_of
+from registry.results import experiment_run, table_of
 from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 SUMMARIES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
@@ -29,7 +29,7 @@ def averages(run_id: str) -> list[dict[str, Any]]:
     Raises:
         ProlearnError: where the store fails.
     """
-    experiment, trials = table_of(run_id)
-    rows = SUMMARIES[experiment](trials)
+    run = experiment_run(run_id)
+    rows = SUMMARIES[run.experiment](table_of(run))
     plain = rows.astype(object).where(rows.notna(), None)  # no number of pandas' own kinds
     return [dict(zip(rows.columns, row, strict=True)) for row in plain.itertuples(index=False)]

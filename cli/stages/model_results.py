@@ -16,7 +16,7 @@ from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
 from pipeline.storage.folder import Where
-from registry.results import add_model_results
+from registry.model_metrics import add_model_results
 
 COMPARED = {
     "collisions": averages.COLLISIONS,

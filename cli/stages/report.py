@@ -14,7 +14,8 @@ from pipeline.report import ReportFiles, Results, build_report, no_rows
 from pipeline.scratch import scratch_folder
 from registry.environment import versions_of
 from registry.models import list_versions
-from registry.results import Run, evaluation, fetch_files, latest
+from registry.results import evaluation, fetch_files, latest, table_of
+from registry.runs import Run
 from registry.store import ABLATIONS, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.tables import training_tables
 from registry.version import ModelVersion
@@ -76,7 +77,7 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     versions, others = _models(first), {name: _models(parts[name]) for name in OTHERS}
     training, curves = training_tables(versions)
     results = Results(
-        trials=first.table,
+        trials=table_of(first),
         warmstarts=_joined("warmstarts", parts, WARMSTART),
         transfer_times=_joined("transfer_times", parts, TRANSFER_TIMES),
         flights=_joined("flights", parts, FLIGHTS),
@@ -104,9 +105,7 @@ def _models(run: Run | None) -> list[ModelVersion]:
 
 def _joined(table: str, parts: Mapping[str, Run | None], experiment: str) -> pd.DataFrame:
     """A table of Results from the runs of one experiment."""
-    found = [
-        run.table for name, run in parts.items() if run and PARTS[name].experiment == experiment
-    ]
+    found = [table_of(run) for name, run in parts.items() if run and run.experiment == experiment]
     return pd.concat(found, ignore_index=True) if found else no_rows(table)
 
 

@@ -2,11 +2,13 @@
 
 import shutil
 import socket
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from children import Children
 
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.format.samples import Sample
@@ -103,6 +105,19 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def on_solved(solved: Path) -> DatasetInfo:
     """That dataset, as what a network was trained on."""
     return DatasetInfo(str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
+
+
+@pytest.fixture(scope="session")
+def children() -> Iterator[Children]:
+    """What runs code in processes of its own, without the imports of each."""
+    with Children() as found:
+        yield found
+
+
+@pytest.fixture
+def child(children: Children, folder: Path) -> Callable[[str], int]:
+    """Run code in a process of its own, in the folder of the store."""
+    return lambda code: children.run(code, folder)
 
 
 @pytest.fixture

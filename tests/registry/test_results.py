@@ -11,15 +11,9 @@ from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY
+from registry.model_metrics import add_model_results
 from registry.models import resolve
-from registry.results import (
-    add_model_results,
-    earlier_run,
-    evaluation,
-    fetch_files,
-    latest,
-    record,
-)
+from registry.results import earlier_run, evaluation, fetch_files, latest, record, table_of
 from registry.running import recorded_run
 from registry.store import EVALUATION, WARMSTART, connect
 from registry.training import DatasetInfo, record_training
@@ -42,7 +36,7 @@ def test_an_evaluation_comes_back_as_it_went_in(folder: Path) -> None:
     found = latest(EVALUATION)
 
     assert found.run_id == run_id
-    pd.testing.assert_frame_equal(found.table, TRIALS)
+    pd.testing.assert_frame_equal(table_of(found), TRIALS)
     assert found.params == {"sizes": "2..30", "trials": "100"}
 
 
@@ -56,7 +50,7 @@ def test_the_newest_finished_run_counts(folder: Path) -> None:
     found = latest(WARMSTART)
 
     assert found.run_id == newest
-    assert len(found.table) == 2
+    assert len(table_of(found)) == 2
 
 
 def test_without_an_evaluation_the_command_that_makes_one_is_named(folder: Path) -> None:
@@ -69,7 +63,7 @@ def test_an_evaluation_is_found_by_its_run(folder: Path) -> None:
     first = record(EVALUATION, TRIALS, params={})
     second = record(EVALUATION, TRIALS.head(1), params={})
     other = record(WARMSTART, TRIALS, params={})
-    assert len(evaluation(first).table) == 2
+    assert len(table_of(evaluation(first))) == 2
     assert evaluation().run_id == second
     with pytest.raises(InputError, match=f"{other!r}; .*newest first: {second}, {first}"):
         evaluation(other)

@@ -2,13 +2,12 @@
 
 import signal
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
-from children import Children
 from rights import read_only
 
 from cli.stages.tune import tune
@@ -27,23 +26,7 @@ with recorded_run(connect(), EVALUATION, "outer", {{}}):
         {DIES}
 """
 
-Child = Callable[..., int]
-
-
-@pytest.fixture(scope="module")
-def children() -> Iterator[Children]:
-    with Children() as found:
-        yield found
-
-
-@pytest.fixture
-def child(children: Children, folder: Path) -> Child:
-    """Run code in a process of its own, in the folder of the store."""
-
-    def run(code: str) -> int:
-        return children.run(code, folder)
-
-    return run
+Child = Callable[[str], int]
 
 
 def runs(folder: Path) -> list[tuple[str, str]]:

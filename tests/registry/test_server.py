@@ -19,7 +19,7 @@ from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import load, resolve
-from registry.results import latest, record
+from registry.results import latest, record, table_of
 from registry.running import recorded_run
 from registry.store import EVALUATION, connect, opened
 from registry.training import DatasetInfo, record_training
@@ -96,7 +96,7 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     np.testing.assert_array_equal(states, wanted)
     table = pd.DataFrame({"n": [2, 3]})
     record(EVALUATION, table, params={})
-    pd.testing.assert_frame_equal(latest(EVALUATION).table, table)
+    pd.testing.assert_frame_equal(table_of(latest(EVALUATION)), table)
     assert (folder / "behind").is_dir() and not (folder / "mlruns").exists()
 
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")  # a few seconds less
