@@ -1,25 +1,24 @@
 """Results of experiments: recorded as MLflow runs with their table, and fetched again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mlflow
 import pandas as pd
 
 from pipeline.errors import InputError
 from pipeline.progress import SILENT, Progress
 from pipeline.scratch import scratch_folder
+from registry.artifacts import FILES, TABLE, digest_tags, fetch_arrays, read_table
 from registry.entries import log_params, recorded
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.running import recorded_run
 from registry.runs import SEQUENCE, Run, finished, next_number, run_of
-from registry.store import EVALUATION, Store, opened
+from registry.store import EVALUATION, opened
 from registry.story import EVALUATION_DATA, dataset_input
-
-TABLE = "table.parquet"
-"""A run's table, in its artifacts ``tables/``."""
+from registry.table_file import table_bytes
 
 SHOWN = 5
 """Runs that a refusal names."""
@@ -51,7 +50,8 @@ def earlier_run(
         params: settings.
         kind: those of the settings that tell kinds of runs apart: the newest run of the same kind
             is looked at.
-        progress: told where it had these parameters and other versions, and so does not count.
+        progress: told where it had these parameters and does not count all the same, since it was
+            made with other versions or is damaged.
 
     Raises:
         ProlearnError: where the store fails.
@@ -60,10 +60,16 @@ def earlier_run(
     run = latest(experiment, {name: wanted[name] for name in kind})
     if run is None or run.params != wanted:
         return None
-    change = changed_since(run.tags, EVALUATED_BY)
-    if change:
+    if change := changed_since(run.tags, EVALUATED_BY):
         progress.say(f"run {run.run_id} of {experiment} was made with {change}; it is done again.")
-    return None if change else run.run_id
+        return None
+    try:
+        table_of(run)
+        with arrays_of(run):
+            return run.run_id
+    except InputError as error:
+        progress.say(f"{error} It is done again.")
+        return None
 
 
 def record(
@@ -86,17 +92,19 @@ def record(
     Raises:
         ProlearnError: where the store fails.
     """
-    name = experiment.removeprefix("prolearn-")
+    name, content = experiment.removeprefix("prolearn-"), table_bytes(table)
+    tags = environment_tags(EVALUATED_BY) | digest_tags(content, files)
     with opened() as store, scratch_folder() as scratch:
-        table.to_parquet(scratch / TABLE, index=False)
-        tags = {SEQUENCE: str(next_number(store, experiment)), **environment_tags(EVALUATED_BY)}
+        (scratch / TABLE).parent.mkdir()
+        (scratch / TABLE).write_bytes(content)
+        tags[SEQUENCE] = str(next_number(store, experiment))
         with recorded_run(store, experiment, name, tags) as run_id:
             log_params(store, run_id, params)
             if dataset is not None:
                 store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
-            store.client.log_artifacts(run_id, str(scratch), "tables")
+            store.client.log_artifacts(run_id, str(scratch))
             if files is not None:
-                store.client.log_artifacts(run_id, str(files), "files")
+                store.client.log_artifacts(run_id, str(files), FILES)
             return run_id
 
 
@@ -152,27 +160,22 @@ def table_of(run: Run) -> pd.DataFrame:
     """A run's table: a row for each trial.
 
     Raises:
-        ProlearnError: where the store fails.
+        InputError: where its file is damaged, no table, or too large.
+        ProlearnError: where it cannot be fetched.
     """
     with opened(create=False) as store, scratch_folder() as scratch:
-        folder = Path(_download(store, run.run_id, "tables", scratch))
-        return pd.read_parquet(folder / TABLE)
+        return read_table(store, run, scratch)
 
 
-def fetch_files(run: Run, folder: Path) -> Path:
-    """Download the files recorded with a run into a folder, and return where they are.
+@contextmanager
+def arrays_of(run: Run) -> Iterator[list[Path]]:
+    """The files recorded with a run that hold arrays, for as long as the block lasts.
 
     Raises:
-        ProlearnError: where the store fails, or the run has none.
+        InputError: where one is damaged.
+        ProlearnError: where one cannot be fetched.
     """
-    with opened(create=False) as store:
-        return Path(_download(store, run.run_id, "files", folder))
-
-
-def _download(store: Store, run_id: str, path: str, folder: Path) -> str:
-    folder.mkdir(parents=True, exist_ok=True)
-    return str(
-        mlflow.artifacts.download_artifacts(
-            run_id=run_id, artifact_path=path, dst_path=str(folder), tracking_uri=store.uri
-        )
-    )
+    with scratch_folder() as scratch:
+        with opened(create=False) as store:
+            found = fetch_arrays(store, run, scratch)
+        yield found

@@ -13,7 +13,7 @@ from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY
 from registry.model_metrics import add_model_results
 from registry.models import resolve
-from registry.results import earlier_run, evaluation, fetch_files, latest, record, table_of
+from registry.results import arrays_of, earlier_run, evaluation, latest, record, table_of
 from registry.running import recorded_run
 from registry.store import EVALUATION, WARMSTART, connect
 from registry.training import DatasetInfo, record_training
@@ -76,14 +76,13 @@ def test_a_run_that_breaks_off_is_marked_as_failed(folder: Path) -> None:
     assert store.client.get_run(run_id).info.status == "FAILED"
 
 
-def test_files_of_a_run_are_fetched_with_their_folders(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "made" / "figures").mkdir(parents=True)
-    (tmp_path / "made" / "figures" / "fuel.svg").write_text("<svg/>")
+def test_arrays_of_a_run_are_fetched(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "made").mkdir()
+    np.savez(tmp_path / "made" / "one.npz", x=np.arange(3))
     record(EVALUATION, TRIALS, params={}, files=tmp_path / "made")
-
-    fetched = fetch_files(latest(EVALUATION), tmp_path / "fetched")
-
-    assert (fetched / "figures" / "fuel.svg").read_text() == "<svg/>"
+    with arrays_of(latest(EVALUATION)) as paths:
+        (path,) = paths
+        assert path.read_bytes() == (tmp_path / "made" / "one.npz").read_bytes()
 
 
 def test_more_parameters_and_metrics_than_one_request_takes_all_arrive(
