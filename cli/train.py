@@ -111,14 +111,15 @@ def _trained(
     title = f"training {how.arch} ({how.recipe})" + (f", seed {how.seed}" if several else "")
     with progress(title) as shown:
         earlier = trained_before(how, data, shown) if resume else None
-        if earlier is None:
-            version, held = train_model(how, data, device=device, memory=memory, progress=shown)
-    if earlier is not None:
-        typer.echo(f"Trained before: {_summary(earlier)}")
-        return {**told(earlier), "earlier": True}
-    typer.echo(_summary(version))
+        version, held = earlier or train_model(
+            how, data, device=device, memory=memory, progress=shown
+        )
+    typer.echo(f"Trained before: {_summary(version)}" if earlier else _summary(version))
+    document = {**told(version), "earlier": earlier is not None}
+    if held is None:
+        return document
     typer.echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
-    return {**told(version), "earlier": False, "champion": held.champion.version}
+    return {**document, "champion": held.champion.version}
 
 
 def _summary(version: "ModelVersion") -> str:

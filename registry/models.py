@@ -10,7 +10,7 @@ from pipeline.networks.model import load as load_network
 from pipeline.scratch import scratch_folder
 from registry.reference import find, resolve
 from registry.store import opened
-from registry.version import CHAMPION, ModelVersion, read_version, read_versions
+from registry.version import CHAMPION, CONTEST, ModelVersion, read_version, read_versions
 
 NETWORK_PATH = "data/network"
 """Where the network's folder lies inside a logged model."""
@@ -77,6 +77,17 @@ def champion_of(name: str) -> ModelVersion | None:
         ProlearnError: where the store fails.
     """
     return next((v for v in list_versions() if v.name == name and CHAMPION in v.aliases), None)
+
+
+def settle(version: ModelVersion, outcome: str) -> None:
+    """Note that a version's contest with the champion was held, and how it ended.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        number = str(version.version)
+        store.client.set_model_version_tag(version.name, number, CONTEST, outcome)
 
 
 def crown(version: ModelVersion) -> ModelVersion:

@@ -17,6 +17,9 @@ from registry.values import moment
 PREFIX = "prolearn-"
 CHAMPION = "champion"
 
+CONTEST = "contest"
+"""Tag of a version that says how its contest with the champion ended, once it was held."""
+
 
 @dataclass(frozen=True)
 class ModelVersion:
@@ -35,6 +38,7 @@ class ModelVersion:
         params: parameters of the training run.
         metrics: latest value of each metric of the training run, evaluations included.
         tags: tags of the training run, such as the versions of what it was made with.
+        contest: how the contest with the champion ended; nothing where none was held.
     """
 
     name: str
@@ -49,6 +53,7 @@ class ModelVersion:
     params: Mapping[str, str]
     metrics: Mapping[str, float]
     tags: Mapping[str, str]
+    contest: str = ""
 
     @property
     def uri(self) -> str:
@@ -120,6 +125,7 @@ def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
         params=recorded(run.data.params) if run else {},
         metrics=dict(run.data.metrics) if run else {},
         tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k} if run else {},
+        contest=tags.get(CONTEST, ""),
     )
 
 
