@@ -123,9 +123,9 @@ def _trained(
 
 
 def _summary(version: "ModelVersion") -> str:
-    numbers = version.metrics
+    names = ("best_epoch", "valid_position_rmse", "training_seconds")
+    epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
     return (
-        f"{version.name} version {version.version} ({version.recipe}): best epoch "
-        f"{numbers['best_epoch']:.0f}, predicted positions {numbers['valid_position_rmse']:.3g} m "
-        f"RMS from the expert's, {numbers['training_seconds']:.0f} s."
+        f"{version.name} version {version.version} ({version.recipe}): best epoch {epoch:.0f}, "
+        f"predicted positions {rmse:.3g} m RMS from the expert's, {seconds:.0f} s."
     )

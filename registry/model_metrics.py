@@ -7,7 +7,8 @@ from typing import SupportsFloat
 from registry.entries import log_metrics, metrics_now, now
 from registry.store import Store, opened
 from registry.story import EVALUATION_DATA, dataset_input
-from registry.version import ModelVersion
+from registry.values import warn
+from registry.version import ModelVersion, run_of_version
 
 LAST = 2**63 - 1
 """Latest time that a store keeps, ms."""
@@ -20,7 +21,7 @@ def add_model_results(
     *,
     dataset: tuple[str, str],
 ) -> None:
-    """Add an evaluation to a model's own training run.
+    """Add an evaluation to a model's own training run, where that is still there.
 
     Args:
         version: the model.
@@ -32,6 +33,9 @@ def add_model_results(
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store:
+        if run_of_version(store, version.run_id) is None:
+            warn(f"The training run of {version.uri} is gone; its evaluation is not added to it.")
+            return
         model = version.model_id or None
         names = {name for values in metrics.values() for name in values}
         stamp = _after_all(store, version.run_id, names)
@@ -53,7 +57,8 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store:
-        history = store.client.get_metric_history(version.run_id, name)
+        there = run_of_version(store, version.run_id) is not None
+        history = store.client.get_metric_history(version.run_id, name) if there else []
     return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
 
 

@@ -67,7 +67,10 @@ def load(reference: str | ModelVersion) -> tuple[Model, ModelVersion]:
                 f"{version.uri} has no {NETWORK_PATH}; expected a model that `prolearn train` "
                 "registered: train it anew, or, where the project was moved, see docs/mlflow.md."
             )
-        return load_network(folder), version
+        try:
+            return load_network(folder), version
+        except InputError as error:
+            raise InputError(f"{version.uri}: {str(error).replace(f'{folder}/', '')}") from error
 
 
 def champion_of(name: str) -> ModelVersion | None:
