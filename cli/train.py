@@ -111,20 +111,21 @@ def _trained(
     title = f"training {how.arch} ({how.recipe})" + (f", seed {how.seed}" if several else "")
     with progress(title) as shown:
         earlier = trained_before(how, data, shown) if resume else None
-        if earlier is None:
-            version, held = train_model(how, data, device=device, memory=memory, progress=shown)
-    if earlier is not None:
-        echo(f"Trained before: {_summary(earlier)}")
-        return {**told(earlier), "earlier": True}
-    echo(_summary(version))
+        version, held = earlier or train_model(
+            how, data, device=device, memory=memory, progress=shown
+        )
+    echo(f"Trained before: {_summary(version)}" if earlier else _summary(version))
+    document = {**told(version), "earlier": earlier is not None}
+    if held is None:
+        return document
     echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
-    return {**told(version), "earlier": False, "champion": held.champion.version}
+    return {**document, "champion": held.champion.version}
 
 
 def _summary(version: "ModelVersion") -> str:
-    numbers = version.metrics
+    names = ("best_epoch", "valid_position_rmse", "training_seconds")
+    epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
     return (
-        f"{version.name} version {version.version} ({version.recipe}): best epoch "
-        f"{numbers['best_epoch']:.0f}, predicted positions {numbers['valid_position_rmse']:.3g} m "
-        f"RMS from the expert's, {numbers['training_seconds']:.0f} s."
+        f"{version.name} version {version.version} ({version.recipe}): best epoch {epoch:.0f}, "
+        f"predicted positions {rmse:.3g} m RMS from the expert's, {seconds:.0f} s."
     )

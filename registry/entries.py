@@ -38,11 +38,19 @@ def log_metrics(store: Store, run_id: str, metrics: Sequence[Any]) -> None:
         store.client.log_batch(run_id, metrics=batch)
 
 
+def now() -> int:
+    """The time that metrics have, ms since 1970."""
+    return int(time.time() * 1000)
+
+
 def metrics_now(
-    metrics: Mapping[str, SupportsFloat], model_id: str | None = None, step: int = 0
+    metrics: Mapping[str, SupportsFloat],
+    model_id: str | None = None,
+    step: int = 0,
+    stamp: int | None = None,
 ) -> list[Any]:
     """MLflow's metrics for values reached by now, of a run and of a model that it logged."""
-    stamp = int(time.time() * 1000)
+    stamp = now() if stamp is None else stamp
     return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in metrics.items()]
 
 

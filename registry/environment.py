@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
+from pipeline.documents import parsed
 from pipeline.networks.catalogue import distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
@@ -53,8 +54,12 @@ def changed_since(tags: Mapping[str, str], decided_by: DecidedBy) -> str:
 
 def versions_of(tags: Mapping[str, str]) -> dict[str, str]:
     """The versions that decided what an earlier run gave; none where it did not say."""
-    found: dict[str, str] = json.loads(tags.get(MADE_WITH, "{}"))
-    return found
+    try:
+        found = parsed(tags.get(MADE_WITH, "").encode())
+    except ValueError:
+        return {}
+    plain = isinstance(found, dict) and all(isinstance(value, str) for value in found.values())
+    return found if plain else {}
 
 
 def requirements(arch: str) -> list[str]:

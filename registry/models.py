@@ -1,17 +1,16 @@
 """Registered models: list them, load one, make one the champion."""
 
 from collections.abc import Mapping
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import mlflow
 
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
+from pipeline.scratch import scratch_folder
 from registry.reference import find, resolve
 from registry.store import opened
-from registry.version import CHAMPION, ModelVersion, read_version, read_versions
+from registry.version import CHAMPION, CONTEST, ModelVersion, read_version, read_versions
 
 NETWORK_PATH = "data/network"
 """Where the network's folder lies inside a logged model."""
@@ -57,18 +56,21 @@ def load(reference: str | ModelVersion) -> tuple[Model, ModelVersion]:
         InputError: where there is no such model, or its files are gone or not sound.
         ProlearnError: where the store fails.
     """
-    with opened(create=False) as store, TemporaryDirectory(prefix="prolearn-") as scratch:
+    with opened(create=False) as store, scratch_folder() as scratch:
         version = reference if isinstance(reference, ModelVersion) else find(store, reference)
         mlflow.artifacts.download_artifacts(
-            artifact_uri=version.uri, dst_path=scratch, tracking_uri=store.uri
+            artifact_uri=version.uri, dst_path=str(scratch), tracking_uri=store.uri
         )
-        folder = Path(scratch) / NETWORK_PATH
+        folder = scratch / NETWORK_PATH
         if not folder.is_dir():
             raise InputError(
                 f"{version.uri} has no {NETWORK_PATH}; expected a model that `prolearn train` "
                 "registered: train it anew, or, where the project was moved, see docs/mlflow.md."
             )
-        return load_network(folder), version
+        try:
+            return load_network(folder), version
+        except InputError as error:
+            raise InputError(f"{version.uri}: {str(error).replace(f'{folder}/', '')}") from error
 
 
 def champion_of(name: str) -> ModelVersion | None:
@@ -78,6 +80,17 @@ def champion_of(name: str) -> ModelVersion | None:
         ProlearnError: where the store fails.
     """
     return next((v for v in list_versions() if v.name == name and CHAMPION in v.aliases), None)
+
+
+def settle(version: ModelVersion, outcome: str) -> None:
+    """Note that a version's contest with the champion was held, and how it ended.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        number = str(version.version)
+        store.client.set_model_version_tag(version.name, number, CONTEST, outcome)
 
 
 def crown(version: ModelVersion) -> ModelVersion:

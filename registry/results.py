@@ -1,47 +1,27 @@
 """Results of experiments: recorded as MLflow runs with their table, and fetched again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, SupportsFloat
+from typing import Any
 
-import mlflow
 import pandas as pd
 
 from pipeline.errors import InputError
 from pipeline.progress import SILENT, Progress
-from registry.entries import log_metrics, log_params, metrics_now, recorded
+from pipeline.scratch import scratch_folder
+from registry.artifacts import FILES, TABLE, digest_tags, fetch_arrays, read_table
+from registry.entries import log_params, recorded
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
-from registry.store import EVALUATION, Store, opened, recorded_run
+from registry.running import recorded_run
+from registry.runs import SEQUENCE, Run, finished, next_number, run_of
+from registry.store import EVALUATION, opened
 from registry.story import EVALUATION_DATA, dataset_input
-from registry.version import ModelVersion, moment
-
-TABLE = "table.parquet"
-"""A run's table, in its artifacts ``tables/``."""
+from registry.table_file import table_bytes
 
 SHOWN = 5
 """Runs that a refusal names."""
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """A finished run of an experiment.
-
-    Attributes:
-        run_id: its MLflow run.
-        created: when it started.
-        table: a row for each trial.
-        params: parameters of the run.
-        tags: what it was made with, such as ``git_commit``.
-    """
-
-    run_id: str
-    created: datetime
-    table: pd.DataFrame
-    params: Mapping[str, str]
-    tags: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -70,22 +50,26 @@ def earlier_run(
         params: settings.
         kind: those of the settings that tell kinds of runs apart: the newest run of the same kind
             is looked at.
-        progress: told where it had these parameters and other versions, and so does not count.
+        progress: told where it had these parameters and does not count all the same, since it was
+            made with other versions or is damaged.
 
     Raises:
         ProlearnError: where the store fails.
     """
     wanted = recorded(params)
-    with opened(create=False) as store:
-        run = _newest(store, experiment, {name: wanted[name] for name in kind})
-    if run is None or run.data.params != wanted:
+    run = latest(experiment, {name: wanted[name] for name in kind})
+    if run is None or run.params != wanted:
         return None
-    change = changed_since(run.data.tags, EVALUATED_BY)
-    if change:
-        progress.say(
-            f"run {run.info.run_id} of {experiment} was made with {change}; it is done again."
-        )
-    return None if change else str(run.info.run_id)
+    if change := changed_since(run.tags, EVALUATED_BY):
+        progress.say(f"run {run.run_id} of {experiment} was made with {change}; it is done again.")
+        return None
+    try:
+        table_of(run)
+        with arrays_of(run):
+            return run.run_id
+    except InputError as error:
+        progress.say(f"{error} It is done again.")
+        return None
 
 
 def record(
@@ -108,20 +92,20 @@ def record(
     Raises:
         ProlearnError: where the store fails.
     """
-    name = experiment.removeprefix("prolearn-")
-    with (
-        opened() as store,
-        recorded_run(store, experiment, name, environment_tags(EVALUATED_BY)) as run_id,
-        TemporaryDirectory(prefix="prolearn-") as scratch,
-    ):
-        log_params(store, run_id, params)
-        if dataset is not None:
-            store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
-        table.to_parquet(Path(scratch) / TABLE, index=False)
-        store.client.log_artifacts(run_id, scratch, "tables")
-        if files is not None:
-            store.client.log_artifacts(run_id, str(files), "files")
-        return run_id
+    name, content = experiment.removeprefix("prolearn-"), table_bytes(table)
+    tags = environment_tags(EVALUATED_BY) | digest_tags(content, files)
+    with opened() as store, scratch_folder() as scratch:
+        (scratch / TABLE).parent.mkdir()
+        (scratch / TABLE).write_bytes(content)
+        tags[SEQUENCE] = str(next_number(store, experiment))
+        with recorded_run(store, experiment, name, tags) as run_id:
+            log_params(store, run_id, params)
+            if dataset is not None:
+                store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
+            store.client.log_artifacts(run_id, str(scratch))
+            if files is not None:
+                store.client.log_artifacts(run_id, str(files), FILES)
+            return run_id
 
 
 def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | None:
@@ -135,8 +119,7 @@ def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | No
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store:
-        run = _newest(store, experiment, having or {})
-        return None if run is None else _read(store, run)
+        return next(iter(finished(store, experiment, having)), None)
 
 
 def evaluation(run_id: str | None = None) -> Run:
@@ -146,121 +129,53 @@ def evaluation(run_id: str | None = None) -> Run:
         InputError: where there is none.
         ProlearnError: where the store fails.
     """
-    if run_id is None:
-        if (found := latest(EVALUATION)) is None:
-            raise InputError(
-                f"There is no finished run of {EVALUATION} in the tracking store; expected one: "
-                "run `prolearn evaluate` first."
-            )
-        return found
     with opened(create=False) as store:
-        known = _finished(store, EVALUATION, {}, most=1000)
-        for run in known:
-            if run.info.run_id == run_id:
-                return _read(store, run)
-    there = ", ".join(run.info.run_id for run in known[:SHOWN]) or "none"
-    raise InputError(
-        f"There is no finished evaluation {run_id!r}; expected the run of one, newest first: "
-        f"{there}."
-    )
-
-
-def table_of(run_id: str) -> tuple[str, pd.DataFrame]:
-    """The experiment that a run is of, and the run's table: a row for each trial.
-
-    Raises:
-        ProlearnError: where the store fails.
-    """
-    with opened(create=False) as store:
-        run = store.client.get_run(run_id)
-        names = {number: name for name, number in store.experiments.items()}
-        return names[run.info.experiment_id], _read(store, run).table
-
-
-def _read(store: Store, run: Any) -> Run:
-    """A run with its table."""
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        folder = Path(_download(store, run.info.run_id, "tables", Path(scratch)))
-        table = pd.read_parquet(folder / TABLE)
-    return Run(
-        run_id=run.info.run_id,
-        created=moment(run.info.start_time),
-        table=table,
-        params=recorded(run.data.params),
-        tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k},
-    )
-
-
-def fetch_files(run: Run, folder: Path) -> Path:
-    """Download the files recorded with a run into a folder, and return where they are.
-
-    Raises:
-        ProlearnError: where the store fails, or the run has none.
-    """
-    with opened(create=False) as store:
-        return Path(_download(store, run.run_id, "files", folder))
-
-
-def add_model_results(
-    version: ModelVersion,
-    metrics: Mapping[int, Mapping[str, SupportsFloat]],
-    figures: Path,
-    *,
-    dataset: tuple[str, str],
-) -> None:
-    """Add an evaluation to a model's own training run.
-
-    Args:
-        version: the model.
-        metrics: by step, then by name.
-        figures: a folder whose content becomes the run's artifacts ``figures/``.
-        dataset: folder and digest of the dataset that it was evaluated on.
-
-    Raises:
-        ProlearnError: where the store fails.
-    """
-    with opened(create=False) as store:
-        model = version.model_id or None
-        entities = [m for k, values in metrics.items() for m in metrics_now(values, model, k)]
-        log_metrics(store, version.run_id, entities)
-        used = dataset_input(*dataset, EVALUATION_DATA)
-        store.client.log_inputs(version.run_id, [used])
-        store.client.log_artifacts(version.run_id, str(figures), "figures")
-
-
-def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
-    """A metric of experiment 2 in a model's own run, by swarm size; empty where there is none.
-
-    Raises:
-        ProlearnError: where the store fails.
-    """
-    with opened(create=False) as store:
-        history = store.client.get_metric_history(version.run_id, name)
-    return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
-
-
-def _newest(store: Store, experiment: str, having: Mapping[str, str]) -> Any:
-    """The newest finished run with some parameters, or None."""
-    return next(iter(_finished(store, experiment, having, most=1)), None)
-
-
-def _finished(store: Store, experiment: str, having: Mapping[str, str], most: int) -> list[Any]:
-    """Finished runs with some parameters, the newest first."""
-    asked = ["attributes.status = 'FINISHED'", *(f"params.`{k}` = '{having[k]}'" for k in having)]
-    return list(
-        store.client.search_runs(
-            [store.experiments[experiment]],
-            filter_string=" AND ".join(asked),
-            order_by=["attributes.start_time DESC"],
-            max_results=most,
+        known = finished(store, EVALUATION)
+    if run_id is None and not known:
+        raise InputError(
+            f"There is no finished run of {EVALUATION} in the tracking store; expected one: "
+            "run `prolearn evaluate` first."
         )
-    )
-
-
-def _download(store: Store, run_id: str, path: str, folder: Path) -> str:
-    folder.mkdir(parents=True, exist_ok=True)
-    return str(
-        mlflow.artifacts.download_artifacts(
-            run_id=run_id, artifact_path=path, dst_path=str(folder), tracking_uri=store.uri
+    found = next((run for run in known if run_id in (None, run.run_id)), None)
+    if found is None:
+        there = ", ".join(run.run_id for run in known[:SHOWN]) or "none"
+        raise InputError(
+            f"There is no finished evaluation {run_id!r}; expected the run of one, newest first: "
+            f"{there}."
         )
-    )
+    return found
+
+
+def experiment_run(run_id: str) -> Run:
+    """The run of an experiment, by its id.
+
+    Raises:
+        ProlearnError: where the store fails.
+    """
+    with opened(create=False) as store:
+        return run_of(store, store.client.get_run(run_id))
+
+
+def table_of(run: Run) -> pd.DataFrame:
+    """A run's table: a row for each trial.
+
+    Raises:
+        InputError: where its file is damaged, no table, or too large.
+        ProlearnError: where it cannot be fetched.
+    """
+    with opened(create=False) as store, scratch_folder() as scratch:
+        return read_table(store, run, scratch)
+
+
+@contextmanager
+def arrays_of(run: Run) -> Iterator[list[Path]]:
+    """The files recorded with a run that hold arrays, for as long as the block lasts.
+
+    Raises:
+        InputError: where one is damaged.
+        ProlearnError: where one cannot be fetched.
+    """
+    with scratch_folder() as scratch:
+        with opened(create=False) as store:
+            found = fetch_arrays(store, run, scratch)
+        yield found

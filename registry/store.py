@@ -18,7 +18,9 @@ from mlflow.telemetry import set_telemetry_client
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.scratch import clear_scratch
 from pipeline.urls import public, public_url
+from registry.running import close_abandoned
 from registry.sqlite import check_whole, database_path, guarded
 
 DEFAULT_URI = "sqlite:///mlflow.db"
@@ -72,6 +74,8 @@ def tracking_uri() -> str:
 def connect(*, create: bool = True) -> Store:
     """The tracking store, with its experiments in it.
 
+    Runs and temporary folders that killed commands left open are closed and removed.
+
     Args:
         create: make an SQLite store that is not there yet; otherwise its absence is an error.
 
@@ -83,16 +87,10 @@ def connect(*, create: bool = True) -> Store:
     _prepare_process()
     uri = tracking_uri()
     with explained(uri):
-        if uri.startswith("sqlite:"):
-            return _connect_sqlite(uri, create)
-        if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
-            raise InputError(
-                f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected sqlite:///FILE or the "
-                "address of a tracking server, since MLflow no longer keeps runs in folders."
-            )
-        if uri.startswith(("http://", "https://")):
-            _check_reachable(uri)
-        return _open(uri, dict.fromkeys(EXPERIMENTS))
+        store = _connect(uri, create)
+        close_abandoned(store.client, store.uri)
+    clear_scratch()
+    return store
 
 
 @contextmanager
@@ -138,21 +136,6 @@ def explained(uri: str) -> Iterator[None]:
         ) from error
 
 
-@contextmanager
-def recorded_run(
-    store: Store, experiment: str, name: str, tags: Mapping[str, str]
-) -> Iterator[str]:
-    """An MLflow run, by its id: FINISHED after the block, FAILED where the block raises."""
-    with mlflow.start_run(
-        experiment_id=store.experiments[experiment],
-        run_name=name,
-        tags=dict(tags),
-        nested=True,
-        log_system_metrics=False,
-    ) as run:
-        yield run.info.run_id
-
-
 def _prepare_process() -> None:
     """MLflow's settings for this process; what the user has set stays."""
     for name, value in PROCESS_DEFAULTS.items():
@@ -161,6 +144,19 @@ def _prepare_process() -> None:
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
         logging.getLogger("mlflow").setLevel(logging.WARNING)
         logging.getLogger("alembic").setLevel(logging.WARNING)
+
+
+def _connect(uri: str, create: bool) -> Store:
+    if uri.startswith("sqlite:"):
+        return _connect_sqlite(uri, create)
+    if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
+        raise InputError(
+            f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected sqlite:///FILE or the "
+            "address of a tracking server, since MLflow no longer keeps runs in folders."
+        )
+    if uri.startswith(("http://", "https://")):
+        _check_reachable(uri)
+    return _open(uri, dict.fromkeys(EXPERIMENTS))
 
 
 def _connect_sqlite(uri: str, create: bool) -> Store:

@@ -9,6 +9,7 @@ from typing import Any, SupportsFloat
 
 from mlflow.entities import Dataset, DatasetInput, InputTag, Metric
 
+from pipeline.documents import parsed
 from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
@@ -19,6 +20,9 @@ CURVES = ("train_loss", "valid_loss")
 TRAINING_DATA = "training"
 EVALUATION_DATA = "evaluation"
 """What MLflow calls a dataset's use."""
+
+NEEDED = ("arch", "recipe", "dataset", "dataset_digest", "train_instances", "valid_instances")
+"""Parameters without which no training can be recorded."""
 
 DIGEST_LENGTH = 36
 """Longest digest that MLflow takes for a dataset; the parameter has it in full."""
@@ -113,10 +117,9 @@ def read_story(path: Path) -> Story:
         InputError: where it cannot be read or is none.
     """
     try:
-        story = Story(**json.loads(path.read_text(encoding="utf-8")))
-        for part in (story.params["arch"], story.params["recipe"], story.history["number"]):
-            if not part:
-                raise ValueError("a part of it is empty")
+        story = Story(**parsed(path.read_bytes()))
+        if not all([*(story.params[name] for name in NEEDED), story.history["number"]]):
+            raise ValueError("a part of it is empty")
         curve_metrics(story.history)
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(

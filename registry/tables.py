@@ -8,12 +8,11 @@ import pandas as pd
 
 from pipeline.experiments.trainings.rows import Epoch, Training
 from registry.store import Store, opened
+from registry.values import whole, whole_metric
 from registry.version import ModelVersion
 
 KNOWN = ("arch", "recipe", "training_seed", "version")
 """What a version knows itself; the rest its run says."""
-
-WHOLE = ("parameters", "epochs", "train_instances", "best_epoch")
 
 
 def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -33,16 +32,28 @@ def _table(row: type[Any], rows: Iterable[object]) -> pd.DataFrame:
 
 
 def _training(version: ModelVersion) -> Training:
-    told: dict[str, Any] = {**version.params, **version.metrics}
-    told |= {name: int(told[name]) for name in WHOLE if name in told}
-    told |= {"valid_loss": told.get("best_valid_loss"), "seconds": told.get("training_seconds")}
-    told |= {name: getattr(version, name) for name in KNOWN}
-    row: dict[str, Any] = {field.name: told.get(field.name) for field in fields(Training)}
-    return Training(**row)
+    """What a version's run says, and None for what it does not or is nonsense."""
+    params, metrics = version.params, version.metrics
+    counted = ("parameters", "epochs", "train_instances")
+    measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
+    told: dict[str, Any] = {
+        **{name: getattr(version, name) for name in KNOWN},
+        **{name: whole(params.get(name, "")) for name in counted},
+        **{name: metrics.get(name) for name in measured},
+        **{name: params.get(name) for name in ("device", "threads")},
+    }
+    return Training(
+        **told,
+        best_epoch=whole_metric(metrics.get("best_epoch")),
+        valid_loss=metrics.get("best_valid_loss"),
+        seconds=metrics.get("training_seconds"),
+    )
 
 
 def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:
-    """The losses of a training."""
+    """The losses of a training; none where its run is gone."""
+    if not version.params:
+        return []
     train, valid = (
         {m.step: m.value for m in store.client.get_metric_history(version.run_id, loss)}
         for loss in ("train_loss", "valid_loss")

@@ -4,7 +4,6 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, SupportsFloat
 
 import mlflow
@@ -20,11 +19,13 @@ from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
+from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
 from registry.entries import log_metrics, log_params, metrics_now
 from registry.environment import TRAINED_BY, environment_tags, requirements
 from registry.flavor import SIGNATURE
-from registry.store import TRAINING, Store, opened, recorded_run
+from registry.running import recorded_run
+from registry.store import TRAINING, Store, opened
 from registry.story import (
     CURVES,
     TRAINING_DATA,
@@ -74,8 +75,8 @@ def record_training(
         metrics=metrics or {},
         tags=environment_tags(TRAINED_BY),
     )
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        folder = Path(scratch) / "network"
+    with scratch_folder() as scratch:
+        folder = scratch / "network"
         save(trained.model, folder)
         story = replace(
             story,
@@ -101,13 +102,14 @@ def register_kept(folder: Path) -> ModelVersion:
     """
     story = read_story(folder / STORY)
     model = load_network(folder)
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        network = Path(scratch) / "network"
+    with scratch_folder() as scratch:
+        network = scratch / "network"
         shutil.copytree(folder, network, ignore=shutil.ignore_patterns(STORY))
         return _record(network, model, story)
 
 
 def _record(folder: Path, model: Model, story: Story) -> ModelVersion:
+    """Record and register what was saved in a folder inside a temporary one."""
     arch, params = model.architecture, story.params
     with opened() as store:
         name = f"{arch}-{params['recipe']}"
@@ -117,8 +119,9 @@ def _record(folder: Path, model: Model, story: Story) -> ModelVersion:
             store.client.log_inputs(run_id, [dataset_input(*used)])
             log_params(store, run_id, params)
             log_metrics(store, run_id, curve_metrics(story.history))
-            _log_curves(store, run_id, story)
-            model_id = _log_model(folder, model)
+            with temporary_files_in(folder.parent):
+                _log_curves(store, run_id, story)
+                model_id = _log_model(folder, model)
             log_metrics(store, run_id, metrics_now(story.metrics, model_id))
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
             found = _register(store, PREFIX + arch, run_id, model_id, tags)
@@ -138,9 +141,9 @@ def _log_curves(store: Store, run_id: str, story: Story) -> None:
         curves.assign(arch=arch, recipe=story.params["recipe"], training_seed=story.params["seed"]),
         styles([arch]),
     )
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        save_figure(figure, Path(scratch) / "learning_curve", [".png"])
-        store.client.log_artifacts(run_id, scratch, "figures")
+    with scratch_folder() as scratch:
+        save_figure(figure, scratch / "learning_curve", [".png"])
+        store.client.log_artifacts(run_id, str(scratch), "figures")
 
 
 def _log_model(folder: Path, model: Model) -> str:

@@ -1,19 +1,28 @@
 """A registered model version with all that its training run says about it."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 from mlflow.exceptions import MlflowException
 
+from pipeline.errors import InputError
 from registry.entries import recorded
 from registry.environment import MADE_WITH
+from registry.paging import pages
 from registry.store import TRAINING, Store
 from registry.story import RECIPE_PARAMS
+from registry.values import SHOWN, moment, warn, whole
 
 PREFIX = "prolearn-"
 CHAMPION = "champion"
+
+CONTEST = "contest"
+"""Tag of a version that says how its contest with the champion ended, once it was held."""
+
+_left_out: set[tuple[str, str]] = set()
+"""Stores, and the warnings on their versions that were given."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +42,7 @@ class ModelVersion:
         params: parameters of the training run.
         metrics: latest value of each metric of the training run, evaluations included.
         tags: tags of the training run, such as the versions of what it was made with.
+        contest: how the contest with the champion ended; nothing where none was held.
     """
 
     name: str
@@ -47,6 +57,18 @@ class ModelVersion:
     params: Mapping[str, str]
     metrics: Mapping[str, float]
     tags: Mapping[str, str]
+    contest: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse a training run whose numbers are none."""
+        for name in ("seed", "n_spacecraft"):
+            text = self.params.get(name, "0")
+            if whole(text) is None:
+                raise InputError(
+                    f"{self.uri} cannot be used: {name} of its training run {self.run_id} is "
+                    f"{text[:SHOWN]!r}; expected a whole number: delete the version, or name "
+                    "another."
+                )
 
     @property
     def uri(self) -> str:
@@ -76,17 +98,33 @@ class ModelVersion:
 
 
 def read_version(store: Store, found: Any) -> ModelVersion:
-    """The value of one of MLflow's model versions."""
-    return describe(found, _aliases(store, found.name), _run(store, found.run_id))
+    """The value of one of MLflow's model versions.
+
+    Raises:
+        InputError: where what its training run says is of no use.
+    """
+    return describe(found, _aliases(store, found.name), run_of_version(store, found.run_id))
 
 
 def read_versions(store: Store) -> list[ModelVersion]:
-    """Every registered version, by name and number."""
+    """Every registered version, by name and number, but those whose runs are of no use."""
     aliases = {m.name: dict(m.aliases) for m in registered(store)}
     runs = {r.info.run_id: r for r in _training_runs(store)}
     found = pages(store.client.search_model_versions, filter_string=f"name LIKE '{PREFIX}%'")
-    versions = [describe(v, aliases.get(v.name, {}), runs.get(v.run_id)) for v in found]
+    versions = []
+    for one in found:
+        try:
+            versions.append(describe(one, aliases.get(one.name, {}), runs.get(one.run_id)))
+        except InputError as error:
+            _leave_out(store, f"{error} It is left out.")
     return sorted(versions, key=lambda v: (v.name, v.version))
+
+
+def _leave_out(store: Store, why: str) -> None:
+    """Warn of a version, once a process: a command reads the versions of a store several times."""
+    if (store.uri, why) not in _left_out:
+        _left_out.add((store.uri, why))
+        warn(why)
 
 
 def registered(store: Store) -> list[Any]:
@@ -103,6 +141,9 @@ def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
         found: MLflow's version.
         aliases: version number by alias, of the registered model.
         run: MLflow's training run, or None where it was deleted.
+
+    Raises:
+        InputError: where what its training run says is of no use.
     """
     tags = dict(found.tags)
     return ModelVersion(
@@ -112,39 +153,25 @@ def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
         recipe=tags.get("recipe", ""),
         run_id=found.run_id or "",
         model_id=found.model_id or tags.get("model_id", ""),
-        aliases=tuple(sorted(a for a, v in aliases.items() if int(v) == int(found.version))),
+        aliases=tuple(sorted(a for a, v in aliases.items() if str(v) == str(found.version))),
         dataset_digest=tags.get("dataset_digest", ""),
         created=moment(found.creation_timestamp),
         params=recorded(run.data.params) if run else {},
         metrics=dict(run.data.metrics) if run else {},
         tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k} if run else {},
+        contest=tags.get(CONTEST, ""),
     )
-
-
-def pages(search: Callable[..., Any], **query: Any) -> Iterator[Any]:
-    """All results of one of MLflow's searches, page after page."""
-    token = None
-    while True:
-        page = search(page_token=token, **query)
-        yield from page
-        token = page.token
-        if not token:
-            return
-
-
-def moment(milliseconds: int) -> datetime:
-    """A time of MLflow's as a date in UTC."""
-    return datetime.fromtimestamp(milliseconds / 1000, UTC)
 
 
 def _aliases(store: Store, name: str) -> dict[str, Any]:
     return dict(store.client.get_registered_model(name).aliases)
 
 
-def _run(store: Store, run_id: str | None) -> Any:
-    """The run, or None where there is none any more."""
+def run_of_version(store: Store, run_id: str | None) -> Any:
+    """MLflow's run that a model was trained in, or None where there is none any more."""
     try:
-        return store.client.get_run(run_id) if run_id else None
+        run = store.client.get_run(run_id) if run_id else None
+        return run if run and run.info.lifecycle_stage == "active" else None
     except MlflowException as error:
         if error.error_code == "RESOURCE_DOES_NOT_EXIST":
             return None

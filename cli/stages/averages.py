@@ -5,12 +5,14 @@ from typing import Any
 
 import pandas as pd
 
+from cli.stages.run_tables import sound_table
 from pipeline.experiments.ablations.summary import summarize_ablations
 from pipeline.experiments.experiment3.summary import summarize_warmstarts
 from pipeline.experiments.experiment4.summary import summarize_times
 from pipeline.experiments.experiment5.summary import summarize_flights
 from pipeline.experiments.summary import summarize
-from registry.results import table_of
+from registry.artifacts import TABLE, unusable
+from registry.results import experiment_run
 from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 SUMMARIES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
@@ -27,9 +29,14 @@ def averages(run_id: str) -> list[dict[str, Any]]:
     """The averages of a run of an experiment, a row each planner or seed and setting.
 
     Raises:
+        InputError: where its table is damaged.
         ProlearnError: where the store fails.
     """
-    experiment, trials = table_of(run_id)
-    rows = SUMMARIES[experiment](trials)
+    run = experiment_run(run_id)
+    trials = sound_table(run)
+    try:
+        rows = SUMMARIES[run.experiment](trials)
+    except Exception as error:  # of any kind: anyone may have written any values
+        raise unusable(run, TABLE, f"its values have no averages: {error!r}") from error
     plain = rows.astype(object).where(rows.notna(), None)  # no number of pandas' own kinds
     return [dict(zip(rows.columns, row, strict=True)) for row in plain.itertuples(index=False)]

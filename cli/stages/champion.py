@@ -13,7 +13,7 @@ from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.planners.network import Flown
 from pipeline.storage.folder import Where
-from registry.models import champion_of, crown, load, resolve
+from registry.models import champion_of, crown, load, resolve, settle
 from registry.version import ModelVersion
 
 MOST = 500
@@ -68,9 +68,16 @@ def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Chall
     Raises:
         ProlearnError: where the store fails.
     """
+    held = _contest(version, trials, data)
+    settle(version, held.reason)  # last: where this is missing, ``train --resume`` holds it anew
+    return held
+
+
+def _contest(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Challenge:
     champion = champion_of(version.name)
     if champion is None or champion.version == version.version:
-        return Challenge(crown(version), "the first version of its model")
+        first = "the first version of its model" if version.version == 1 else "there is no other"
+        return Challenge(crown(version), first)
     if for_comparison(version.arch, version.recipe):
         return Challenge(champion, f"recipe {version.recipe} is there to be compared with")
     try:

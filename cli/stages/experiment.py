@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
@@ -15,6 +14,7 @@ from pipeline.dataset.reading.read import solved_rows
 from pipeline.errors import InputError
 from pipeline.progress import Progress
 from pipeline.scenario import Scenario
+from pipeline.scratch import scratch_folder
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
 from registry.results import Done, earlier_run, record
@@ -68,10 +68,10 @@ class HeldOut:
         }
         if resume and (earlier := earlier_run(experiment, params, kind, progress)):
             return Done(earlier, earlier=True)
-        with TemporaryDirectory(prefix="prolearn-") as scratch:
-            table, used = make(Path(scratch)), (str(self.data), self.digest)
+        with scratch_folder() as scratch:
+            table, used = make(scratch), (str(self.data), self.digest)
             # Last, since a finished run is what ``resume`` looks for.
-            return Done(record(experiment, table, params=params, files=Path(scratch), dataset=used))
+            return Done(record(experiment, table, params=params, files=scratch, dataset=used))
 
 
 def held_out(

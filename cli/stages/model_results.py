@@ -1,7 +1,6 @@
 """What an evaluation says about one network, in that network's own training run."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pandas as pd
 
@@ -15,8 +14,9 @@ from pipeline.experiments.summary import sizes_of_paper, summarize
 from pipeline.experiments.trials import PREDICTED, Entrant
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
+from pipeline.scratch import scratch_folder
 from pipeline.storage.folder import Where
-from registry.results import add_model_results
+from registry.model_metrics import add_model_results
 
 COMPARED = {
     "collisions": averages.COLLISIONS,
@@ -58,10 +58,10 @@ def add_to_model(
     same = (trials.planner == network.name) & (trials.recipe == version.recipe)
     mine = summarize(trials[same & (trials.training_seed == version.training_seed)])
     beside = summarize(trials[trials.planner == EXPERT])
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        _draw(Path(scratch), pd.concat([beside, mine]), network, scenario)
+    with scratch_folder() as scratch:
+        _draw(scratch, pd.concat([beside, mine]), network, scenario)
         metrics = _metrics(mine, network.model.n_train)
-        add_model_results(version, metrics, Path(scratch), dataset=(str(data), digest))
+        add_model_results(version, metrics, scratch, dataset=(str(data), digest))
 
 
 def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:

@@ -1,64 +1,21 @@
 """The report of one evaluation, with what else is of the same models on the same data."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-import pandas as pd
-
+from cli.stages.report_parts import find_parts, models_of
+from cli.stages.report_story import Story, results_of
+from cli.stages.run_tables import sound_table
+from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.examples.run import Example, read_example
-from pipeline.experiments.experiment3.rows import OPTIMIZERS
-from pipeline.markdown import formatted
-from pipeline.networks.refiner.ablations import for_comparison
-from pipeline.provenance import version_change
-from pipeline.report import ReportFiles, Results, build_report, no_rows
-from registry.environment import versions_of
-from registry.models import list_versions
-from registry.results import Run, evaluation, fetch_files, latest
-from registry.store import ABLATIONS, FLIGHTS, TRANSFER_TIMES, WARMSTART
-from registry.tables import training_tables
+from pipeline.report import ReportFiles, build_report
+from pipeline.scratch import scratch_folder
+from registry.artifacts import FILES, TABLE, unusable
+from registry.results import arrays_of, evaluation
+from registry.runs import Run
 from registry.version import ModelVersion
-
-DATA = ("dataset_digest",)
-SAME = (*DATA, "models")
-"""Parameters that a run must share with the evaluation to be in its report."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """A run that a report has beside the evaluation.
-
-    Attributes:
-        experiment: what it is a run of.
-        command: what makes one.
-        having: parameters that it must have.
-        same: parameters that it must share with the evaluation.
-    """
-
-    experiment: str
-    command: str
-    having: Mapping[str, str] = field(default_factory=dict)
-    same: Sequence[str] = SAME
-
-
-PARTS = {
-    **{
-        f"Experiment 3, {name}": Part(
-            WARMSTART, f"warmstart --optimizer {name}", {"optimizer": name}
-        )
-        for name in OPTIMIZERS
-    },
-    "Experiment 4": Part(TRANSFER_TIMES, "transfer-times"),
-    # Of the networks, those alone take part whose plans can be made anew on the way.
-    "Experiment 5": Part(FLIGHTS, "flights", same=DATA),
-    # Refiners that lack something take part in no evaluation.
-    "Ablations": Part(ABLATIONS, "ablate", same=DATA),
-}
-"""By name."""
-
-OTHERS = [name for name, part in PARTS.items() if part.same == DATA]
-"""Those that may have other models than the evaluation."""
 
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
@@ -69,138 +26,68 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
         run_id: the evaluation's run; the newest by default.
 
     Raises:
-        InputError: where nothing was evaluated yet, or there is no such run.
+        InputError: where nothing was evaluated yet, there is no such run, or it is damaged.
         ProlearnError: where the store fails.
     """
     first = evaluation(run_id)
-    parts = {name: _run_of(part, first) for name, part in PARTS.items()}
-    versions, others = _models(first), {name: _models(parts[name]) for name in OTHERS}
-    training, curves = training_tables(versions)
-    results = Results(
-        trials=first.table,
-        warmstarts=_joined("warmstarts", parts, WARMSTART),
-        transfer_times=_joined("transfer_times", parts, TRANSFER_TIMES),
-        flights=_joined("flights", parts, FLIGHTS),
-        ablations=_joined("ablations", parts, ABLATIONS),
-        training=training,
-        curves=curves,
-        examples=_examples(first),
-        provenance=_provenance(first, parts, _once(versions, *others.values())),
-        notes=_notes(first, parts, versions) + _other_models(versions, others),
-    )
-    return build_report(results, out)
+    trials, examples, versions = sound_table(first), _examples(first), models_of(first)
+    parts, notes = find_parts(first)
+    story = Story(first, trials, examples, versions, parts, [*notes, *_gone(first, versions)])
+    try:
+        return build_report(results_of(story), out)
+    except ProlearnError:
+        raise
+    except Exception:  # of any kind: anyone may have written any values into a shared store
+        logging.getLogger("prolearn").debug("the report cannot be made of all", exc_info=True)
+        return build_report(results_of(_without_nonsense(story)), out)
 
 
-def _run_of(part: Part, first: Run) -> Run | None:
-    """The newest run that goes with an evaluation."""
-    same = {name: first.params.get(name, "") for name in part.same}
-    return latest(part.experiment, {**same, **part.having})
+def _without_nonsense(story: Story) -> Story:
+    """The story without the parts and models of whose values no report can be made.
+
+    Raises:
+        InputError: where none can be made of the evaluation.
+    """
+    bare = replace(story, versions=(), parts={})
+    if fault := _fault(bare):
+        raise unusable(story.first, TABLE, f"no report can be made of its values: {fault}")
+    notes, parts, versions = [*story.notes], {}, []
+    for name, part in story.parts.items():
+        if fault := _fault(replace(bare, parts={name: part})):
+            notes.append(f"{name} is left out: {unusable(part.run, TABLE, fault)}")
+        else:
+            parts[name] = part
+    for version in story.versions:
+        if fault := _fault(replace(bare, versions=[version])):
+            notes.append(f"The training of {version.uri} is left out: its values give {fault}.")
+        else:
+            versions.append(version)
+    return replace(story, notes=notes, parts=parts, versions=versions)
 
 
-def _models(run: Run | None) -> list[ModelVersion]:
-    """The models of a run that are still registered."""
-    wanted = run.params.get("models", "").split(",") if run else []
-    return [version for version in list_versions() if version.uri in wanted]
+def _fault(story: Story) -> str:
+    """What goes wrong in making the report of a story; nothing where all goes well."""
+    with scratch_folder() as folder:
+        try:
+            build_report(results_of(story), folder)
+        except Exception as error:
+            return repr(error)[:200]
+    return ""
 
 
-def _joined(table: str, parts: Mapping[str, Run | None], experiment: str) -> pd.DataFrame:
-    """A table of Results from the runs of one experiment."""
-    found = [
-        run.table for name, run in parts.items() if run and PARTS[name].experiment == experiment
-    ]
-    return pd.concat(found, ignore_index=True) if found else no_rows(table)
-
-
-def _notes(
-    first: Run, parts: Mapping[str, Run | None], versions: Sequence[ModelVersion]
-) -> list[str]:
-    """What a reader must know of parts that are left out or made with other versions."""
-    notes: list[str] = []
-    for name, part in parts.items():
-        known = PARTS[name]
-        if part is None and (other := latest(known.experiment, known.having)) is not None:
-            others = "other models or other data" if known.same == SAME else "other data"
-            notes.append(
-                formatted(
-                    "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
-                    "`prolearn {}` makes one.",
-                    *(name, other.run_id, _day(other), others, known.command),
-                )
-            )
-        if part is not None:
-            versions_differ = version_change(
-                versions_of(part.tags), versions_of(first.tags), "the evaluation with"
-            )
-            notes += [f"{name} was made with {versions_differ}."] if versions_differ else []
+def _gone(first: Run, versions: Sequence[ModelVersion]) -> list[str]:
+    """What a reader must know where evaluated models are no longer there."""
     gone = len(set(filter(None, first.params.get("models", "").split(",")))) - len(versions)
-    if gone:
-        notes.append(f"Training: {gone} of the evaluated models are no longer registered.")
-    return notes
-
-
-def _once(*models: Sequence[ModelVersion]) -> Iterable[ModelVersion]:
-    """All models, each once."""
-    return {version.uri: version for some in models for version in some}.values()
-
-
-def _other_models(
-    versions: Sequence[ModelVersion], others: Mapping[str, Sequence[ModelVersion]]
-) -> list[str]:
-    """What a reader must know where a part is about other models than the evaluation."""
-    evaluated, notes = {version.uri for version in versions}, []
-    for name, there in others.items():
-        found = [
-            version.uri
-            for version in there
-            if version.uri not in evaluated and not for_comparison(version.arch, version.recipe)
-        ]
-        if found:
-            who = ", ".join(found)
-            notes.append(f"{name}: {who} took part there and not in this evaluation.")
-    return notes
-
-
-def _provenance(
-    first: Run, parts: Mapping[str, Run | None], versions: Iterable[ModelVersion]
-) -> pd.DataFrame:
-    """A row for each run that a table of the report comes from."""
-    runs = {"Experiments 1 and 2, examples": first, **parts}
-    rows = [
-        _row(name, run, run.params.get("data", ""), run.params.get("dataset_digest", ""))
-        for name, run in runs.items()
-        if run is not None
-    ]
-    rows += [
-        _row(
-            f"Training {v.label}, seed {v.training_seed}",
-            v,
-            v.params.get("dataset", ""),
-            v.dataset_digest,
-        )
-        for v in versions
-    ]
-    return pd.DataFrame(rows)
-
-
-def _row(part: str, run: Run | ModelVersion, data: str, digest: str) -> dict[str, str]:
-    tags = run.tags
-    return {
-        "part": part,
-        "run": run.run_id,
-        "made": _day(run),
-        "data": data,
-        "digest": digest,
-        "code": tags.get("git_commit", tags.get("prolearn_version", "")),
-        "versions": ", ".join(f"{k} {v}" for k, v in sorted(versions_of(tags).items())),
-        "machine": f"{tags.get('platform', '').partition('-')[0]}, {tags.get('cores', '')} cores",
-    }
-
-
-def _day(run: Run | ModelVersion) -> str:
-    return run.created.strftime("%Y-%m-%d %H:%M UTC")
+    return [f"Training: {gone} of the evaluated models are no longer there."] if gone else []
 
 
 def _examples(first: Run) -> list[Example]:
-    with TemporaryDirectory(prefix="prolearn-") as scratch:
-        folder = fetch_files(first, Path(scratch))
-        return [read_example(path) for path in sorted(folder.glob("*.npz"))]
+    with arrays_of(first) as paths:
+        return [_example(first, path) for path in paths]
+
+
+def _example(first: Run, path: Path) -> Example:
+    try:
+        return read_example(path)
+    except InputError as error:
+        raise unusable(first, f"{FILES}/{path.name}", error) from error

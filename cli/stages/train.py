@@ -18,7 +18,7 @@ from pipeline.training.sources import sources
 from pipeline.training.validation import POSITION_RMSE, position_rmse
 from registry.entries import recorded
 from registry.environment import TRAINED_BY, changed_since
-from registry.models import list_versions
+from registry.models import list_versions, load
 from registry.store import connect
 from registry.story import recipe_params
 from registry.training import DatasetInfo, record_training
@@ -55,16 +55,22 @@ class TrainingSettings:
 
 def trained_before(
     how: TrainingSettings, data: Where, progress: Progress = SILENT
-) -> ModelVersion | None:
+) -> tuple[ModelVersion, Challenge | None] | None:
     """The newest version that was trained like this, by this code, on the same data, if any.
+
+    Where its training was killed before it was held against the champion, it is now.
 
     Args:
         how: what to train.
         data: a solved dataset.
         progress: told where one was trained like this by other versions, which does not count.
 
+    Returns:
+        The version, and what came of holding it against the champion where that was left to do.
+
     Raises:
-        InputError: for an unknown name, a missing dataset, or settings that make no sense.
+        InputError: for an unknown name, a missing dataset, settings that make no sense, or where
+            it is left to do and the version's files are gone or not sound.
         ProlearnError: where the store fails.
     """
     wanted = {
@@ -84,7 +90,15 @@ def trained_before(
             f"{found[-1].label}, seed {how.seed}, was trained with {changes[found[-1].uri]}; it is "
             "trained again."
         )
-    return current[-1] if current else None
+    return (current[-1], _contest_left(current[-1], data)) if current else None
+
+
+def _contest_left(version: ModelVersion, data: Where) -> Challenge | None:
+    """Hold a version against the champion where its training was killed before it came to that."""
+    if version.contest:
+        return None
+    model, _ = load(version)
+    return challenge(version, validation_trials(model, data, version.n), data)
 
 
 def train_model(

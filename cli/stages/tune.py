@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import mlflow
 from mlflow.exceptions import MlflowException
 
 from pipeline.dataset.format.manifest import read_manifest
@@ -26,8 +25,9 @@ from pipeline.training.study import complete, open_study, suggested
 from pipeline.training.validation import POSITION_RMSE, position_rmse
 from registry.entries import log_metrics, log_params, metrics_now
 from registry.environment import TRAINED_BY, environment_tags
+from registry.running import recorded_run, reopened_run
 from registry.sqlite import database_path
-from registry.store import TUNING, Store, explained, opened, recorded_run, with_experiment
+from registry.store import TUNING, Store, explained, opened, with_experiment
 from registry.story import DatasetInfo, curve_metrics, story_of
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def _parent(store: Store, study: "Study", search: Tuning) -> Iterator[str]:
     except MlflowException:  # another tracking store, or the run was deleted
         known = None
     if known:
-        with mlflow.start_run(run_id=known, nested=True, log_system_metrics=False):
+        with reopened_run(store, known):
             yield known
         return
     with recorded_run(store, TUNING, search.name, environment_tags(TRAINED_BY)) as run_id:

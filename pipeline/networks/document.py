@@ -2,8 +2,9 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from pipeline.documents import CHECKSUM, without_checksum
 from pipeline.networks.encoding import Encoding
 from pipeline.orbit.problem import Problem
 
@@ -26,7 +27,7 @@ class ProblemFields(BaseModel):
 
 
 class ModelDocument(BaseModel):
-    """The fields of a model file; unknown ones are refused."""
+    """The fields of a model file beside its checksum; unknown ones are refused."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, populate_by_name=True, serialize_by_alias=True
@@ -43,6 +44,13 @@ class ModelDocument(BaseModel):
     input_scale: Scale
     target_scale: Scale
     weights_sha256: str
+
+    @model_validator(mode="before")
+    @classmethod
+    def _undamaged(cls, fields: Any) -> Any:
+        """Refuse fields that are not those of their checksum; earlier versions wrote none."""
+        checked = isinstance(fields, dict) and CHECKSUM in fields
+        return without_checksum(fields) if checked else fields
 
     @property
     def encoding(self) -> Encoding:

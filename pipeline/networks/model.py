@@ -15,9 +15,9 @@ from safetensors.torch import save as tensors_to
 from torch import Tensor, nn
 
 from pipeline.arrays import Array
-from pipeline.documents import read_document
+from pipeline.documents import read_document, with_checksum, write_document
 from pipeline.errors import InputError
-from pipeline.files import published, write_text
+from pipeline.files import published
 from pipeline.networks.architecture import Answer, find
 from pipeline.networks.document import WHAT, ModelDocument, ProblemFields
 from pipeline.networks.encoding import Encoding
@@ -154,11 +154,11 @@ def portions(
 
 
 def save(model: Model, folder: Path) -> None:
-    """Write ``weights.safetensors`` and then ``model.json``, which holds the weights' digest."""
+    """Write ``weights.safetensors``, then ``model.json`` with their digest and its own checksum."""
     weights, document = _documented(model)
     with published(folder / WEIGHTS_FILE) as temporary:
         temporary.write_bytes(weights)
-    write_text(folder / DOCUMENT_FILE, document.model_dump_json(indent=1) + "\n")
+    write_document(folder / DOCUMENT_FILE, with_checksum(document.model_dump(mode="json")))
 
 
 def _documented(model: Model) -> tuple[bytes, ModelDocument]:

@@ -63,8 +63,8 @@ def export(
         about: JSON values that are stored in the file's metadata.
 
     Raises:
-        InputError: where onnx or onnxruntime is not installed, n is none, or the architecture answers
-            in a way of its own.
+        InputError: where onnx or onnxruntime is not installed, n is no number of craft, or the
+            architecture answers in a way of its own.
         ProlearnError: where the architecture cannot be exported, or onnxruntime's answer is not
             torch's.
     """

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pipeline.documents import parsed
@@ -60,6 +61,7 @@ def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> 
     try:
         with pq.ParquetFile(source, page_checksum_verification=True) as file:
             _refuse_larger(file.metadata, most)
+            _refuse_long_texts(content, file.schema_arrow, most)
             _refuse_contradiction(file)
             return file.read(columns=None if columns is None else list(columns))
     except InputError:
@@ -109,6 +111,23 @@ def _refuse_larger(file: pq.FileMetaData, most: Size) -> None:
             f"holds {file.num_rows} rows of up to {max(values, default=0)} numbers in "
             f"{stored} bytes; expected at most {most.rows} rows and {most.values} numbers"
         )
+
+
+def _refuse_long_texts(content: bytes, schema: pa.Schema, most: Size) -> None:
+    size = text_bytes(content, schema)
+    if size > most.rows * ROW_BYTES:
+        raise InputError(f"holds {size} bytes of text; expected at most {most.rows * ROW_BYTES}")
+
+
+def text_bytes(content: bytes, schema: pa.Schema) -> int:
+    """Size in memory of all texts of a file, which may hold one text once for millions of rows."""
+    text = (pa.types.is_string, pa.types.is_large_string)
+    names = [field.name for field in schema if any(fits(field.type) for fits in text)]
+    with pq.ParquetFile(pa.BufferReader(content), read_dictionary=names) as file:
+        columns = file.read(columns=names).columns
+    parts = [chunk for column in columns for chunk in column.chunks]
+    sizes = [pc.sum(pc.take(pc.binary_length(k.dictionary), k.indices)).as_py() for k in parts]
+    return sum(size or 0 for size in sizes)
 
 
 def _refuse_contradiction(file: pq.ParquetFile) -> None:

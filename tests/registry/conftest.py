@@ -2,11 +2,14 @@
 
 import shutil
 import socket
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from children import Children
+from noisy import network
 
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.format.samples import Sample
@@ -16,12 +19,14 @@ from pipeline.dataset.stages.solve import solve
 from pipeline.expert import Settings
 from pipeline.jobs.workers import Workers
 from pipeline.networks.architecture import recipe_for
+from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.scenario import draw
-from pipeline.training.loop import Trained, train
-from registry.training import DatasetInfo
+from pipeline.training.loop import Epoch, Trained, train
+from registry.training import DatasetInfo, record_training
+from registry.version import ModelVersion
 
 CRAFT = 3
 
@@ -103,6 +108,34 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def on_solved(solved: Path) -> DatasetInfo:
     """That dataset, as what a network was trained on."""
     return DatasetInfo(str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
+
+
+@pytest.fixture
+def register(
+    folder: Path, solved: Path, recipe: Recipe
+) -> Callable[..., tuple[ModelVersion, Model]]:
+    """Register a network with so much noise on its answers."""
+
+    def one(scale: float, data: str = "") -> tuple[ModelVersion, Model]:
+        model = network(scale)
+        trained = Trained(model, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
+        used = DatasetInfo(data or str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
+        return record_training(trained, recipe=recipe, seed=0, dataset=used), model
+
+    return one
+
+
+@pytest.fixture(scope="session")
+def children() -> Iterator[Children]:
+    """What runs code in processes of its own, without the imports of each."""
+    with Children() as found:
+        yield found
+
+
+@pytest.fixture
+def child(children: Children, folder: Path) -> Callable[[str], int]:
+    """Run code in a process of its own, in the folder of the store."""
+    return lambda code: children.run(code, folder)
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.planners.network import Flown
 from pipeline.scenario import Scenario, draw
 from pipeline.training.loop import Trained
-from registry.results import Done, latest
+from registry.results import Done, latest, table_of
 from registry.store import ABLATIONS
 from registry.training import DatasetInfo, record_training
 
@@ -75,7 +75,7 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     assert ablate([], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
     assert not ablate([], solved, **{**ASKED, "rounds": [1]}, resume=True).earlier
     assert (found.params["rounds"], found.params["sizes"]) == (f"0,2,{ROUNDS}", "3")
-    table = found.table
+    table = table_of(found)
     counted = table.groupby(["planner", "recipe"])["rounds"].agg(lambda k: sorted(set(k)))
     assert dict(counted) == {
         ("own LP", ""): [0],

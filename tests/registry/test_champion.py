@@ -5,51 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import torch
+from noisy import network
 
 from cli.stages.champion import challenge, flown_metrics, promote, validation_trials
 from cli.stages.train import TrainingSettings, train_model
-from pipeline.dataset.format.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.networks.architecture import find
-from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import Recipe
 from pipeline.networks.refiner.ablations import REFINER, SHORT
-from pipeline.orbit.problem import Problem
-from pipeline.training.loop import Epoch, Trained
 from registry.models import list_versions, resolve
-from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
 
-SCALE = (100.0, 200.0, 50.0, 0.1, 0.2, 0.05)
-
 Register = Callable[..., tuple[ModelVersion, Model]]
-
-
-def network(scale: float) -> Model:
-    """A network that answers with the least-energy transfers, and noise of some size on top.
-
-    Flown, noise of size 0 burns the least energy, and the more noise the more fuel.
-    """
-    encoding = Encoding(Problem(), 3, "minimum-energy", "offset", SCALE, SCALE)
-    found = find("ff1")
-    torch.manual_seed(0)
-    made = found.network(found.config, encoding, 0.0)
-    for parameter in made.parameters():
-        parameter.data *= scale
-    return Model("ff1", found.config, "tuned", encoding, made)
-
-
-@pytest.fixture
-def register(folder: Path, solved: Path, recipe: Recipe) -> Register:
-    def one(scale: float, data: str = "") -> tuple[ModelVersion, Model]:
-        model = network(scale)
-        trained = Trained(model, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
-        used = DatasetInfo(data or str(solved), read_manifest(solved).digest(3), 12, 6)
-        return record_training(trained, recipe=recipe, seed=0, dataset=used), model
-
-    return one
 
 
 def test_a_version_that_burns_less_on_the_same_validation_data_takes_the_champions_place(

@@ -13,7 +13,7 @@ from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.cw import cw_matrices
 from pipeline.training.loop import Trained
-from registry.results import add_model_results
+from registry.model_metrics import add_model_results
 from registry.training import DatasetInfo, record_training
 
 

@@ -14,7 +14,7 @@ from pipeline.experiments.experiment5.rows import LINEAR, NO_ERRORS, OPEN, REPLA
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
-from registry.results import Done, latest
+from registry.results import Done, latest, table_of
 from registry.store import FLIGHTS
 from registry.training import DatasetInfo, record_training
 
@@ -56,7 +56,7 @@ def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_basel
     assert flights(["lstm1"], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
     kept = {name: found.params[name] for name in ("n", "trials", "flights", "seed", "networks")}
     assert kept == {"n": "3", "trials": "1", "flights": "1", "seed": "0", "networks": "lstm1 tuned"}
-    table = found.table
+    table = table_of(found)
     assert set(table.planner) == {"expert", "minimum energy", "own LP", "lstm1"}
     planned = table[(table.world == LINEAR) & (table.errors == NO_ERRORS)]
     safe = planned[planned.planner.isin(["expert", "lstm1"])]
@@ -83,5 +83,5 @@ def test_without_a_refiner_expert_and_baselines_fly_alone(registered: None, solv
     flights([], solved, **ASKED)
     found = latest(FLIGHTS)
     assert found is not None
-    assert set(found.table.planner) == {"expert", "minimum energy", "own LP"}
+    assert set(table_of(found).planner) == {"expert", "minimum energy", "own LP"}
     assert found.params["models"] == ""

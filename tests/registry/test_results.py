@@ -11,16 +11,11 @@ from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY
+from registry.model_metrics import add_model_results
 from registry.models import resolve
-from registry.results import (
-    add_model_results,
-    earlier_run,
-    evaluation,
-    fetch_files,
-    latest,
-    record,
-)
-from registry.store import EVALUATION, WARMSTART, connect, recorded_run
+from registry.results import arrays_of, earlier_run, evaluation, latest, record, table_of
+from registry.running import recorded_run
+from registry.store import EVALUATION, WARMSTART, connect
 from registry.training import DatasetInfo, record_training
 from registry.version import ModelVersion
 
@@ -41,7 +36,7 @@ def test_an_evaluation_comes_back_as_it_went_in(folder: Path) -> None:
     found = latest(EVALUATION)
 
     assert found.run_id == run_id
-    pd.testing.assert_frame_equal(found.table, TRIALS)
+    pd.testing.assert_frame_equal(table_of(found), TRIALS)
     assert found.params == {"sizes": "2..30", "trials": "100"}
 
 
@@ -55,7 +50,7 @@ def test_the_newest_finished_run_counts(folder: Path) -> None:
     found = latest(WARMSTART)
 
     assert found.run_id == newest
-    assert len(found.table) == 2
+    assert len(table_of(found)) == 2
 
 
 def test_without_an_evaluation_the_command_that_makes_one_is_named(folder: Path) -> None:
@@ -68,7 +63,7 @@ def test_an_evaluation_is_found_by_its_run(folder: Path) -> None:
     first = record(EVALUATION, TRIALS, params={})
     second = record(EVALUATION, TRIALS.head(1), params={})
     other = record(WARMSTART, TRIALS, params={})
-    assert len(evaluation(first).table) == 2
+    assert len(table_of(evaluation(first))) == 2
     assert evaluation().run_id == second
     with pytest.raises(InputError, match=f"{other!r}; .*newest first: {second}, {first}"):
         evaluation(other)
@@ -81,14 +76,13 @@ def test_a_run_that_breaks_off_is_marked_as_failed(folder: Path) -> None:
     assert store.client.get_run(run_id).info.status == "FAILED"
 
 
-def test_files_of_a_run_are_fetched_with_their_folders(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "made" / "figures").mkdir(parents=True)
-    (tmp_path / "made" / "figures" / "fuel.svg").write_text("<svg/>")
+def test_arrays_of_a_run_are_fetched(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "made").mkdir()
+    np.savez(tmp_path / "made" / "one.npz", x=np.arange(3))
     record(EVALUATION, TRIALS, params={}, files=tmp_path / "made")
-
-    fetched = fetch_files(latest(EVALUATION), tmp_path / "fetched")
-
-    assert (fetched / "figures" / "fuel.svg").read_text() == "<svg/>"
+    with arrays_of(latest(EVALUATION)) as paths:
+        (path,) = paths
+        assert path.read_bytes() == (tmp_path / "made" / "one.npz").read_bytes()
 
 
 def test_more_parameters_and_metrics_than_one_request_takes_all_arrive(

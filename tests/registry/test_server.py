@@ -2,6 +2,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -18,8 +19,9 @@ from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import load, resolve
-from registry.results import latest, record
-from registry.store import EVALUATION, opened
+from registry.results import latest, record, table_of
+from registry.running import recorded_run
+from registry.store import EVALUATION, connect, opened
 from registry.training import DatasetInfo, record_training
 
 
@@ -94,7 +96,7 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     np.testing.assert_array_equal(states, wanted)
     table = pd.DataFrame({"n": [2, 3]})
     record(EVALUATION, table, params={})
-    pd.testing.assert_frame_equal(latest(EVALUATION).table, table)
+    pd.testing.assert_frame_equal(table_of(latest(EVALUATION)), table)
     assert (folder / "behind").is_dir() and not (folder / "mlruns").exists()
 
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")  # a few seconds less
@@ -122,6 +124,39 @@ def test_a_server_whose_address_has_a_password_is_used_with_it_and_named_without
         end(server)
         mlflow.MlflowClient().search_experiments()
     assert "pa55word" not in str(caught.value)
+
+
+DIES = """
+import os, signal
+from registry.running import recorded_run
+from registry.store import EVALUATION, connect
+
+with recorded_run(connect(), EVALUATION, "killed", {}):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_on_a_server_runs_of_this_machine_are_closed_that_a_killed_process_left_open(
+    server: "subprocess.Popen[bytes]", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    store = connect()
+    elsewhere = store.client.create_run(
+        store.experiments[EVALUATION], run_name="elsewhere", tags={"writer.0123": "far"}
+    )
+    assert elsewhere.info.status == "RUNNING"
+    with recorded_run(store, EVALUATION, "mine", {}):
+        killed = subprocess.run([sys.executable, "-c", DIES], timeout=120)
+        assert killed.returncode == -signal.SIGKILL
+        connect()
+        found = store.client.search_runs([store.experiments[EVALUATION]])
+        assert {run.info.run_name: run.info.status for run in found} == {
+            "elsewhere": "RUNNING",
+            "mine": "RUNNING",
+            "killed": "KILLED",
+        }
+    assert [path.name for path in tmp_path.glob("prolearn-*")] == []
 
 
 def test_weights_are_kept_where_the_server_is_away_from_the_start(

@@ -14,7 +14,8 @@ from processes import SOON
 
 from pipeline.errors import InputError, ProlearnError
 from registry.models import list_versions
-from registry.store import EXPERIMENTS, connect, explained, opened, recorded_run, tracking_uri
+from registry.running import recorded_run
+from registry.store import EXPERIMENTS, connect, explained, opened, tracking_uri
 
 
 def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:

@@ -18,7 +18,7 @@ from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
-from registry.results import Done, latest
+from registry.results import Done, latest, table_of
 from registry.store import TRANSFER_TIMES
 from registry.training import DatasetInfo, record_training
 
@@ -57,7 +57,7 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
     assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,240")
     assert told.notes[0] == "T = 6, Δt = 120 s"
     assert len(told.notes) == 4
-    table = found.table
+    table = table_of(found)
     per = table.groupby(["planner", "reading"]).size()
     assert per["lstm1", "flown"] == per["lstm1", "predicted"] == per["expert", "plan"] == 4 * 2
     forward = table[(table.planner == "ff1") & (table.reading == "flown")]
@@ -74,7 +74,7 @@ def test_at_the_problem_of_the_training_networks_do_as_the_trained_ones_do(
 ) -> None:
     """What was trained predicts in memory; reading, flying and judging it is done anew here."""
     transfer_times([], solved, n=CRAFT, nodes=(11,), time_steps=None, trials=2)
-    table = latest(TRANSFER_TIMES).table
+    table = table_of(latest(TRANSFER_TIMES))
     scenarios = rows_to_test(solved)[:2]
     initial, goal = (np.stack([s[end] for s in scenarios]) for end in ("initial", "goal"))
     check_bounds(table, solved, 2)

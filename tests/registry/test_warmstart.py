@@ -9,7 +9,7 @@ from cli.stages.warmstart import warmstart
 from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from registry.results import Done, latest
+from registry.results import Done, latest, table_of
 from registry.store import WARMSTART
 from registry.training import DatasetInfo, record_training
 
@@ -34,7 +34,7 @@ def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
         found = latest(WARMSTART, {"optimizer": optimizer})
         assert found.run_id == done.run_id
         assert found.params["optimizer"] == optimizer
-        assert set(found.table.optimizer) == {optimizer}
+        assert set(table_of(found).optimizer) == {optimizer}
         again = warmstart([], solved, **asked, optimizer=optimizer, resume=True)
         assert again == Done(done.run_id, earlier=True)
     assert latest(WARMSTART).run_id == plain.run_id

@@ -4,8 +4,9 @@ import matplotlib
 import numpy as np
 import pytest
 
+from pipeline.errors import InputError
 from pipeline.experiments.examples.figure import _orbits, figure_transfer, within
-from pipeline.experiments.examples.run import Example
+from pipeline.experiments.examples.run import Example, read_example, write_example
 
 
 def test_conflicts_are_marked_where_two_craft_are_within_the_radius(example):
@@ -45,6 +46,53 @@ def test_a_transfer_has_a_panel_for_each_planner_at_one_equal_scale(example, cou
         np.testing.assert_allclose(ranges, _ranges(figure.axes[0]))
         shape = np.asarray(ax._box_aspect)
         np.testing.assert_allclose(shape / shape[0], ranges / ranges[0])
+
+
+def test_an_example_comes_back_as_it_was_written(example, tmp_path):
+    write_example(example, tmp_path / "example.npz")
+    again = read_example(tmp_path / "example.npz")
+    assert (again.title, again.collision_radius) == (example.title, example.collision_radius)
+    for one, other in ((again.initial, example.initial), (again.goal, example.goal)):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(again.tracks["expert"], example.tracks["expert"])
+
+
+class Payload:
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return type(self.mark).touch, (self.mark,)
+
+
+FORGED = {
+    "a pickle": lambda mark: {"initial": np.array([Payload(mark)], object)},
+    "other shapes": lambda _: {"goal": np.zeros((3, 6))},
+    "other dimensions": lambda _: {"track:expert": np.zeros((2, 3))},
+    "no numbers": lambda _: {"collision_radius": np.array("near")},
+    "a radius for each": lambda _: {"collision_radius": np.zeros(2)},
+    "not finite": lambda _: {"track:expert": np.full((2, 5, 3), np.nan)},
+    "too large": lambda _: {"more": np.zeros(40 * 10**6)},
+}
+
+
+@pytest.mark.parametrize("forged", FORGED.values(), ids=FORGED.keys())
+def test_what_is_no_example_is_refused_and_nothing_in_it_runs(example, tmp_path, forged):
+    path = tmp_path / "example.npz"
+    write_example(example, path)
+    with np.load(path) as stored:
+        whole = dict(stored)
+    np.savez_compressed(path, **{**whole, **forged(tmp_path / "ran")})
+    with pytest.raises(InputError, match="holds no example transfer"):
+        read_example(path)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"\x93NUMPY", b"\x80\x04N."])
+def test_what_is_no_file_of_arrays_is_refused(tmp_path, content):
+    (tmp_path / "example.npz").write_bytes(content)
+    with pytest.raises(InputError, match="holds no example transfer"):
+        read_example(tmp_path / "example.npz")
 
 
 def _ranges(ax):

@@ -16,6 +16,7 @@ from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import COLUMNS_AT_ONCE, Model, load, save
 from pipeline.networks.onnx_export import export
+from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem
 
 PROBLEM = Problem(nodes=4)
@@ -47,8 +48,11 @@ def forge(folder, weights):
 
 
 def change(folder, **fields):
+    """Another model.json, without a checksum as earlier versions wrote it."""
     path = folder / "model.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
+    written = json.loads(path.read_text())
+    written.pop("checksum", None)
+    path.write_text(json.dumps({**written, **fields}))
 
 
 @pytest.mark.parametrize("name", ["ff2", "lstm2"])
@@ -151,6 +155,41 @@ def test_a_flipped_bit_in_the_weights_is_reported(folder):
     (folder / "weights.safetensors").write_bytes(content)
     with pytest.raises(InputError, match="weights_sha256"):
         load(folder)
+
+
+def flipped(content, bit):
+    damaged = bytearray(content)
+    damaged[bit // 8] ^= 1 << bit % 8
+    return bytes(damaged)
+
+
+@pytest.mark.parametrize("file", ["model.json", "weights.safetensors"])
+def test_with_any_bit_flipped_a_model_is_refused_or_answers_the_same(folder, file):
+    model, content = load(folder), (folder / file).read_bytes()
+    drawn = np.random.default_rng(0).choice(8 * len(content), 300, replace=False)
+    every = range(8 * len(content)) if file == "model.json" else map(int, drawn)
+    expected = model.predict(*ends(2, 3))
+    refused = 0
+    for bit in every:
+        (folder / file).write_bytes(flipped(content, bit))
+        try:
+            again = load(folder)
+        except InputError:
+            refused += 1
+            continue
+        assert np.array_equal(again.predict(*ends(2, 3)), expected), f"bit {bit}"
+    assert refused > 200
+
+
+def test_a_file_of_an_earlier_version_without_a_checksum_is_read(folder):
+    expected = load(folder).predict(*ends(2, 3))
+    change(folder)
+    assert np.array_equal(load(folder).predict(*ends(2, 3)), expected)
+
+
+def test_the_packaged_refiner_has_a_checksum_and_is_read():
+    assert load(FOLDER).architecture == "refiner"
+    assert json.loads((FOLDER / "model.json").read_text())["checksum"]
 
 
 def test_truncated_weights_with_a_matching_digest_are_reported(folder):

@@ -1,7 +1,6 @@
 """A refiner as a folder of ONNX files, one for each step of a craft."""
 
 import hashlib
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.on_board.check import Checked, check
 from pipeline.networks.refiner.on_board.steps import STEPS, Step, outputs, takes, told_each_round
 from pipeline.networks.refiner.on_board.values import sizes_of, value
+from pipeline.scratch import scratch_folder
 
 SCHEMA = "prolearn.onnx.craft/1"
 
@@ -62,8 +62,8 @@ def export_craft(
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")
     network = cast("Bargain", model.network)
-    with tempfile.TemporaryDirectory() as temporary:
-        made = {name: Path(temporary) / f"{name}.onnx" for name in STEPS}
+    with scratch_folder() as temporary:
+        made = {name: temporary / f"{name}.onnx" for name in STEPS}
         for name, step in STEPS.items():
             described = {"schema": SCHEMA, "step": name, "tells": step.tells, **(about or {})}
             _write(step(network, model.problem), network.message, made[name], described)

@@ -1,0 +1,106 @@
+"""Runs that are being written: how they end, also where their process was killed.
+
+Each holds a lock file while it is written, and has a tag with that file's token. Whoever opens the
+store next and finds a file whose lock is free closes the runs with its tag.
+"""
+
+import hashlib
+import platform
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mlflow
+from mlflow.exceptions import MlflowException
+from sqlalchemy.exc import SQLAlchemyError
+
+from pipeline.liveness import TOKEN, clear_dead, living
+from registry.paging import pages
+from registry.sqlite import database_path
+
+if TYPE_CHECKING:
+    from registry.store import Store
+
+WRITER = "writer."
+"""What a tag begins with that has the token of a process that writes a run."""
+
+FAILURES = (MlflowException, SQLAlchemyError, OSError)
+"""What a store raises that cannot be written to."""
+
+
+@contextmanager
+def recorded_run(
+    store: "Store", experiment: str, name: str, tags: Mapping[str, str]
+) -> Iterator[str]:
+    """An MLflow run, by its id: FINISHED after the block, FAILED where the block raises."""
+    with _writing(store) as (key, host):
+        with mlflow.start_run(
+            experiment_id=store.experiments[experiment],
+            run_name=name,
+            tags={**tags, key: host},
+            nested=True,
+            log_system_metrics=False,
+        ) as run:
+            yield run.info.run_id
+        _forget(store, run.info.run_id, key)
+
+
+@contextmanager
+def reopened_run(store: "Store", run_id: str) -> Iterator[None]:
+    """An MLflow run that is written to once more, and ends as ``recorded_run`` does."""
+    with _writing(store) as (key, host):
+        store.client.set_tag(run_id, key, host)
+        with mlflow.start_run(run_id=run_id, nested=True, log_system_metrics=False):
+            yield
+        _forget(store, run_id, key)
+
+
+def close_abandoned(client: Any, uri: str) -> None:
+    """Mark the runs as KILLED that processes of this machine were writing when they died.
+
+    What cannot be closed now, as in a store that is read-only, is left for the next time.
+
+    Args:
+        client: MLflow's.
+        uri: of the store.
+    """
+    folder, prefix = _place(uri)
+    with suppress(*FAILURES):
+        clear_dead(folder, prefix, lambda name: _close(client, name))
+
+
+@contextmanager
+def _writing(store: "Store") -> Iterator[tuple[str, str]]:
+    """Key and value of a run's tag that say who writes it, for as long as that goes on."""
+    folder, prefix = _place(store.uri)
+    with living(folder, prefix, keep_on_error=True) as name:
+        yield f"{WRITER}{name[-TOKEN:]}", platform.node() or "unknown"
+
+
+def _place(uri: str) -> tuple[Path, str]:
+    """Folder and prefix of the lock files of a store: beside a database, else on this machine."""
+    if uri.startswith("sqlite:"):
+        path = database_path(uri).resolve()
+        return path.parent / "mlruns" / ".running", f"{path.name}-"
+    store = hashlib.sha256(uri.encode()).hexdigest()[:12]
+    return Path(tempfile.gettempdir()), f"prolearn-run-{store}-"
+
+
+def _close(client: Any, name: str) -> None:
+    """Close the runs that the dead holder of a lock file was writing, and that nobody else is."""
+    key = f"{WRITER}{name[-TOKEN:]}"
+    experiments = [found.experiment_id for found in pages(client.search_experiments)]
+    query = {"experiment_ids": experiments, "filter_string": f"tags.`{key}` LIKE '%'"}
+    for run in list(pages(client.search_runs, **query)):
+        writers = [tag for tag in run.data.tags if tag.startswith(WRITER)]
+        if run.info.status == "RUNNING" and writers == [key]:
+            client.set_terminated(run.info.run_id, "KILLED")
+        client.delete_tag(run.info.run_id, key)
+
+
+def _forget(store: "Store", run_id: str, key: str) -> None:
+    """Remove the tag of a run that has ended; one that stays does no harm."""
+    with suppress(*FAILURES):
+        store.client.delete_tag(run_id, key)

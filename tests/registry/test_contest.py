@@ -1,0 +1,113 @@
+"""Trainings that are killed between registration and the contest with the champion, and resumed.
+
+The kills come before one commit of the database after the other, from the version's own on.
+"""
+
+import json
+import shutil
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+from registry.models import list_versions
+from registry.store import connect
+
+DIES_AT_EACH_COMMIT = """
+import json, os, shutil, signal, sys
+from pathlib import Path
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
+from cli.stages.train import TrainingSettings, train_model, trained_before
+
+data = Path({data!r})
+how = TrainingSettings("ff1", "tuned", n=3, changes={{"epochs": 1}})
+
+def dies_at(step):
+    registered, written, commits = False, False, 0
+    @event.listens_for(Engine, "before_cursor_execute")
+    def sees(connection, cursor, statement, *_):
+        nonlocal registered, written
+        registered |= "INSERT INTO model_versions" in statement
+        written |= statement.startswith(("INSERT", "UPDATE", "DELETE"))
+    @event.listens_for(Engine, "commit")
+    def commit(connection):
+        nonlocal written, commits
+        commits, written = commits + (registered and written), False
+        if commits > step:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+def in_a_child(work):
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        except BaseException as error:
+            print(repr(error), file=sys.stderr, flush=True)
+            os._exit(9)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+def killed():
+    dies_at(step)
+    train_model(how, data, device="cpu")
+
+def resumed():
+    if trained_before(how, data) is None:
+        train_model(how, data, device="cpu")
+
+shutil.copyfile("mlflow.db", "before.db")
+step, statuses = 0, []
+while True:
+    shutil.copyfile("before.db", "mlflow.db")
+    statuses.append(in_a_child(killed))
+    if statuses[-1] != -signal.SIGKILL:
+        break
+    statuses.append(in_a_child(resumed))
+    shutil.copyfile("mlflow.db", f"{{step:02d}}.db")
+    step += 1
+Path("statuses.json").write_text(json.dumps(statuses))
+"""
+
+
+def after_kills(folder: Path, data: Path, child: Callable[[str], int]) -> list[Path]:
+    """Databases after a kill at each step and a resumed training."""
+    assert child(DIES_AT_EACH_COMMIT.format(data=str(data))) == 0
+    statuses = json.loads((folder / "statuses.json").read_text())
+    assert statuses[-1] == 0  # the first training that no kill reached
+    assert set(statuses[:-1:2]) == {-signal.SIGKILL}
+    assert set(statuses[1::2]) == {0}
+    found = sorted(folder.glob("[0-9][0-9].db"))
+    assert len(found) == len(statuses) // 2
+    return found
+
+
+def versions(folder: Path, database: Path) -> dict[int, tuple[tuple[str, ...], str]]:
+    """Aliases and outcome of the contest, by version."""
+    shutil.copyfile(database, folder / "mlflow.db")
+    return {v.version: (v.aliases, v.contest) for v in list_versions()}
+
+
+def test_the_first_version_is_champion_wherever_its_training_was_killed(
+    folder: Path, solved: Path, child: Callable[[str], int]
+) -> None:
+    connect()
+    after = after_kills(folder, solved, child)
+    assert len(after) > 3
+    for database in after:
+        ((aliases, contest),) = versions(folder, database).values()
+        assert aliases == ("champion",)
+        assert contest == "the first version of its model"
+
+
+def test_a_better_version_takes_the_champions_place_wherever_its_training_was_killed(
+    folder: Path, solved: Path, child: Callable[[str], int], register: Callable[..., object]
+) -> None:
+    register(50.0)
+    after = after_kills(folder, solved, child)
+    assert len(after) > 3
+    held = [versions(folder, database) for database in after]
+    assert {aliases for one in held for aliases, _ in [one[1]]} == {()}
+    assert {aliases for one in held for aliases, _ in [one[2]]} == {("champion",)}
+    assert held[0][2][1].startswith("of 6 validation scenarios")
+    assert all(one[2][1] for one in held)
+    assert {len(one) for one in held} == {2}

@@ -1,0 +1,210 @@
+"""What any writer of a shared store may leave in it: nothing of it breaks a command for the others.
+
+The nonsense goes straight into the database, past what MLflow would refuse.
+"""
+
+import logging
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from children import Children
+from noisy import network
+from planted import one_size
+from typer.testing import CliRunner
+
+from cli.main import app
+from cli.stages.champion import challenge, validation_trials
+from cli.stages.entrants import networks
+from pipeline.dataset.format.manifest import read_manifest
+from pipeline.errors import InputError
+from pipeline.experiments.examples.run import Example, write_example
+from pipeline.networks.architecture import recipe_for
+from pipeline.training.loop import Epoch, Trained
+from registry.environment import versions_of
+from registry.model_metrics import add_model_results, model_metric_by_size
+from registry.models import champion_of, list_versions, load, newest_trainings, resolve
+from registry.results import arrays_of, evaluation, record
+from registry.store import EVALUATION
+from registry.tables import training_tables
+from registry.training import DatasetInfo, record_training
+
+TEXTS = ["", "abc", "1.5", "1e309", "NaN", "9" * 5000, "[" * 5000, "\x1b[31m\n", "'; --", "١٢"]
+TRIALS = pd.DataFrame(one_size(10))
+TRANSFER = Example("swap", np.zeros((2, 6)), np.ones((2, 6)), {"expert": np.eye(3)[:2, None]}, 15.0)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory, migrated: Path, solved: Path) -> Path:
+    """A folder with two good models and an evaluation of them."""
+    folder = tmp_path_factory.mktemp("project")
+    shutil.copyfile(migrated, folder / "mlflow.db")
+    data = DatasetInfo(str(solved), read_manifest(solved).digest(3), 12, 6)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        for scale in (1.0, 0.5):
+            trained = Trained(network(scale), (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
+            record_training(trained, recipe=recipe_for("ff1", "tuned"), seed=0, dataset=data)
+        (folder / "files").mkdir()
+        write_example(TRANSFER, folder / "files" / "example.npz")
+        params = {"models": "models:/prolearn-ff1/1,models:/prolearn-ff1/2", "dataset_digest": "d"}
+        record(EVALUATION, TRIALS, params=params, files=folder / "files")
+    return folder
+
+
+@pytest.fixture
+def sql(
+    project: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., None]]:
+    """Change a database of the test's own, in the folder of the project."""
+    database = project / f"{abs(hash(request.node.name))}.db"
+    shutil.copyfile(project / "mlflow.db", database)
+    monkeypatch.chdir(project)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{database}")
+
+    def change(statement: str, *values: object) -> None:
+        with closing(sqlite3.connect(database)) as opened:
+            assert opened.execute(statement, values).rowcount > 0
+            opened.commit()
+
+    yield change
+    database.unlink()
+
+
+def run_of(version: int) -> str:
+    """The training run of a version, for a statement."""
+    return f"(SELECT run_id FROM model_versions WHERE version = {version})"
+
+
+def prolearn(*arguments: str) -> str:
+    """What a command says, which ends well."""
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, (done.output, done.exception)
+    return done.output
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda text: ascii(text[:8]))
+@pytest.mark.parametrize("name", ["seed", "n_spacecraft"])
+def test_a_version_whose_run_has_no_sound_number_is_left_out_with_one_warning(
+    sql: Callable[..., None], name: str, text: str, caplog: pytest.LogCaptureFixture, solved: Path
+) -> None:
+    sql(f"UPDATE params SET value = ? WHERE key = ? AND run_uuid = {run_of(2)}", text, name)
+    with caplog.at_level(logging.WARNING, "prolearn"):
+        assert [version.version for version in list_versions()] == [1]
+        assert [version.version for version in newest_trainings()] == [1]
+        assert [one.version.version for one in networks([], solved)] == [1]
+    (warning,) = caplog.messages
+    assert f"prolearn-ff1/2 cannot be used: {name} of its training run" in warning
+    assert warning.endswith("It is left out.") and warning.isprintable()
+    assert len(warning) < 300
+    with pytest.raises(InputError, match=f"prolearn-ff1/2 cannot be used: {name} of"):
+        resolve("ff1/2")
+    assert resolve("ff1").version == 1
+
+
+LISTS = """
+import os, sys
+
+os.dup2(os.open("stderr.txt", os.O_WRONLY | os.O_CREAT), 2)
+from registry.models import list_versions, newest_trainings
+
+list_versions(), newest_trainings()
+"""
+
+
+def test_the_warning_is_one_line_on_stderr(
+    sql: Callable[..., None], project: Path, children: Children
+) -> None:
+    sql(f"UPDATE params SET value = 'x' WHERE key = 'seed' AND run_uuid = {run_of(2)}")
+    assert children.run(LISTS, project) == 0
+    (line,) = (project / "stderr.txt").read_text().splitlines()
+    assert line.startswith("models:/prolearn-ff1/2 cannot be used")
+
+
+def test_where_the_champions_run_is_nonsense_the_next_version_takes_its_place(
+    sql: Callable[..., None], solved: Path
+) -> None:
+    sql(f"UPDATE params SET value = 'x' WHERE key = 'seed' AND run_uuid = {run_of(1)}")
+    assert champion_of("prolearn-ff1") is None
+    version = resolve("ff1/2")
+    held = challenge(version, validation_trials(load(version)[0], solved, 3), solved)
+    assert held.champion.version == 2
+    assert resolve("ff1").version == 2
+
+
+def test_a_champion_that_is_not_there_is_none(sql: Callable[..., None]) -> None:
+    sql("UPDATE registered_model_aliases SET version = 7")
+    assert champion_of("prolearn-ff1") is None
+    assert [version.aliases for version in list_versions()] == [(), ()]
+    with pytest.raises(InputError, match="no model 'ff1'"):
+        resolve("ff1")
+
+
+@pytest.mark.parametrize("gone", ["UPDATE runs SET lifecycle_stage = 'deleted'", "purged"])
+def test_a_model_whose_run_is_gone_is_used_and_its_evaluation_stays_out_of_the_run(
+    sql: Callable[..., None], gone: str, project: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    version = resolve("ff1/2")
+    if gone == "purged":
+        for table in ("params", "tags", "metrics", "latest_metrics", "runs"):
+            sql(f"DELETE FROM {table} WHERE run_uuid = {run_of(2)}")
+    else:
+        sql(f"{gone} WHERE run_uuid = {run_of(2)}")
+    found = resolve("ff1/2")
+    assert found == list_versions()[1]
+    assert (found.n, found.params, found.metrics) == (0, {}, {})
+    assert load("ff1/2")[1] == found
+    add_model_results(version, {0: {"x": 1.0}}, project / "files", dataset=("data", "d"))
+    assert f"The training run of {version.uri} is gone" in caplog.text
+    assert model_metric_by_size(version, "valid_loss") == {}
+    training, curves = training_tables([found])
+    assert (len(training), len(curves)) == (1, 0)
+
+
+@pytest.mark.parametrize("moment", [2**62, -(2**62), 0])
+def test_a_time_that_is_none_is_the_first_of_1970(sql: Callable[..., None], moment: int) -> None:
+    sql("UPDATE model_versions SET creation_time = ?", moment)
+    sql("UPDATE runs SET start_time = ?", moment)
+    assert {version.created.year for version in list_versions()} == {1970}
+    assert evaluation().created.year == 1970
+    assert "prolearn-ff1" in prolearn("models", "list")
+
+
+@pytest.mark.parametrize(
+    "text", [*TEXTS, "[1]", '{"torch": 3}', "null", '"text"', '{"a":' * 1000, '"\\ud800"']
+)
+def test_versions_that_are_no_mapping_of_text_are_none(text: str) -> None:
+    assert versions_of({"made_with": text}) == {}
+    assert versions_of({"made_with": '{"torch": "2"}'}) == {"torch": "2"}
+
+
+def test_names_of_files_that_lead_elsewhere_are_passed_over(
+    sql: Callable[..., None], project: Path
+) -> None:
+    (project / "secret.npz").write_bytes(b"secret")
+    run_id = evaluation().run_id
+    for name in ("../../secret.npz", "/etc/passwd", "deep/one.npz", "..npz/../x.npz"):
+        sql("INSERT INTO tags VALUES (?, 'x', ?)", f"sha256/files/{name}", run_id)
+    with arrays_of(evaluation()) as paths:
+        assert [path.name for path in paths] == ["example.npz"]
+
+
+@pytest.mark.parametrize("value", [float("inf"), 1.7e308, -1.0])
+def test_nonsense_in_everything_that_a_training_run_says_leaves_all_commands_working(
+    sql: Callable[..., None], solved: Path, value: float
+) -> None:
+    numbers = "key NOT IN ('seed', 'n_spacecraft')"
+    sql(f"UPDATE params SET value = 'x' || key WHERE {numbers} AND run_uuid = {run_of(2)}")
+    sql(f"UPDATE tags SET value = '[' WHERE run_uuid = {run_of(2)}")
+    sql(f"UPDATE latest_metrics SET value = ? WHERE run_uuid = {run_of(2)}", value)
+    sql(f"UPDATE metrics SET value = ? WHERE run_uuid = {run_of(2)}", value)
+    for arguments in (["list"], ["list", "--json"], ["show", "ff1/2"], ["show", "ff1", "--json"]):
+        assert "prolearn-ff1" in prolearn("models", *arguments)
+    assert [one.version.version for one in networks([], solved)]
+    assert "report.html" in prolearn("report")
