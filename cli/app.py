@@ -1,6 +1,7 @@
 """The Typer application, and how errors reach a person."""
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,9 @@ FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 class Terminated(KeyboardInterrupt):
     """SIGTERM, which ends a run as Ctrl-C does."""
 
+
+AGAIN_SECONDS = 0.05
+"""After so long an interrupt that a callback has swallowed is raised again."""
 
 MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
 """Numbers that a list on the command line may stand for, and the largest of them."""
@@ -73,9 +77,39 @@ def _sigterm_raises() -> Iterator[None]:
 
     before = signal.signal(signal.SIGTERM, end)
     try:
-        yield
+        with _raised_again():
+            yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _raised_again() -> Iterator[None]:
+    """In the block Ctrl-C and SIGTERM end the run even where they come in a callback.
+
+    Python only reports what a weak reference's callback or a finalizer raises, and goes on.
+    """
+    usual = sys.unraisablehook
+
+    def hook(unraisable: Any) -> None:
+        if not isinstance(unraisable.exc_value, KeyboardInterrupt) or not hasattr(
+            signal, "SIGALRM"
+        ):
+            usual(unraisable)
+            return
+        again = unraisable.exc_type
+
+        def end(number: int, _: FrameType | None) -> None:
+            raise again
+
+        signal.signal(signal.SIGALRM, end)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = usual
 
 
 def _stop(message: str, status: int) -> None:

@@ -73,15 +73,23 @@ def check_database(path: Path) -> None:
     try:
         with _read_only(path) as database:
             tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
+            return  # of a killed writer, whose half a change SQLite takes back once it may write
+        raise _unreadable(path, error) from error
     except sqlite3.DatabaseError as error:
-        raise InputError(
-            f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
-        ) from error
+        raise _unreadable(path, error) from error
     if tables and not tables & {"experiments", "alembic_version"}:
         raise InputError(
             f"{path} is an SQLite database of something else; expected a tracking store of "
             f"MLflow: {ADVICE}."
         )
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError(
+        f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
+    )
 
 
 def check_whole(path: Path) -> None:

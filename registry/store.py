@@ -144,6 +144,8 @@ def _prepare_process() -> None:
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
         logging.getLogger("mlflow").setLevel(logging.WARNING)
         logging.getLogger("alembic").setLevel(logging.WARNING)
+        # What it logs with a traceback it raises too, and the person gets it as a sentence.
+        logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
 
 def _connect(uri: str, create: bool) -> Store:

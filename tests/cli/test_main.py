@@ -70,3 +70,27 @@ def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(tm
     assert completed("prolearn", "dataset", "c") == ["card"]
     assert completed("prolearn", "dataset", "--preset", "") == ["demo", "paper"]
     assert completed("prolearn", "verify", "--j") == ["--jobs", "--json"]
+
+
+SWALLOWED = """
+import signal, time
+from cli.app import Terminated, _sigterm_raises
+
+class Left:
+    def __del__(self):  # whatever is raised here, Python reports and goes on
+        signal.raise_signal(signal.SIGTERM)
+
+try:
+    with _sigterm_raises():
+        Left()
+        time.sleep(60)
+except Terminated:
+    print("ended")
+"""
+
+
+def test_a_signal_that_comes_in_a_finalizer_ends_the_run_all_the_same():
+    done = subprocess.run(
+        [sys.executable, "-c", SWALLOWED], capture_output=True, text=True, timeout=40
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ended\n", "")

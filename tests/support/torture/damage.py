@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
+from pipeline.storage.layout import COPY, MANIFEST
 from torture.bench import Bench
 from torture.project import FLY, READERS, letters, rows_of, untimed
 from torture.tally import Outcome, Tally
@@ -68,6 +69,8 @@ class Damage:
         files = [path for pattern in PATTERNS[what] for path in sorted(folder.glob(pattern))]
         tries = min(most, len(files)) if what in (DATASET, FLIGHTS) and damage != SWAPPED else 1
         chosen = self._swapped(files) if damage == SWAPPED else self._chance.sample(files, tries)
+        # A manifest and its copy are not damaged together.
+        chosen = [p for p in chosen if p.name != COPY or p.with_name(MANIFEST) not in chosen]
         if damage != SWAPPED:
             for path in chosen:
                 DAMAGES[damage](path, self._chance)
@@ -77,6 +80,7 @@ class Damage:
         )
         if letters(folder) != letters(self._bench.project):
             outcome, story = Outcome.LOST, "a file of somebody else's"
+        tries = 1 if damage == SWAPPED else len(names)
         self._tally.add(damage, what, outcome, f"{', '.join(names)}: {story}", tries)
         return tries
 
@@ -122,7 +126,7 @@ class Damage:
             return Outcome.TRACEBACK, err
         if status or rows_of(self._bench.tried / "flown") != wanted:
             return Outcome.LOST, err
-        if out != usual:
+        if untimed(out) != usual:
             return Outcome.SILENT, out
         return (Outcome.MENDED if changed else Outcome.NOTHING), ""
 
@@ -133,9 +137,9 @@ class Damage:
             status, out, err = self._bench.run(*arguments)
             if "Traceback" in err:
                 return Outcome.TRACEBACK, err
-            if status and "prolearn: " in err and not out:
-                noticed = True
-            elif untimed(out) != usual[arguments]:
+            noticed |= "prolearn: " in err
+            refused = status and not out and "prolearn: " in err
+            if not refused and untimed(out) != usual[arguments]:
                 return Outcome.SILENT, " ".join(arguments)
         return (Outcome.NOTICED if noticed else Outcome.NOTHING), ""
 

@@ -63,6 +63,13 @@ def columns(folder: Path) -> Any:
     return rows, plans(folder / "trade")
 
 
+def without_tuning(folder: Path) -> Any:
+    """A store without the trials of searches: which those are depends on when one is cut short."""
+    found = facts(folder)
+    others = [run for run in found["finished"] if run[0] != "prolearn-tuning"]
+    return {**found, "finished": others}
+
+
 def names_of(*patterns: str) -> Facts:
     """Names of files whose content has times in it."""
     return lambda folder: sorted(p.name for one in patterns for p in folder.glob(one))
@@ -114,7 +121,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], Facts]] = {
     ),
     "tune": (
         ("tune", "--arch", "ff1", *DATA, "--n", "3", "--epochs", "1", "--trials", "2"),
-        facts,
+        without_tuning,
     ),
     "models export": (
         ("models", "export", "ff1", "--out", "exported.onnx"),

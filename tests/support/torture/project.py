@@ -49,6 +49,9 @@ READERS = (
 
 ENVIRONMENT = {"COLUMNS": "80", "MLFLOW_DISABLE_TELEMETRY": "true"}
 
+VARYING = ("seconds", "run_id", '"earlier"')
+"""Words in lines that differ where something is done again."""
+
 LETTER = "letter.tmp"
 """A file of somebody else's, in every folder that commands write to."""
 
@@ -88,10 +91,11 @@ def rows_of(folder: Path) -> dict[str, str]:
 
 
 def untimed(out: str) -> str:
-    """What a command says without the times that it took."""
-    return "\n".join(line for line in out.splitlines() if "seconds" not in line)
+    """What a command says without times, and without the run that it is from."""
+    kept = [line for line in out.splitlines() if not any(word in line for word in VARYING)]
+    return "\n".join(kept)
 
 
 def letters(folder: Path) -> int:
     """How many of the files of somebody else's are there."""
-    return len(list(folder.rglob(f".{LETTER}")))
+    return len(list(folder.rglob(f".{LETTER}*")))

@@ -1,7 +1,10 @@
 """What a tracking store holds, without what differs from run to run."""
 
+import hashlib
+import shutil
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import pandas as pd
 
@@ -16,7 +19,10 @@ def facts(folder: Path) -> dict[str, Any]:
     """
     import mlflow
 
-    client = mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder / 'mlflow.db'}")
+    # MLflow keeps connections open: to a file of this name that has been replaced since.
+    database = folder.parent / f"{uuid4().hex}.db"
+    shutil.copyfile(folder / "mlflow.db", database)
+    client = mlflow.MlflowClient(tracking_uri=f"sqlite:///{database}")
     names = {e.experiment_id: e.name for e in client.search_experiments()}
     runs = client.search_runs(list(names), max_results=1000)
     finished = [
@@ -49,8 +55,6 @@ def _table(folder: Path, run: Any) -> str:
 
 
 def _weights(folder: Path, source: str) -> str:
-    import hashlib
-
     model = source.rpartition("/")[2]
     (found,) = folder.glob(f"mlruns/*/models/{model}/artifacts/data/network/weights.safetensors")
     return hashlib.sha256(found.read_bytes()).hexdigest()
