@@ -4,6 +4,8 @@ import logging
 import re
 from datetime import UTC, datetime
 
+from pipeline.urls import public
+
 SHOWN = 40
 """Characters of nonsense that a sentence quotes."""
 
@@ -33,5 +35,5 @@ def moment(milliseconds: int | None) -> datetime:
 
 def warn(sentence: str) -> None:
     """Say on stderr what of a store is left out, and why."""
-    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in sentence)
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in public(sentence))
     logging.getLogger("prolearn").warning("%s", shown)
