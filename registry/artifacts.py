@@ -5,10 +5,10 @@ from pathlib import Path
 
 import mlflow
 import pandas as pd
-from mlflow.exceptions import MlflowException
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.storage.shards import digest_of
+from registry.running import FAILURES
 from registry.runs import Run
 from registry.store import Store
 from registry.table_file import table_from
@@ -81,7 +81,7 @@ def _fetched(store: Store, run: Run, name: str, scratch: Path) -> Path:
     try:
         path = Path(mlflow.artifacts.download_artifacts(**place, tracking_uri=store.uri))
         digest = digest_of(path.read_bytes())
-    except (MlflowException, OSError) as error:
+    except FAILURES as error:
         raise ProlearnError(
             f"{name} of run {run.run_id} of {run.experiment} cannot be fetched ({error}); restore "
             "the file, or run the experiment again; where the project was moved, see "

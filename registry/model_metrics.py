@@ -4,7 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import SupportsFloat
 
+from mlflow.exceptions import MlflowException
+
 from registry.entries import log_metrics, metrics_now, now
+from registry.running import FAILURES
 from registry.store import Store, opened
 from registry.story import EVALUATION_DATA, dataset_input
 from registry.values import warn
@@ -21,7 +24,7 @@ def add_model_results(
     *,
     dataset: tuple[str, str],
 ) -> None:
-    """Add an evaluation to a model's own training run, where that is still there.
+    """Add an evaluation to a model's own training run, or warn where that run cannot take it.
 
     Args:
         version: the model.
@@ -30,24 +33,36 @@ def add_model_results(
         dataset: folder and digest of the dataset that it was evaluated on.
 
     Raises:
-        ProlearnError: where the store fails.
+        ProlearnError: where the store cannot be opened.
     """
     with opened(create=False) as store:
-        if run_of_version(store, version.run_id) is None:
-            warn(f"The training run of {version.uri} is gone; its evaluation is not added to it.")
-            return
-        model = version.model_id or None
-        names = {name for values in metrics.values() for name in values}
-        stamp = _after_all(store, version.run_id, names)
-        entities = [
-            metric
-            for step, values in metrics.items()
-            for metric in metrics_now(values, model, step, stamp)
-        ]
-        log_metrics(store, version.run_id, entities)
-        used = dataset_input(*dataset, EVALUATION_DATA)
-        store.client.log_inputs(version.run_id, [used])
-        store.client.log_artifacts(version.run_id, str(figures), "figures")
+        try:
+            if run_of_version(store, version.run_id) is None:
+                raise FileNotFoundError("it is gone")
+            _add(store, version, metrics)
+            used = dataset_input(*dataset, EVALUATION_DATA)
+            store.client.log_inputs(version.run_id, [used])
+            store.client.log_artifacts(version.run_id, str(figures), "figures")
+        except FAILURES as error:
+            reason = next(iter(str(error).splitlines()), "")[:300]
+            warn(f"The evaluation of {version.uri} is not added to its training run ({reason}).")
+
+
+def _add(
+    store: Store, version: ModelVersion, metrics: Mapping[int, Mapping[str, SupportsFloat]]
+) -> None:
+    """Add metrics to a model's run, and to the model where MLflow knows it."""
+    try:
+        model = store.client.get_logged_model(version.model_id).model_id
+    except MlflowException:
+        model = None
+    stamp = _after_all(store, version.run_id, {name for one in metrics.values() for name in one})
+    entities = [
+        metric
+        for step, values in metrics.items()
+        for metric in metrics_now(values, model, step, stamp)
+    ]
+    log_metrics(store, version.run_id, entities)
 
 
 def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:

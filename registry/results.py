@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def record(
     with opened() as store, scratch_folder() as scratch:
         (scratch / TABLE).parent.mkdir()
         (scratch / TABLE).write_bytes(content)
-        tags[SEQUENCE] = str(next_number(store, experiment))
+        tags[SEQUENCE] = next_number(store, experiment)
         with recorded_run(store, experiment, name, tags) as run_id:
             log_params(store, run_id, params)
             if dataset is not None:
@@ -119,7 +120,7 @@ def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | No
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store:
-        return next(iter(finished(store, experiment, having)), None)
+        return next(finished(store, experiment, having), None)
 
 
 def evaluation(run_id: str | None = None) -> Run:
@@ -130,7 +131,8 @@ def evaluation(run_id: str | None = None) -> Run:
         ProlearnError: where the store fails.
     """
     with opened(create=False) as store:
-        known = finished(store, EVALUATION)
+        every = finished(store, EVALUATION)
+        known = list(every) if run_id else [*islice(every, 1)]
     if run_id is None and not known:
         raise InputError(
             f"There is no finished run of {EVALUATION} in the tracking store; expected one: "

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 WRITER = "writer."
 """What a tag begins with that has the token of a process that writes a run."""
 
-FAILURES = (MlflowException, SQLAlchemyError, OSError)
-"""What a store raises that cannot be written to."""
+FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
+"""What MLflow raises where a store fails, or its files are where it cannot reach them."""
 
 
 @contextmanager

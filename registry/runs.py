@@ -1,6 +1,7 @@
 """Runs of experiments, in the order in which they were recorded, whatever clocks said."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -8,13 +9,19 @@ from typing import Any
 from registry.entries import recorded
 from registry.paging import pages
 from registry.store import Store
-from registry.values import moment, whole
+from registry.values import moment
 
 SEQUENCE = "sequence"
-"""Tag with a run's number among those of its experiment, from 1."""
+"""Tag with a run's number among those of its experiment, from 1, with leading zeros."""
 
-LAST = 10**15 - 1
-"""Greatest number that counts; runs that share one are ordered by their clocks."""
+DIGITS = 9
+LAST = 10**DIGITS - 1
+"""Greatest number there is; runs that share one are ordered by their clocks."""
+
+_NUMBER = re.compile(f"[0-9]{{{DIGITS}}}")
+
+AT_ONCE = 20
+"""Runs that are asked for at once; the newest are wanted most."""
 
 
 @dataclass(frozen=True)
@@ -36,23 +43,29 @@ class Run:
     tags: Mapping[str, str]
 
 
-def finished(store: Store, experiment: str, having: Mapping[str, str] | None = None) -> list[Run]:
+def finished(
+    store: Store, experiment: str, having: Mapping[str, str] | None = None
+) -> Iterator[Run]:
     """Finished runs with some parameters, the newest first.
 
     Runs without a number, of earlier versions, come after those that have one.
     """
-    wanted = (having or {}).items()
-    found = [run for run in _runs(store, experiment) if run.info.status == "FINISHED"]
-    found.sort(key=lambda run: (_number(run), run.info.start_time or 0), reverse=True)
-    values = [run_of(store, run) for run in found]
-    return [run for run in values if wanted <= run.params.items()]
+    wanted, others = (having or {}).items(), []
+    for found in _runs(store, experiment, filter_string="attributes.status = 'FINISHED'"):
+        run = run_of(store, found)
+        if wanted <= run.params.items():
+            if _number(found):
+                yield run
+            else:
+                others.append((found.info.start_time, run))
+    yield from (run for _, run in sorted(others, key=lambda one: one[0], reverse=True))
 
 
-def next_number(store: Store, experiment: str) -> int:
-    """One more than the largest number of the runs that are finished or being written."""
+def next_number(store: Store, experiment: str) -> str:
+    """One more than the greatest number of the runs that are finished or being written."""
     counted = ("FINISHED", "RUNNING")
-    numbers = [_number(r) for r in _runs(store, experiment) if r.info.status in counted]
-    return min(max(numbers, default=0) + 1, LAST)
+    numbers = (_number(r) for r in _runs(store, experiment) if r.info.status in counted)
+    return f"{min(next(filter(None, numbers), 0) + 1, LAST):0{DIGITS}}"
 
 
 def run_of(store: Store, run: Any) -> Run:
@@ -67,9 +80,18 @@ def run_of(store: Store, run: Any) -> Run:
     )
 
 
-def _runs(store: Store, experiment: str) -> list[Any]:
-    return list(pages(store.client.search_runs, experiment_ids=[store.experiments[experiment]]))
+def _runs(store: Store, experiment: str, **query: Any) -> Iterator[Any]:
+    """Runs of MLflow, those with a number by that, the greatest first; others are anywhere."""
+    return pages(
+        store.client.search_runs,
+        experiment_ids=[store.experiments[experiment]],
+        order_by=[f"tags.`{SEQUENCE}` DESC", "attributes.start_time DESC"],
+        max_results=AT_ONCE,
+        **query,
+    )
 
 
 def _number(run: Any) -> int:
-    return max(whole(run.data.tags.get(SEQUENCE, "")) or 0, 0)
+    """A run's number; 0 where it has none."""
+    text = run.data.tags.get(SEQUENCE, "")
+    return int(text) if _NUMBER.fullmatch(text) else 0

@@ -15,12 +15,11 @@ from typing import Any
 import mlflow
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
-from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import clear_scratch
 from pipeline.urls import public, public_url
-from registry.running import close_abandoned
+from registry.running import FAILURES, close_abandoned
 from registry.sqlite import check_whole, database_path, guarded
 
 DEFAULT_URI = "sqlite:///mlflow.db"
@@ -125,7 +124,7 @@ def explained(uri: str) -> Iterator[None]:
     """
     try:
         yield
-    except (MlflowException, SQLAlchemyError, OSError, ImportError) as error:
+    except FAILURES as error:
         if uri.startswith("sqlite:"):
             check_whole(database_path(uri))
         reason = next(iter(str(error).strip().splitlines()), "") or type(error).__name__

@@ -5,6 +5,7 @@ import re
 from datetime import UTC, datetime
 
 from pipeline.text import visible
+from pipeline.urls import public
 
 SHOWN = 40
 """Characters of nonsense that a sentence quotes."""
@@ -35,4 +36,4 @@ def moment(milliseconds: int | None) -> datetime:
 
 def warn(sentence: str) -> None:
     """Say on stderr what of a store is left out, and why."""
-    logging.getLogger("prolearn").warning("%s", visible(sentence))
+    logging.getLogger("prolearn").warning("%s", visible(public(sentence)))

@@ -84,7 +84,7 @@ def test_runs_of_earlier_versions_which_have_no_number_are_older_and_ordered_by_
     assert evaluation(record(EVALUATION, TABLE, params={})) == evaluation()
 
 
-@pytest.mark.parametrize("number", ["next", "-3", "1e9", "²", "9" * 30, ""])
+@pytest.mark.parametrize("number", ["next", "-3", "7", "1e9999999", "²" * 9, "9" * 30, ""])
 def test_a_number_that_is_none_counts_as_none(folder: Path, number: str) -> None:
     first = record(EVALUATION, TABLE, params={})
     second = record(EVALUATION, TABLE, params={})
@@ -94,13 +94,23 @@ def test_a_number_that_is_none_counts_as_none(folder: Path, number: str) -> None
 
 
 def test_the_greatest_number_is_no_end(folder: Path) -> None:
-    connect().client.set_tag(record(EVALUATION, TABLE, params={}), "sequence", "9" * 15)
+    connect().client.set_tag(record(EVALUATION, TABLE, params={}), "sequence", "9" * 9)
     for _ in range(2):
         newest = record(EVALUATION, TABLE, params={})
         assert evaluation().run_id == newest
 
 
+def test_the_newest_is_found_beside_many_runs_whose_numbers_are_none(folder: Path) -> None:
+    store = connect()
+    for k in range(25):  # more than are asked for at once, and first in the order of their tags
+        run = store.client.create_run(store.experiments[EVALUATION], tags={"sequence": f"z{k}"})
+        store.client.set_terminated(run.info.run_id)
+    for _ in range(2):
+        newest = record(EVALUATION, TABLE, params={"data": "it's"})
+        assert evaluation().run_id == newest == latest(EVALUATION, {"data": "it's"}).run_id
+
+
 def test_a_run_that_is_being_recorded_has_its_number_already(folder: Path) -> None:
-    with recorded_run(connect(), EVALUATION, "other", {"sequence": "7"}):
+    with recorded_run(connect(), EVALUATION, "other", {"sequence": "000000007"}):
         run_id = record(EVALUATION, TABLE, params={})
-    assert evaluation(run_id).tags["sequence"] == "8"
+    assert evaluation(run_id).tags["sequence"] == "000000008"

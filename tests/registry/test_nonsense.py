@@ -111,7 +111,7 @@ def test_a_version_whose_run_has_no_sound_number_is_left_out_with_one_warning(
 LISTS = """
 import os, sys
 
-os.dup2(os.open("stderr.txt", os.O_WRONLY | os.O_CREAT), 2)
+os.dup2(os.open("stderr.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
 from registry.models import list_versions, newest_trainings
 
 list_versions(), newest_trainings()
@@ -161,10 +161,42 @@ def test_a_model_whose_run_is_gone_is_used_and_its_evaluation_stays_out_of_the_r
     assert (found.n, found.params, found.metrics) == (0, {}, {})
     assert load("ff1/2")[1] == found
     add_model_results(version, {0: {"x": 1.0}}, project / "files", dataset=("data", "d"))
-    assert f"The training run of {version.uri} is gone" in caplog.text
+    assert f"The evaluation of {version.uri} is not added to its training run" in caplog.text
     assert model_metric_by_size(version, "valid_loss") == {}
     training, curves = training_tables([found])
     assert (len(training), len(curves)) == (1, 0)
+
+
+ADDS = """
+import os
+
+os.dup2(os.open("stderr.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = "0"
+from pathlib import Path
+from registry.model_metrics import add_model_results
+from registry.models import resolve
+
+add_model_results(resolve("ff1/2"), {0: {"x": 1.0}}, Path("files"), dataset=("data", "d"))
+"""
+
+
+@pytest.mark.parametrize("place", ["s3://nowhere/x", "http://127.0.0.1:1/x", "file:///dev/null"])
+def test_an_evaluation_is_not_lost_where_a_models_run_cannot_take_its_part(
+    sql: Callable[..., None], place: str, project: Path, children: Children
+) -> None:
+    sql(f"UPDATE runs SET artifact_uri = ? WHERE run_uuid = {run_of(2)}", place)
+    assert children.run(ADDS, project) == 0
+    said = (project / "stderr.txt").read_text()
+    assert "models:/prolearn-ff1/2 is not added to its training run" in said.splitlines()[-1]
+
+
+def test_metrics_of_a_model_that_mlflow_does_not_know_go_to_its_run_alone(
+    sql: Callable[..., None], project: Path
+) -> None:
+    sql("DELETE FROM logged_models")
+    version = resolve("ff1/2")
+    add_model_results(version, {0: {"x": 1.0}}, project / "files", dataset=("data", "d"))
+    assert resolve("ff1/2").metrics["x"] == 1.0
 
 
 @pytest.mark.parametrize("moment", [2**62, -(2**62), 0])

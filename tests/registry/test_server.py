@@ -41,6 +41,8 @@ def server(
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
+    monkeypatch.setenv("TMPDIR", str(folder))  # for lock files that outlive the server
+    monkeypatch.setattr(tempfile, "tempdir", None)
     try:
         wait_for(f"{uri}/health", process)
         monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
@@ -137,10 +139,8 @@ with recorded_run(connect(), EVALUATION, "killed", {}):
 
 
 def test_on_a_server_runs_of_this_machine_are_closed_that_a_killed_process_left_open(
-    server: "subprocess.Popen[bytes]", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    server: "subprocess.Popen[bytes]", folder: Path
 ) -> None:
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr(tempfile, "tempdir", None)
     store = connect()
     elsewhere = store.client.create_run(
         store.experiments[EVALUATION], run_name="elsewhere", tags={"writer.0123": "far"}
@@ -156,7 +156,7 @@ def test_on_a_server_runs_of_this_machine_are_closed_that_a_killed_process_left_
             "mine": "RUNNING",
             "killed": "KILLED",
         }
-    assert [path.name for path in tmp_path.glob("prolearn-*")] == []
+    assert list(folder.glob("prolearn-*")) == []
 
 
 def test_weights_are_kept_where_the_server_is_away_from_the_start(
