@@ -13,7 +13,7 @@ REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test lint bench docs clean
+.PHONY: help demo dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test torture lint bench docs clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -97,6 +97,11 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 
 test: $(BIN)/pytest ## the tests
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+
+KILLS ?= 100
+FLIPS ?= 500
+torture: $(BIN)/pytest ## kill commands and damage files at random, and see what is lost; half an hour
+	PYTHONPATH=.:tests/support $(BIN)/python -m torture --kills $(KILLS) --flips $(FLIPS) --page docs/robustness.md
 
 lint: $(BIN)/pytest ## ruff, mypy, import-linter
 	$(BIN)/ruff check .

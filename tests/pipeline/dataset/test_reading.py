@@ -106,6 +106,21 @@ def test_a_text_of_gigabytes_is_refused():
         decode(encode(table), Size(rows=1, values=10))
 
 
+def test_one_long_text_in_many_rows_is_refused_before_it_takes_memory():
+    rows = 200
+    long = pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), ["x" * 1_000_000])
+    content = encode(pa.table({"family": long.cast(pa.string())}))
+    assert len(content) < 5_000
+    usual, pool = pa.default_memory_pool(), pa.proxy_memory_pool(pa.default_memory_pool())
+    pa.set_memory_pool(pool)
+    try:
+        with pytest.raises(InputError, match="holds 200000000 bytes of text"):
+            decode(content, Size(rows=rows, values=rows))
+        assert pool.max_memory() < 1e7
+    finally:
+        pa.set_memory_pool(usual)
+
+
 def test_more_rows_than_there_may_be_are_refused():
     table = pa.table({"scenario_id": ["x"] * 1000})
     with pytest.raises(InputError, match=r"holds 1000 rows .*; expected at most 999 rows"):

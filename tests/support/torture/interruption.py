@@ -93,7 +93,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], Facts]] = {
     "plan": (("plan", "scenario.json", "--out", "new.plan.json"), plans),
     "show": (("show", "plan.json"), lines_of("plan.html")),
     "convert": (("convert", "plan.json", "--to", "csv"), lines_of("plan.csv")),
-    "scenario new": (("scenario", "new", "new.json"), lines_of("new.json")),
+    "scenario new": (("scenario", "new", "new.json", "--force"), lines_of("new.json")),
     "tradeoff": (
         ("tradeoff", "scenario.json", "--duration", "15..25min", "--steps", "4", "--out", "trade"),
         columns,
@@ -150,7 +150,7 @@ class Interruption:
         for k in range(tries):
             name = names[k % len(names)]
             outcome, story = self._one(kind, name)
-            self._tally.add(kind, name, outcome, story)
+            self._tally.add(kind, f"{len(COMMANDS)} commands", outcome, f"{name} {story}")
 
     def _undisturbed(self, name: str) -> tuple[Any, float]:
         """What a command leaves that nobody interrupts, and how long it takes."""
