@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
-    from pipeline.plan import RiskLimit
+    from pipeline.plan import Requirements, RiskLimit
     from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
@@ -70,8 +70,7 @@ def plan(
         float | None,
         typer.Option(
             help="Most probability that any pair ever comes within the collision radius, flown in "
-            "open loop with the errors that the sigmas say; with a planner that ends in the "
-            "expert.",
+            "open loop with the errors that the sigmas say.",
             show_default=False,
         ),
     ] = None,
@@ -147,7 +146,7 @@ def plan(
         prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan a.json b.json --json --out plans/
     """
-    from pipeline.plan import SOLVED, summary
+    from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
     from pipeline.scenario.document import read_checked
 
@@ -156,15 +155,8 @@ def plan(
         not_over(path, target)
     asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
     limit = _risk_limit(risk, navigation_sigma, thrust_sigma, velocity_sigma)
-    chosen = planner_of(
-        planner,
-        separation,
-        effort,
-        raw=raw,
-        assignment=assignment,
-        limit=limit,
-        passive_safety=passive_safety,
-    )
+    requirements = Requirements(separation, passive_safety, limit)
+    chosen = planner_of(planner, requirements, effort, raw=raw, assignment=assignment)
     rows: list[dict[str, Any]] = []
     with progress("planning") as shown:
         shown.expect(len(asked) if len(asked) > 1 else 0)
@@ -224,33 +216,20 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
 
 def planner_of(
     name: str,
-    separation: Separation,
+    requirements: "Requirements",
     effort: Effort | None,
     *,
     raw: bool = False,
     assignment: Assigned = "given",
-    limit: "RiskLimit | None" = None,
-    passive_safety: float | None = None,
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
     from pipeline.planners.interchangeable import Interchangeable
-    from pipeline.planners.named import check_passive_safety, named_planner
+    from pipeline.planners.named import named_planner
 
-    if passive_safety is not None:
-        check_passive_safety(passive_safety, separation)
-    told: Any = {
-        "separation": separation,
-        "effort": effort and effort.value,
-        "raw": raw,
-        "passive_safety": passive_safety,
-    }
-    found = named_planner(name, **told)
+    told: Any = {"effort": effort and effort.value, "raw": raw}
+    found = named_planner(name, requirements, **told)
     if found is None:
         from cli.stages.plan import model_planner
 
-        found = model_planner(name, **told)
-    if limit is not None:
-        from pipeline.planners.at_risk import with_risk
-
-        found = with_risk(found, limit, separation)
+        found = model_planner(name, requirements, **told)
     return Interchangeable(found) if assignment == "optimal" else found

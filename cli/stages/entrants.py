@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import Entrant
-from pipeline.expert import Settings
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
+from pipeline.plan import Requirements
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.network import Flown, check_problem
@@ -115,5 +115,5 @@ def _named(versions: Sequence[ModelVersion]) -> list[Network]:
 
 def unlearned() -> list[Entrant]:
     """The expert in both separation settings, and the baselines."""
-    at_nodes = Expert(Settings(separation="nodes"), "expert (nodes only)")
+    at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
     return [Entrant(planner) for planner in (Expert(), at_nodes, *BASELINES)]

@@ -77,13 +77,9 @@ CASES = {
         [*RISKY, "--risk", "0.1", "--thrust-sigma", "-1"],
         "thrust_sigma is -1",
     ),
-    "a risk without the expert": (
-        [*RISKY, "--risk", "0.1", "--planner", "own-LP"],
-        "the expert has no part",
-    ),
     "a risk at the nodes": (
         [*RISKY, "--risk", "0.1", "--separation", "nodes"],
-        "--separation is nodes",
+        "with separation at the nodes only",
     ),
     "nodes without measure": (["sample", "--out", "x", "--nodes", "100000"], "at most 1000"),
     "craft without measure": (["sample", "--out", "x", "--n", "1000000000"], "1 to 10000"),

@@ -4,6 +4,7 @@ All that decides the bytes of a dataset is in its manifest, and so in each shard
 """
 
 from pipeline.dataset.format.manifest import Manifest
+from pipeline.dataset.format.solving import settings_of
 from pipeline.expert import Settings
 from pipeline.provenance import DecidedBy, made_with, refuse_other_versions
 
@@ -27,5 +28,5 @@ def refuse_versions(what: object, manifest: Manifest) -> None:
     made = manifest.made_with
     refuse_other_versions(f"{what} was sampled", made.sample, made_with(*SAMPLED_BY))
     if manifest.solve:
-        versions = made_with(*solved_by(Settings(**manifest.solve)))
+        versions = made_with(*solved_by(settings_of(manifest.solve)))
         refuse_other_versions(f"{what} was solved", made.solve, versions)
