@@ -54,7 +54,8 @@ def plan(
         Effort | None,
         typer.Option(
             help="Of the expert: stop at the first safe plan, as soon as it no longer improves, or "
-            "at the best of several searches. By default the second; after a model, the first.",
+            "at the best of several searches. By default the second; after a model, the first, "
+            "and after the refiner that only where it has no safe plan.",
             show_default=False,
         ),
     ] = None,
@@ -115,7 +116,8 @@ def plan(
     a plan is not safe, and the reason is named.
 
     The refiner's plan is taken where it is proven safe, else one convex solve follows it, else
-    the expert plans; the plan says which. The plan of any other model seeds the expert. So what
+    the expert plans; the plan says which. With an --effort beyond the first it seeds the expert
+    instead, as the plan of any other model does. So what
     comes out is safe wherever the expert finds a safe plan; --raw leaves the expert out. The
     refiner and LSTMs plan on time grids other than that of their training, too. `refiner` comes
     with the package; one that was trained here is named with its recipe or version, as

@@ -3,14 +3,11 @@
 import re
 
 from pipeline.errors import InputError
-from pipeline.expert import EFFORTS
 from pipeline.networks.catalogue import architecture_names
 from pipeline.plan import Requirements
-from pipeline.planners.ladder import Ladder
-from pipeline.planners.named import NAMES, refuse_effort
+from pipeline.planners.named import NAMES, refuse_effort, with_expert
 from pipeline.planners.network import Flown
 from pipeline.planners.planner import Planner
-from pipeline.planners.seeded import Seeded
 from registry.models import load
 from registry.version import PREFIX
 
@@ -23,8 +20,7 @@ def model_planner(
     Args:
         reference: a registered model.
         requirements: what its plans must satisfy.
-        effort: of the expert after the model, of EFFORTS; by default it stops at the first safe
-            plan.
+        effort: of the expert after the model, of EFFORTS, as in ``with_expert``.
         raw: leave the model's flown plan as it is, safe or not; otherwise the expert comes after
             it, where it answers with controls only if that plan is not proven safe.
 
@@ -38,11 +34,7 @@ def model_planner(
     _check_architecture(reference)
     model, version = load(reference)
     flown = Flown(model, version.label, requirements)
-    if raw:
-        return flown
-    settings = EFFORTS[effort or "first"]
-    # Controls are a plan already, which may be safe as it is; states are a seed.
-    return Ladder(flown, settings) if model.answers == "controls" else Seeded(flown, settings)
+    return flown if raw else with_expert(flown, effort)
 
 
 def _check_architecture(reference: str) -> None:

@@ -1,6 +1,7 @@
 """Planners that a person names and that need no store: expert, baselines, the packaged refiner."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from pipeline.errors import InputError
 from pipeline.expert import EFFORTS
@@ -9,6 +10,9 @@ from pipeline.plan import AT_ALL_TIMES, Requirements
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.planner import Planner
+
+if TYPE_CHECKING:
+    from pipeline.planners.network import Flown
 
 EXPERT = "expert"
 
@@ -33,7 +37,7 @@ def named_planner(
         requirements: what its plans must satisfy; a baseline's, which keep no craft apart, are
             judged by it.
         effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves,
-            and behind the refiner ends at the first safe plan.
+            and comes after the refiner only where that has no safe plan.
         raw: asked for a network's plan without the expert after it.
 
     Raises:
@@ -57,13 +61,31 @@ def named_planner(
 def _refiner(requirements: Requirements, effort: str | None, *, raw: bool) -> Planner:
     """The packaged refiner, alone or with the expert behind it."""
     from pipeline.networks.refiner.packaged import packaged
-    from pipeline.planners.ladder import Ladder
     from pipeline.planners.network import Flown
 
     if raw:
         refuse_effort(effort)
     flown = Flown(packaged(), REFINER, requirements)
-    return flown if raw else Ladder(flown, EFFORTS[effort or "first"])
+    return flown if raw else with_expert(flown, effort)
+
+
+def with_expert(flown: "Flown", effort: str | None) -> Planner:
+    """A network's plans made safe by the expert.
+
+    Controls are a plan already, so that without an effort the expert comes after them only where
+    they are not proven safe, and ends at its first safe plan. States are a seed, and so are
+    controls where the expert is to better them.
+
+    Args:
+        flown: the network.
+        effort: of the expert, of EFFORTS, or None.
+    """
+    from pipeline.planners.ladder import Ladder
+    from pipeline.planners.seeded import Seeded
+
+    settings = EFFORTS[effort or "first"]
+    as_it_is = flown.model.answers == "controls" and settings.stop == "first-safe"
+    return Ladder(flown, settings) if as_it_is else Seeded(flown, settings)
 
 
 def refuse_effort(effort: str | None) -> None:
