@@ -14,6 +14,7 @@ from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.network import Flown, check_problem
 from pipeline.storage.folder import Where
+from pipeline.urls import public_url
 from registry.models import load, newest_trainings, resolve
 from registry.version import ModelVersion
 
@@ -74,7 +75,7 @@ def networks(references: Sequence[str], data: Where, choice: Choice = planners_o
     chosen = {v.uri: v for v in map(resolve, references)}.values() or choice(data)
     found, problem = _named(list(chosen)), read_manifest(data).problem
     for network in found:
-        check_problem(network.model, problem, str(data))
+        check_problem(network.model, problem, public_url(data))
     return found
 
 
@@ -90,8 +91,8 @@ def newest_on(data: Where) -> list[ModelVersion]:
     if not found and (others := newest_trainings()):
         known = ", ".join(sorted({v.params.get("dataset", "unknown") for v in others}))
         raise InputError(
-            f"no model was trained on {data} as it is now; expected some: train one, or name "
-            f"models with --models (there are some trained on {known})."
+            f"no model was trained on {public_url(data)} as it is now; expected some: train one, "
+            f"or name models with --models (there are some trained on {known})."
         )
     return found
 
