@@ -62,6 +62,8 @@ def planners_on(data: Where) -> list[ModelVersion]:
 def networks(references: Sequence[str], data: Where, choice: Choice = planners_on) -> list[Network]:
     """The networks of some references; without any, the newest that were trained on some data.
 
+    They are in the same order whatever that of the references is.
+
     Args:
         references: models; none means the newest trainings of each architecture and recipe.
         data: the dataset that they are to be tried on.
@@ -72,8 +74,9 @@ def networks(references: Sequence[str], data: Where, choice: Choice = planners_o
             data's, or where there are models and none was trained on this data.
         ProlearnError: where the store fails.
     """
-    chosen = {v.uri: v for v in map(resolve, references)}.values() or choice(data)
-    found, problem = _named(list(chosen)), read_manifest(data).problem
+    named = {v.uri: v for v in map(resolve, references)}.values()
+    chosen = sorted(named or choice(data), key=lambda v: (v.name, v.version))
+    found, problem = _named(chosen), read_manifest(data).problem
     for network in found:
         check_problem(network.model, problem, public_url(data))
     return found

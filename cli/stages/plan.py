@@ -33,7 +33,7 @@ def model_planner(
         refuse_effort(effort)
     _check_architecture(reference)
     model, version = load(reference)
-    flown = Flown(model, version.label, requirements)
+    flown = Flown(model, f"{version.arch}/{version.version}", requirements)
     return flown if raw else with_expert(flown, effort)
 
 

@@ -8,15 +8,18 @@ from pipeline.dataset.format.solving import settings_of
 from pipeline.expert import Settings
 from pipeline.provenance import DecidedBy, made_with, refuse_other_versions
 
-SAMPLED_BY: DecidedBy = ("orbit", "scenario"), ("numpy", "scipy", "pyarrow")
+SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scipy", "pyarrow")
 """Code of ours and packages that the bytes of scenarios depend on."""
+
+PLANNING = ("orbit", "scenario", "plan", "expert")
+"""Packages whose code the bytes of plans depend on."""
 
 
 def solved_by(settings: Settings) -> DecidedBy:
-    """Code of ours and packages that the bytes of plans depend on."""
+    """Code of ours and distributions that the bytes of plans depend on."""
     readable = ("cvxpy",) if settings.solver == "cvxpy" else ()
     packages = ("numpy", "scipy", "pyarrow", "clarabel", "highspy", *readable)
-    return ("orbit", "scenario", "plan", "expert"), packages
+    return tuple(f"pipeline/{part}" for part in PLANNING), packages
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
