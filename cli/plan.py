@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 from cli.app import not_over
 from cli.dataset import Separation
+from cli.memory import within_memory
 from cli.output import AsJson, print_json
 from cli.plan_table import print_plans
 from cli.progress import progress
@@ -147,6 +148,7 @@ def plan(
         prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan a.json b.json --json --out plans/
     """
+    from pipeline.orbit.linearity import model_error
     from pipeline.plan import SOLVED, summary
     from pipeline.plan.document import write_plan
     from pipeline.scenario.document import read_checked
@@ -166,13 +168,15 @@ def plan(
         passive_safety=passive_safety,
     )
     rows: list[dict[str, Any]] = []
-    with progress("planning") as shown:
+    with progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
             for scenario, made in zip(group, chosen.plan(group), strict=True):
                 path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made, made.flown(scenario))
-                rows.append({"scenario": str(path), "plan": str(target), **summary(made)})
+                off = model_error(made.states, scenario.problem).total
+                told = {"model_error": off, "collision_radius": scenario.problem.collision_radius}
+                rows.append({"scenario": str(path), "plan": str(target), **summary(made), **told})
                 shown.done()
     print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))

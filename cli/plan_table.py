@@ -9,7 +9,7 @@ from cli.output import echo, print_table
 from pipeline.exhibits.numbers import MISSING, number
 
 Row = Mapping[str, Any]
-"""A plan's summary, with the files of ``scenario`` and ``plan``."""
+"""A plan's summary, with the files of ``scenario`` and ``plan``, and the linear model's error."""
 
 HEADINGS = ("fuel\nm/s²", "Δv\nm/s", "gap", "closest\npair", "at\ns", "apart\nm", "time\nms")
 """Of the columns that say what a plan is worth."""
@@ -109,5 +109,10 @@ def _remarks(row: Row) -> list[str]:
         said.append(
             "in the given order some craft cannot reach its goal within max_acceleration, which "
             "is proven."
+        )
+    if row["model_error"] > row["collision_radius"]:
+        said.append(
+            f"about an oblate Earth craft end some {row['model_error']:.2g} m off their goals, "
+            f"more than collision_radius: prolearn fly {row['plan']}"
         )
     return said

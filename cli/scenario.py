@@ -11,6 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 
 from cli.app import FAILED, Group
+from cli.memory import within_memory
 from cli.output import AsJson, echo, print_json, seen
 from cli.problem import (
     Altitude,
@@ -196,8 +197,8 @@ def check(
 
     At both ends: pairs too close, craft that drift (Eq. 3), pairs that come too close in an orbit
     of free drift. Of the transfer: craft whose thrust limit is too low, and what they need at
-    least, each on its own. Exit status 0: all is fine; 1: something is wrong; 2: the file cannot
-    be read.
+    least, each on its own, and how far off the linear model is. Exit status 0:
+    all is fine; 1: something is wrong; 2: the file cannot be read.
 
     Examples:
 
@@ -208,7 +209,8 @@ def check(
     from pipeline.scenario.document import read_scenario
 
     asked = read_scenario(scenario)
-    found = findings(asked)
+    with within_memory():
+        found = findings(asked)
     fine = all(finding.fine for finding in found)
     if as_json:
         told = [{**asdict(finding), "fine": finding.fine} for finding in found]

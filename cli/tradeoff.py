@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from cli.dataset import Separation
+from cli.memory import within_memory
 from cli.output import AsJson, echo, print_json, print_table
 from cli.plan import Assigned, Effort, planner_of
 from cli.plan_table import HEADINGS, cells, who, wrong
@@ -70,7 +71,7 @@ def tradeoff(
     from cli.stages.tradeoff import trade
 
     folder = out or Path(f"{scenario.stem}-tradeoff")
-    with progress("planning") as shown:
+    with progress("planning") as shown, within_memory():
         done = trade(
             scenario,
             chosen,

@@ -357,3 +357,16 @@ def on_a_terminal(arguments, folder):
     os.close(screen)
     done.wait(timeout=60)
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
+
+
+def test_a_plan_for_which_the_linear_model_is_far_off_says_by_how_much(prolearn, tmp_path):
+    ring = "craft=2,size={}"
+    for name, size in (("near", 200), ("far", 30_000)):
+        rings = ("--from", ring.format(size), "--to", ring.format(size / 2))
+        prolearn("scenario", "new", f"{name}.json", *rings)
+    done = prolearn("plan", "near.json", "far.json", "--out", "plans")
+    (said,) = [line for line in done.stdout.splitlines() if "oblate" in line]
+    assert said.startswith("far.json: about an oblate Earth craft end some ")
+    missed = float(re.search(r"some (\S+) m off", said)[1])
+    flown = prolearn("fly", "plans/far.plan.json", "--eccentricity", "0", "--json")
+    assert missed / 4 < json.loads(flown.stdout)["goal_error"] < 4 * missed
