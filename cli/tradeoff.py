@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from cli.app import told_if_stopped
+from cli.completion import planners
 from cli.dataset import Separation
 from cli.memory import within_memory
 from cli.output import AsJson, echo, print_json, print_table
@@ -15,6 +17,7 @@ from cli.plan_table import HEADINGS, cells, who, wrong
 from cli.progress import progress
 from pipeline.errors import InputError
 from pipeline.exhibits.numbers import MISSING, number
+from pipeline.files import stem_of
 
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 """Units of a duration, s."""
@@ -41,7 +44,9 @@ def tradeoff(
         Path | None,
         typer.Option(help="Folder; SCENARIO-tradeoff by default.", show_default=False),
     ] = None,
-    planner: Annotated[str, typer.Option(help="As for `prolearn plan`.")] = "expert",
+    planner: Annotated[
+        str, typer.Option(help="As for `prolearn plan`.", autocompletion=planners)
+    ] = "expert",
     separation: Separation = "continuous",
     effort: Annotated[
         Effort | None, typer.Option(help="As for `prolearn plan`.", show_default=False)
@@ -70,8 +75,9 @@ def tradeoff(
     chosen = planner_of(planner, separation, effort, assignment=assignment)
     from cli.stages.tradeoff import trade
 
-    folder = out or Path(f"{scenario.stem}-tradeoff")
-    with progress("planning") as shown, within_memory():
+    folder = out or Path(f"{stem_of(scenario)}-tradeoff")
+    stopped = told_if_stopped(lambda: "the trade-off is not complete.")
+    with stopped, progress("planning") as shown, within_memory():
         done = trade(
             scenario,
             chosen,

@@ -30,7 +30,7 @@ class Scenario:
 
     Attributes:
         problem: orbit, time grid and collision radius.
-        initial: states at the first node, (n, 6), m and m/s, LVLH.
+        initial: states at the first node, (n, 6), m and m/s, LVLH; lists become arrays.
         goal: states at the last node, (n, 6).
         family: the family it was drawn from, or "custom".
         name: what to call it in files and tables.
@@ -47,7 +47,14 @@ class Scenario:
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
         for end in ("initial", "goal"):
-            states = getattr(self, end)
+            try:
+                states = np.asarray(getattr(self, end), dtype=float)
+            except (TypeError, ValueError) as error:
+                raise InputError(
+                    f"{end} is no array of numbers ({error}); expected a row x y z vx vy vz in m "
+                    "and m/s for each spacecraft."
+                ) from error
+            object.__setattr__(self, end, states)
             if states.ndim != 2 or states.shape[1:] != (6,) or len(states) == 0:
                 raise InputError(
                     f"{end} has shape {states.shape}; expected one row x y z vx vy vz for each "
