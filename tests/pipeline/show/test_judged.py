@@ -97,7 +97,14 @@ def test_an_infeasible_plan_says_so_and_has_no_gap():
     assert (found.good, found.headline) == (False, "Infeasible")
     assert "cannot reach its goal within max_acceleration" in found.reasons[0]
     rows = dict(certificate_rows(judged(plan, scenario).plan.certificate, plan.status))
-    assert rows["Gap to that bound, at most"] == "–"
+    assert rows["Gap to that bound"] == "–"
+
+
+def test_a_gap_to_a_bound_of_nothing_is_no_number(plan):
+    found = replace(plan.certificate, fuel_lower_bound=0.0, optimality_gap=np.inf)
+    gap = dict(certificate_rows(found, plan.status))["Gap to that bound"]
+    assert gap.startswith("unknown")
+    assert "inf" not in gap
 
 
 def test_controls_beyond_all_measure_are_refused_in_a_sentence(plan):
