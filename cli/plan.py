@@ -156,7 +156,7 @@ def plan(
         prolearn plan s.json --risk 0.01 --thrust-sigma 0.01 --out p.json
         prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan a.json b.json --json --out plans/
-        prolearn scenario new - --n 5 | prolearn plan - --out p.json
+        prolearn plan - --out p.json
     """
     from pipeline.orbit.linearity import model_error
     from pipeline.plan import SOLVED, summary
