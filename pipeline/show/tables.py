@@ -56,7 +56,7 @@ def certificate_rows(found: Certificate, status: str) -> Rows:
         gap = "unknown: the bound is no more than rounding"
     return [
         ("Fuel Σ‖u‖₁ (Eq. 4)", f"{found.fuel:.6g} m/s²"),
-        ("Δv, fuel times time step", f"{found.delta_v:.6g} m/s"),
+        ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
         ("No plan needs less fuel than, by the file", f"{found.fuel_lower_bound:.6g} m/s²"),
         ("Gap to that bound", gap),
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),

@@ -150,3 +150,12 @@ def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
         judged(
             replace(plan, certificate=replace(plan.certificate, passive_safety=endless)), SCENARIO
         )
+
+
+@pytest.mark.parametrize("name", ["craft_delta_v", "craft_delta_v_2norm"])
+def test_a_false_delta_v_of_a_craft_is_told(plan, name):
+    true = getattr(plan.certificate, name)
+    lie = replace(plan.certificate, **{name: (*true[:4], true[4] / 2, *true[5:])})
+    assert any(
+        f"claims {name}[4]" in reason for reason in said(replace(plan, certificate=lie)).reasons
+    )
