@@ -62,7 +62,8 @@ def tradeoff(
     Thrust arcs keep the scenario's time_step and their number varies, so each duration is a whole
     number of arcs. Into the folder go the safe plans, tradeoff.csv and a figure. The knee is
     where the curve of Δv is furthest below the line between its ends, both scaled to 0..1
-    (Kneedle); more time then saves little. The exit status is 1 where no duration has a safe
+    (Kneedle), if that is a tenth at least and a minute saves half as much after it as before, or
+    less; else there is none. The exit status is 1 where no duration has a safe
     plan.
 
     Examples:
@@ -128,7 +129,9 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
     for row in bent:
         echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
     if not bent:
-        echo("There is no knee: the curve has too few safe plans, or does not bend.")
+        echo(
+            "There is no knee: too few plans are safe, or more time saves about as much everywhere."
+        )
     echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")
 
 
