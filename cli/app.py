@@ -3,7 +3,7 @@
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from errno import EPIPE
 from pathlib import Path
@@ -58,10 +58,10 @@ class Group(TyperGroup):
             if error.errno == EPIPE:  # the reader of our output has left; click is silent then
                 raise
             _stop(str(error), FAILED)
-        except Terminated:
-            _stop("terminated; what was finished is kept.", TERMINATED)
-        except KeyboardInterrupt:
-            _stop("interrupted; what was finished is kept.", INTERRUPTED)
+        except Terminated as stop:
+            _stop(f"terminated; {_kept(stop)}", TERMINATED)
+        except KeyboardInterrupt as stop:
+            _stop(f"interrupted; {_kept(stop)}", INTERRUPTED)
 
 
 @contextmanager
@@ -115,6 +115,21 @@ def _raised_again() -> Iterator[None]:
 def _stop(message: str, status: int) -> None:
     echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
     raise typer.Exit(status)
+
+
+def _kept(stop: KeyboardInterrupt) -> str:
+    """What a command says is kept; those that say nothing go on where they were, when run again."""
+    return str(stop) or "what was finished is kept."
+
+
+@contextmanager
+def told_if_stopped(kept: Callable[[], str]) -> Iterator[None]:
+    """In the block Ctrl-C and SIGTERM end the run with a sentence on what is kept."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.args = (kept(),)
+        raise
 
 
 def not_over(source: Path, target: Path) -> None:

@@ -7,10 +7,10 @@ import numpy as np
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.cw import ClohessyWiltshire
 from pipeline.orbit.dynamics import Dynamics
-from pipeline.orbit.reference import mean_motion_at
+from pipeline.orbit.reference import check_mean_motion, mean_motion_at
 
 RANGES = {
-    "mean_motion": (1e-15, 1.0),
+    "mean_motion": (1e-15, np.inf),
     "time_step": (1e-3, 1e6),
     "collision_radius": (1e-6, 1e6),
     "max_acceleration": (1e-12, 1e6),
@@ -52,6 +52,7 @@ class Problem:
             if name == "max_acceleration" and value is None:
                 continue
             check_range(name, value, least, most)
+        check_mean_motion(self.mean_motion)
         if self.nodes > MOST_NODES:
             raise InputError(f"nodes is {self.nodes}; expected at most {MOST_NODES}.")
         if self.duration * self.mean_motion > 2 * np.pi * MOST_TURNS:

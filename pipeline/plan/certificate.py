@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.separation import least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.passive_safety import PassiveSafety, passive_safety
@@ -24,7 +25,7 @@ class Certificate:
 
     Attributes:
         fuel: Eq. 4, m/s².
-        delta_v: time step times fuel, m/s.
+        delta_v: time step times fuel, of all craft, m/s.
         fuel_lower_bound: no transfer, safe or not, needs less, m/s².
         optimality_gap: fuel / fuel_lower_bound - 1.
         node_collisions: Eq. 5.
@@ -38,6 +39,9 @@ class Certificate:
         fuel_lower_bound_proof: how the bound is proven, in words.
         risk: what is claimed of errors in open loop, where that was asked for, or None.
         passive_safety: how close craft come after a loss of thrust, where that was asked for.
+        craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s; they sum to delta_v. Thrusters along the
+            three axes have to provide it. Earlier files have none.
+        craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s: of one thruster that is turned.
     """
 
     fuel: float
@@ -55,6 +59,8 @@ class Certificate:
     fuel_lower_bound_proof: str = ""
     risk: Risk | None = None
     passive_safety: PassiveSafety | None = None
+    craft_delta_v: tuple[float, ...] = ()
+    craft_delta_v_2norm: tuple[float, ...] = ()
 
 
 def certify(
@@ -74,7 +80,12 @@ def certify(
         orbits: of drift after a loss of thrust that are looked at, or None.
     """
     problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
-    used = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), swarms.starts)
+    each = np.abs(controls).sum(axis=(1, 2))
+    used = np.add.reduceat(each, swarms.starts)
+    spent = [
+        np.split(problem.time_step * of, swarms.starts[1:])
+        for of in (each, norm(controls).sum(axis=1))
+    ]
     closest = least_separations(states, controls, problem, swarms)
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, swarms.starts)
@@ -100,6 +111,8 @@ def certify(
             dynamics_error=float(defects[k]),
             fuel_lower_bound_proof=proof,
             passive_safety=adrift[k],
+            craft_delta_v=tuple(spent[0][k].tolist()),
+            craft_delta_v_2norm=tuple(spent[1][k].tolist()),
         )
         for k, ((bound, proof), apart) in enumerate(zip(bounds, closest, strict=True))
     ]
