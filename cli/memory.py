@@ -40,9 +40,11 @@ def available() -> int | None:
         return None
     try:
         most, used = (int((GROUP / f"memory.{name}").read_text()) for name in ("max", "current"))
-    except (OSError, ValueError):  # no container, or one without a limit
+        stat = dict(line.split() for line in (GROUP / "memory.stat").read_text().splitlines())
+        cached = int(stat["inactive_file"])  # of files, given back when memory is asked for
+    except (OSError, ValueError, KeyError):  # no container, or one without a limit
         return system
-    return min(system, max(most - used, 0))
+    return min(system, max(most - used + cached, 0))
 
 
 @contextmanager
