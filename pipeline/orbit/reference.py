@@ -58,7 +58,7 @@ def mean_motion_at(altitude: float) -> float:
             f"{LOWEST:g} m: if it is in km, give {1e3 * altitude:g}."
         )
     check_range("altitude", altitude, LOWEST, HIGHEST)
-    return _mean_motion(altitude)
+    return sqrt(MU_EARTH / (R_EARTH + altitude) ** 3)
 
 
 def check_mean_motion(mean_motion: float) -> None:
@@ -69,11 +69,11 @@ def check_mean_motion(mean_motion: float) -> None:
     Raises:
         InputError: with the value in rad/s, where it looks like deg/s or revolutions a day.
     """
-    most = _mean_motion(LOWEST)
-    if mean_motion <= most:
+    most = mean_motion_at(LOWEST)
+    if not mean_motion > most:
         return
     units = {"deg/s": radians(mean_motion), "revolutions a day": 2 * pi * mean_motion / 86400}
-    slow = _mean_motion(GEOSTATIONARY)
+    slow = mean_motion_at(GEOSTATIONARY)
     hints = (
         f": if it is in {unit}, give {value:.9g}"
         for unit, value in units.items()
@@ -81,12 +81,8 @@ def check_mean_motion(mean_motion: float) -> None:
     )
     raise InputError(
         f"mean_motion is {mean_motion:g} rad/s, that of an orbit inside the Earth or its air; "
-        f"expected at most {most:.3e} rad/s{next(hints, '')}."
+        f"expected at most {most:.5g} rad/s{next(hints, '')}."
     )
-
-
-def _mean_motion(altitude: float) -> float:
-    return sqrt(MU_EARTH / (R_EARTH + altitude) ** 3)
 
 
 def radius_at(mean_motion: float) -> float:
