@@ -13,18 +13,28 @@ REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test torture lint bench docs clean
+.PHONY: help demo dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test torture lint bench docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
-$(BIN)/prolearn: pyproject.toml constraints.txt
+TOO_OLD := prolearn needs Python 3.11 or later; $(PYTHON) is %d.%d: make PYTHON=python3.13, or another
+
+# torch by pip's own choice of build, with CUDA or without; all else as it is locked, and no resolver.
+$(BIN)/prolearn: pyproject.toml requirements/run.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info; v < (3, 11) and sys.exit("$(TOO_OLD)" % v[:2])'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch setuptools
+	$(BIN)/python -m pip install --quiet --no-deps --requirement requirements/run.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(BIN)/pytest: $(BIN)/prolearn
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+$(BIN)/pytest: $(BIN)/prolearn requirements/test.txt
+	$(BIN)/python -m pip install --quiet --no-deps --requirement requirements/test.txt
+	@touch $@
+
+$(BIN)/sphinx-build: $(BIN)/prolearn requirements/docs.txt
+	$(BIN)/python -m pip install --quiet --no-deps --requirement requirements/docs.txt
 	@touch $@
 
 demo: $(BIN)/prolearn ## the whole line at small scale: dataset, seven networks, experiments, report
@@ -116,10 +126,19 @@ bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside t
 	$(BIN)/python -m benchmarks.ladder --out reports/bench
 	$(BIN)/python -m benchmarks.card --out reports/bench
 
-docs: $(BIN)/pytest ## the documentation as pages, in build/docs
+docs: $(BIN)/sphinx-build ## the documentation as pages, in build/docs
 	$(BIN)/typer cli.main utils docs --name prolearn --title Commands --output docs/commands.md
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs build/docs
 	@echo "Documentation: build/docs/index.html"
+
+UPGRADE ?=
+UNIVERSAL = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11.2 --no-annotate --custom-compile-command 'make lock' $(UPGRADE)
+lock: $(BIN)/prolearn ## exact versions for every Python and platform; UPGRADE=--upgrade takes the newest
+	$(BIN)/python -m pip install --quiet uv
+	$(UNIVERSAL) --all-extras --output-file constraints.txt
+	$(UNIVERSAL) --constraint constraints.txt --output-file requirements/run.txt
+	$(UNIVERSAL) --constraint constraints.txt --extra dev --output-file requirements/test.txt
+	$(UNIVERSAL) --constraint constraints.txt --extra docs --output-file requirements/docs.txt
 
 clean: ## remove what make made, datasets and results included
 	rm -rf $(VENV) data reports mlruns mlflow.db* optuna.db* unregistered *.egg-info build

@@ -4,7 +4,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from errno import EPIPE
 from pathlib import Path
@@ -67,10 +67,10 @@ class Group(TyperGroup):
             if error.errno == EPIPE:  # the reader of our output has left; click is silent then
                 raise
             _stop(ctx, str(error), FAILED)
-        except Terminated:
-            _stop(ctx, "terminated; what was finished is kept.", TERMINATED)
-        except KeyboardInterrupt:
-            _stop(ctx, "interrupted; what was finished is kept.", INTERRUPTED)
+        except Terminated as stop:
+            _stop(ctx, f"terminated; {_kept(stop)}", TERMINATED)
+        except KeyboardInterrupt as stop:
+            _stop(ctx, f"interrupted; {_kept(stop)}", INTERRUPTED)
 
 
 @contextmanager
@@ -125,6 +125,21 @@ def _stop(ctx: Any, message: str, status: int) -> None:
     told = public(message, *ctx.meta.get(TYPED, ()))  # no secret gets past this last net
     echo(f"prolearn: {told}", err=True)
     raise typer.Exit(status)
+
+
+def _kept(stop: KeyboardInterrupt) -> str:
+    """What a command says is kept; those that say nothing go on where they were, when run again."""
+    return str(stop) or "what was finished is kept."
+
+
+@contextmanager
+def told_if_stopped(kept: Callable[[], str]) -> Iterator[None]:
+    """In the block Ctrl-C and SIGTERM end the run with a sentence on what is kept."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.args = (kept(),)
+        raise
 
 
 def not_over(source: Path, target: Path) -> None:

@@ -9,6 +9,7 @@ import typer
 from cli.app import FAILED, not_over
 from cli.output import echo
 from pipeline.errors import InputError
+from pipeline.files import STDIO, stem_of
 
 
 class Form(StrEnum):
@@ -20,12 +21,15 @@ class Form(StrEnum):
 
 
 def convert(
-    plan: Annotated[Path, typer.Argument(help="Plan file.", show_default=False)],
+    plan: Annotated[
+        Path, typer.Argument(help="Plan file; - is standard input.", show_default=False)
+    ],
     to: Annotated[Form, typer.Option(help="Format.", show_default=False)],
     out: Annotated[
         Path | None,
         typer.Option(
-            help="A file, for OEM a folder; by default the plan's name with the format's ending.",
+            help="A file, for OEM a folder, for CSV also - for standard output; by default the "
+            "plan's name with the format's ending.",
             show_default=False,
         ),
     ] = None,
@@ -46,20 +50,30 @@ def convert(
     from pipeline.plan.document import read_whole_plan
 
     made, scenario = read_whole_plan(plan)
-    target = out or (plan.with_suffix("") if to == Form.OEM else plan.with_suffix(f".{to}"))
+    target = out or _default(plan, to)
+    if target == STDIO and to != Form.CSV:
+        raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
     not_over(plan, target)
     if target.is_dir() != (to == Form.OEM) and target.exists():
         kind = "a folder" if to == Form.OEM else "a file"
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
     try:
         if to == Form.OEM:
-            files = write_ephemerides(made, scenario, target, plan.stem)
+            files = write_ephemerides(made, scenario, target, stem_of(plan))
             echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
         else:
             (write_csv if to == Form.CSV else write_parquet)(made, scenario, target)
-            echo(f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes.")
+            about = f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes."
+            echo(about, err=target == STDIO)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from error
     if made.status != SOLVED:
         echo(f"prolearn: {plan} is {made.status}: {made.message}", err=True)
         raise typer.Exit(FAILED)
+
+
+def _default(plan: Path, to: Form) -> Path:
+    """Where a plan goes that is told no place."""
+    if plan == STDIO:
+        return STDIO
+    return plan.with_suffix("" if to == Form.OEM else f".{to}")

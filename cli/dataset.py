@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cli.app import given_options
+from cli.completion import families
 from cli.output import AsJson, beside, echo, print_json
 from cli.problem import (
     Altitude,
@@ -65,6 +66,7 @@ def sample(
         str,
         typer.Option(
             help="rings, dense, coplanar-split, tilt-split, independent or rotation.",
+            autocompletion=families,
         ),
     ] = "rings",
     shares: Annotated[

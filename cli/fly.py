@@ -48,11 +48,14 @@ from cli.trials import (
 )
 from pipeline.errors import InputError
 from pipeline.exhibits.numbers import MISSING, error, number
+from pipeline.files import stem_of
 
 
 def fly(
     context: typer.Context,
-    plan: Annotated[Path, typer.Argument(help="Plan file.", show_default=False)],
+    plan: Annotated[
+        Path, typer.Argument(help="Plan file; - is standard input.", show_default=False)
+    ],
     eccentricity: Eccentricity = 0.001,
     inclination: Inclination = None,
     raan: Raan = None,
@@ -137,7 +140,7 @@ def fly(
             scenario,
             flown_in,
             told,
-            out or Path(f"{plan.stem.removesuffix('.plan')}-flown"),
+            out or Path(f"{stem_of(plan).removesuffix('.plan')}-flown"),
             trials=trials,
             size=size,
             seed=seed,

@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pipeline.errors import InputError
+from pipeline.files import STDIO
 from pipeline.text import visible
 
 AsJson = Annotated[
@@ -78,6 +80,19 @@ def beside(as_json: bool) -> Iterator[None]:
         return
     with redirect_stdout(sys.stderr):
         yield
+
+
+def stdout_free(out: object, as_json: bool) -> bool:
+    """Whether stdout is for what people are told, and not for a file's content.
+
+    Raises:
+        InputError: where a file's content and a JSON document both are for stdout.
+    """
+    if out == STDIO and as_json:
+        raise InputError(
+            "--json is given and --out is -; expected one of them, since stdout takes one document."
+        )
+    return out != STDIO
 
 
 def print_json(document: Any) -> None:

@@ -13,12 +13,15 @@ if TYPE_CHECKING:
     from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
-from cli.app import not_over
+from cli.app import not_over, told_if_stopped
+from cli.completion import planners
 from cli.dataset import Separation
-from cli.output import AsJson, print_json
+from cli.memory import within_memory
+from cli.output import AsJson, beside, print_json, stdout_free
 from cli.plan_table import print_plans
 from cli.progress import progress
 from pipeline.errors import InputError
+from pipeline.files import STDIO, stem_of
 
 TOGETHER = 50
 """Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
@@ -39,14 +42,21 @@ class Effort(StrEnum):
 
 
 def plan(
-    scenarios: Annotated[list[Path], typer.Argument(help="Scenario files.", show_default=False)],
+    scenarios: Annotated[
+        list[Path],
+        typer.Argument(help="Scenario files; - is standard input.", show_default=False),
+    ],
     out: Annotated[
-        Path, typer.Option(help="Plan file, or a folder for several.", show_default=False)
+        Path,
+        typer.Option(
+            help="Plan file, - for standard output, or a folder for several.", show_default=False
+        ),
     ],
     planner: Annotated[
         str,
         typer.Option(
-            help="expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...)."
+            help="expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
+            autocompletion=planners,
         ),
     ] = "expert",
     separation: Separation = "continuous",
@@ -147,12 +157,14 @@ def plan(
         prolearn plan s.json --risk 0.01 --thrust-sigma 0.01 --out p.json
         prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan a.json b.json --json --out plans/
+        prolearn plan - --out p.json
     """
+    from pipeline.orbit.linearity import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
     from pipeline.scenario.document import read_checked
 
-    targets = _targets(scenarios, out)
+    targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
         not_over(path, target)
     asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
@@ -160,15 +172,22 @@ def plan(
     requirements = Requirements(separation, passive_safety, limit)
     chosen = planner_of(planner, requirements, effort, raw=raw, assignment=assignment)
     rows: list[dict[str, Any]] = []
-    with progress("planning") as shown:
+
+    def kept() -> str:
+        return f"{len(rows)} of {len(asked)} plans {'was' if len(rows) == 1 else 'were'} written."
+
+    with told_if_stopped(kept), progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
             for scenario, made in zip(group, chosen.plan(group), strict=True):
                 path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made, made.flown(scenario))
-                rows.append({"scenario": str(path), "plan": str(target), **summary(made)})
+                off = model_error(made.states, scenario.problem).total
+                told = {"model_error": off, "collision_radius": scenario.problem.collision_radius}
+                rows.append({"scenario": str(path), "plan": str(target), **summary(made), **told})
                 shown.done()
-    print_json(rows) if as_json else print_plans(rows)
+    with beside(not to_people):
+        print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
 
 
@@ -206,9 +225,11 @@ def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
 
 def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     """Where each plan goes."""
-    if len(scenarios) == 1 and not out.is_dir() and out.suffix:
+    if len(scenarios) == 1 and (out == STDIO or (not out.is_dir() and out.suffix)):
         return [out]
-    names = [f"{path.stem}.plan.json" for path in scenarios]
+    if out == STDIO:
+        raise InputError("--out is - for several scenarios; expected a folder for their plans.")
+    names = [f"{stem_of(path)}.plan.json" for path in scenarios]
     if len(set(names)) < len(names):
         raise InputError("two scenario files have the same name; expected different names.")
     if out.is_file():

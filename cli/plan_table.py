@@ -9,9 +9,12 @@ from cli.output import echo, print_table
 from pipeline.exhibits.numbers import MISSING, number
 
 Row = Mapping[str, Any]
-"""A plan's summary, with the files of ``scenario`` and ``plan``."""
+"""A plan's summary, with the files of ``scenario`` and ``plan``, and the linear model's error."""
 
-HEADINGS = ("fuel\nm/s²", "Δv\nm/s", "gap", "closest\npair", "at\ns", "apart\nm", "time\nms")
+MOST_CRAFT = 12
+"""Craft of a plan up to which the Δv of each is shown."""
+
+HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apart\nm", "time\nms")
 """Of the columns that say what a plan is worth."""
 
 
@@ -50,6 +53,8 @@ def print_plans(rows: Sequence[Row]) -> None:
         for row, line in zip(rows, lines, strict=True):
             line.append(_saved(row["assignment"]))
     print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
+    if len(rows) == 1:
+        _print_craft(rows[0])
     for row in rows:
         for sentence in _remarks(row):
             echo(f"{row['scenario']}: {sentence}")
@@ -67,6 +72,18 @@ def print_plans(rows: Sequence[Row]) -> None:
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
     echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+
+
+def _print_craft(row: Row) -> None:
+    """What each craft of a plan spends, or, of many, from where to where that goes."""
+    both = row["craft_delta_v"], row["craft_delta_v_2norm"]
+    if len(both[0]) <= MOST_CRAFT:
+        headings = ("craft", "Δv ‖·‖₁\nm/s", "Δv ‖·‖₂\nm/s")
+        lines = [[str(k), *map(number, of)] for k, of in enumerate(zip(*both, strict=True))]
+        print_table(headings, lines)
+        return
+    spans = [f"{number(min(of))} to {number(max(of))} m/s" for of in both]
+    echo(f"Δv of each craft: {spans[0]} in the 1-norm, {spans[1]} in the 2-norm.")
 
 
 def wrong(row: Row) -> bool:
@@ -109,5 +126,10 @@ def _remarks(row: Row) -> list[str]:
         said.append(
             "in the given order some craft cannot reach its goal within max_acceleration, which "
             "is proven."
+        )
+    if row["model_error"] > row["collision_radius"]:
+        said.append(
+            f"about an oblate Earth craft end some {row['model_error']:.2g} m off their goals, "
+            f"more than collision_radius: prolearn fly {row['plan']}"
         )
     return said

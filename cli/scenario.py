@@ -11,7 +11,9 @@ from rich.padding import Padding
 from rich.table import Table
 
 from cli.app import FAILED, Group
-from cli.output import AsJson, echo, print_json, seen
+from cli.completion import families
+from cli.memory import within_memory
+from cli.output import AsJson, echo, print_json, seen, stdout_free
 from cli.problem import (
     Altitude,
     CollisionRadius,
@@ -46,13 +48,16 @@ MOST_CASES = 5
 
 @app.command()
 def new(
-    scenario: Annotated[Path, typer.Argument(help="File to write.", show_default=False)],
+    scenario: Annotated[
+        Path, typer.Argument(help="File to write; - is standard output.", show_default=False)
+    ],
     family: Annotated[
         str | None,
         typer.Option(
             help="Draw: rings, dense, coplanar-split, tilt-split, independent or rotation.  "
             "[default: rings]",
             show_default=False,
+            autocompletion=families,
         ),
     ] = None,
     n: Annotated[
@@ -153,7 +158,8 @@ def new(
     }
     told = {name: value for name, value in reference.items() if value is not None}
     made = write_by_hand(scenario, fields | ({"reference": told} if told else {}))
-    echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
+    if stdout_free(scenario, as_json=False):
+        echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
 
 
 def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
@@ -165,8 +171,16 @@ def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
             raise InputError(
                 f"{option} is {text!r}; expected fields of a ring, such as craft=4,size=200."
             )
-        rings.append({name.strip(): value.strip() for name, _, value in fields})
+        rings.append({name.strip(): _number(value.strip()) for name, _, value in fields})
     return {"rings": rings}
+
+
+def _number(text: str) -> float | str:
+    """A number as it stands in a file, or the text that is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _drawn(
@@ -189,15 +203,17 @@ def _about(scenario: "Scenario") -> str:
 
 @app.command()
 def check(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file.", show_default=False)],
+    scenario: Annotated[
+        Path, typer.Argument(help="Scenario file; - is standard input.", show_default=False)
+    ],
     as_json: AsJson = False,
 ) -> None:
     """Say all that is wrong with a scenario, by how much, and what is fine.
 
     At both ends: pairs too close, craft that drift (Eq. 3), pairs that come too close in an orbit
     of free drift. Of the transfer: craft whose thrust limit is too low, and what they need at
-    least, each on its own. Exit status 0: all is fine; 1: something is wrong; 2: the file cannot
-    be read.
+    least, each on its own, and how far off the linear model is. Exit status 0:
+    all is fine; 1: something is wrong; 2: the file cannot be read.
 
     Examples:
 
@@ -208,7 +224,8 @@ def check(
     from pipeline.scenario.document import read_scenario
 
     asked = read_scenario(scenario)
-    found = findings(asked)
+    with within_memory():
+        found = findings(asked)
     fine = all(finding.fine for finding in found)
     if as_json:
         told = [{**asdict(finding), "fine": finding.fine} for finding in found]

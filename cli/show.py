@@ -8,14 +8,18 @@ import typer
 from cli.app import not_over
 from cli.output import echo
 from pipeline.errors import InputError
+from pipeline.files import STDIO
 
 
 def show(
-    plan: Annotated[Path, typer.Argument(help="Plan file.", show_default=False)],
+    plan: Annotated[
+        Path, typer.Argument(help="Plan file; - is standard input.", show_default=False)
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Page to write; by default beside the plan, with the suffix .html.",
+            help="Page to write, - for standard output; by default beside the plan, with the "
+            "suffix .html.",
             show_default=False,
         ),
     ] = None,
@@ -34,7 +38,7 @@ def show(
     from pipeline.plan.document import read_whole_plan
     from pipeline.show import write_page
 
-    target = out or plan.with_suffix(".html")
+    target = out or (STDIO if plan == STDIO else plan.with_suffix(".html"))
     not_over(plan, target)
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
@@ -43,4 +47,5 @@ def show(
         shown = write_page(target, claimed, scenario, plan.name)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from error
-    echo(" ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults]))
+    said = " ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults])
+    echo(said, err=target == STDIO)

@@ -7,13 +7,17 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from cli.app import told_if_stopped
+from cli.completion import planners
 from cli.dataset import Separation
+from cli.memory import within_memory
 from cli.output import AsJson, echo, print_json, print_table
 from cli.plan import Assigned, Effort, planner_of
 from cli.plan_table import HEADINGS, cells, who, wrong
 from cli.progress import progress
 from pipeline.errors import InputError
 from pipeline.exhibits.numbers import MISSING, number
+from pipeline.files import stem_of
 
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 """Units of a duration, s."""
@@ -40,7 +44,9 @@ def tradeoff(
         Path | None,
         typer.Option(help="Folder; SCENARIO-tradeoff by default.", show_default=False),
     ] = None,
-    planner: Annotated[str, typer.Option(help="As for `prolearn plan`.")] = "expert",
+    planner: Annotated[
+        str, typer.Option(help="As for `prolearn plan`.", autocompletion=planners)
+    ] = "expert",
     separation: Separation = "continuous",
     effort: Annotated[
         Effort | None, typer.Option(help="As for `prolearn plan`.", show_default=False)
@@ -56,7 +62,8 @@ def tradeoff(
     Thrust arcs keep the scenario's time_step and their number varies, so each duration is a whole
     number of arcs. Into the folder go the safe plans, tradeoff.csv and a figure. The knee is
     where the curve of Δv is furthest below the line between its ends, both scaled to 0..1
-    (Kneedle); more time then saves little. The exit status is 1 where no duration has a safe
+    (Kneedle), if that is a tenth at least and a minute saves half as much after it as before, or
+    less; else there is none. The exit status is 1 where no duration has a safe
     plan.
 
     Examples:
@@ -71,8 +78,9 @@ def tradeoff(
 
     chosen = planner_of(planner, Requirements(separation), effort, assignment=assignment)
 
-    folder = out or Path(f"{scenario.stem}-tradeoff")
-    with progress("planning") as shown:
+    folder = out or Path(f"{stem_of(scenario)}-tradeoff")
+    stopped = told_if_stopped(lambda: "the trade-off is not complete.")
+    with stopped, progress("planning") as shown, within_memory():
         done = trade(
             scenario,
             chosen,
@@ -123,7 +131,9 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
     for row in bent:
         echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
     if not bent:
-        echo("There is no knee: the curve has too few safe plans, or does not bend.")
+        echo(
+            "There is no knee: too few plans are safe, or more time saves about as much everywhere."
+        )
     echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.app import int_list, name_list
+from cli.completion import architectures
 from cli.models import told
 from cli.output import AsJson, beside, echo, print_json
 from cli.progress import progress
@@ -23,6 +24,7 @@ def train(
             help="ff1, ff2, ffcol, lstm1, lstm2, lstmcol, refiner, one of your own, or "
             "several: ff1,lstm2.",
             show_default=False,
+            autocompletion=architectures,
         ),
     ],
     recipe: Annotated[

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from cli.app import given_options
+from cli.completion import planners
 from cli.output import print_table
 from cli.plan import Effort
 from pipeline.errors import InputError
@@ -48,7 +49,9 @@ Replan = Annotated[
     Literal["none", "every-node"],
     _option("Compare with craft that are planned anew at every node."),
 ]
-Replanner = Annotated[str, _option("Who plans anew, as for `prolearn plan`.")]
+Replanner = Annotated[
+    str, _option("Who plans anew, as for `prolearn plan`.", autocompletion=planners)
+]
 ReplanEffort = Annotated[
     Effort | None, _option("Of the expert then, as for `prolearn plan`.", show_default=False)
 ]

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cli.completion import architectures
 from cli.output import AsJson, beside, echo, print_json
 from cli.progress import progress
 from pipeline.urls import public_url
@@ -14,7 +15,12 @@ if TYPE_CHECKING:
 
 
 def tune(
-    arch: Annotated[str, typer.Option(help="Architecture, such as lstm2.", show_default=False)],
+    arch: Annotated[
+        str,
+        typer.Option(
+            help="Architecture, such as lstm2.", show_default=False, autocompletion=architectures
+        ),
+    ],
     trials: Annotated[int, typer.Option(help="Trials in all, earlier ones included.")] = 20,
     recipe: Annotated[str, typer.Option(help="Recipe that the trials start from.")] = "tuned",
     data: Annotated[str, typer.Option(help="Solved dataset, a folder or a URL.")] = "data/paper",

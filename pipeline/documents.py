@@ -3,15 +3,17 @@
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from codecs import BOM_UTF8
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, from_json
 
 from pipeline.errors import InputError
-from pipeline.files import write_text
+from pipeline.files import read_bytes, write_text
 
 Document = TypeVar("Document", bound=BaseModel)
 
@@ -73,7 +75,7 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
     """The document in a file.
 
     Args:
-        path: the file.
+        path: the file, or - for standard input.
         kind: its fields.
         what: what it is meant to be, such as "a scenario file".
 
@@ -81,18 +83,38 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
+        content = read_bytes(path, MOST_BYTES + 1).removeprefix(BOM_UTF8)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error}); expected {what}.") from error
     try:
-        return kind.model_validate(parsed(content))
+        value = parsed(content)
+        _refuse_repeated(content)
+        return kind.model_validate(value)
     except ValidationError as error:  # which is a ValueError
-        raise InputError(f"{path}: {faults(error)}; expected {what}.") from error
+        raise InputError(f"{path}: {faults(error, kind)}; expected {what}.") from error
     except InputError as error:  # of a value that refuses what it is made of
         raise InputError(f"{path}: {error}") from error
     except ValueError as error:
         raise InputError(f"{path} is not JSON: {error}; expected {what}.") from error
+
+
+def _refuse_repeated(content: bytes) -> None:
+    """Refuse JSON that has a field twice, of which readers take one or the other.
+
+    Raises:
+        InputError: naming the field.
+    """
+
+    def once(fields: list[tuple[str, Any]]) -> None:
+        names = [name for name, _ in fields]
+        if len(set(names)) < len(names):
+            name = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"{name} is there twice; expected each field once: remove one.")
+
+    def unread(_: str) -> None:  # numbers are of no interest here
+        return
+
+    json.loads(content, object_pairs_hook=once, parse_float=unread, parse_int=unread)
 
 
 def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:
@@ -104,15 +126,15 @@ def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:
     try:
         return kind.model_validate(fields)
     except ValidationError as error:
-        raise InputError(f"{faults(error)}.") from error
+        raise InputError(f"{faults(error, kind)}.") from error
 
 
-def faults(error: ValidationError) -> str:
-    """Field and fault of every error, in one line."""
+def faults(error: ValidationError, kind: type[BaseModel]) -> str:
+    """Field and fault of every error of a kind of document, in one line."""
     found = error.errors(include_url=False)
     if any(fault["loc"] == ("schema",) for fault in found):  # the others follow from it
         found = [fault for fault in found if fault["loc"] == ("schema",)]
-    told = "; ".join(map(_fault, found[:MOST_FAULTS]))
+    told = "; ".join(_fault(fault, kind) for fault in found[:MOST_FAULTS])
     return told + (f"; and {len(found) - MOST_FAULTS} more" if len(found) > MOST_FAULTS else "")
 
 
@@ -121,7 +143,7 @@ def first_fault(error: ValidationError) -> str:
     return _fault(error.errors(include_url=False)[0])
 
 
-def _fault(fault: ErrorDetails) -> str:
+def _fault(fault: ErrorDetails, kind: type[BaseModel] | None = None) -> str:
     # What stands in parentheses names one of a field's forms, which is no place in the file.
     places = [k for k in fault["loc"] if not str(k).startswith("(")]
     where = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in places).lstrip(".")
@@ -132,10 +154,34 @@ def _fault(fault: ErrorDetails) -> str:
     if fault["type"] in ("missing", "missing_argument"):
         return f"{where} is missing"
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        return f"{where} is not a field of this schema; remove it"
+        near = () if kind is None else get_close_matches(str(places[-1]), _fields(kind, places))
+        cure = f"did you mean {near[0]}?" if near else "remove it"
+        return f"{where} is not a field of this schema; {cure}"
     given = fault["input"]
     shown = f" is {given!r}" if isinstance(given, str | int | float | bool | None) else ""
     return f"{where}{shown}: {what}"
+
+
+def _fields(kind: type[BaseModel], places: Sequence[str | int]) -> list[str]:
+    """Names of the fields of a document where a path leads, its last part left out."""
+    models = [kind]
+    for name in places[:-1]:
+        if isinstance(name, str):
+            models = [
+                model
+                for one in models
+                if name in one.model_fields
+                for model in _models(one.model_fields[name].annotation)
+            ]
+    return [field.alias or name for one in models for name, field in one.model_fields.items()]
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Models that a type is made of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)
 
 
 def write_document(path: Path, fields: dict[str, Any]) -> None:

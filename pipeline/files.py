@@ -3,9 +3,13 @@
 import contextlib
 import os
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from uuid import uuid4
+
+STDIO = Path("-")
+"""Instead of a file: what is read is standard input, what is written standard output."""
 
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
 """Names of files that are not finished yet: that of the file, and one of its own."""
@@ -36,8 +40,24 @@ def published(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def stem_of(path: Path) -> str:
+    """What to call what is read: a file's name without its suffix."""
+    return "stdin" if path == STDIO else path.stem
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """The content of a file or of standard input, cut off after so many bytes."""
+    if path == STDIO:
+        return sys.stdin.buffer.read(most)
+    with path.open("rb") as file:
+        return file.read(most)
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write a text file that appears whole."""
+    """Write a text file that appears whole, or to standard output."""
+    if path == STDIO:
+        sys.stdout.write(text)
+        return
     with published(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -2,6 +2,12 @@
 
 import os
 
+from hypothesis import settings
+
 # Arrays and networks this small are slower on several threads, above all beside other workers.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+
+# How long an example takes says nothing on a machine that others use as well.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")

@@ -24,7 +24,8 @@ class Column:
         source: column of the frame.
         text: how a value is written; also decides that the column is aligned right.
         spread: column of the frame that holds the value's spread, where it has one.
-        interval: columns that hold the ends of a share's interval, where it has one.
+        interval: columns that hold the ends of the value's interval, where it has one.
+        bounds: how these are written.
     """
 
     title: str
@@ -32,6 +33,7 @@ class Column:
     text: Callable[[float], str] | None = None
     spread: str = ""
     interval: tuple[str, str] | None = None
+    bounds: Callable[[float, float], str] = percents
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,7 @@ class Table:
         """What brackets and ± mean in it, where it has any."""
         said = []
         if any(column.interval for column in self.columns):
-            said.append("Brackets are Wilson's 95 % intervals of a share.")
+            said.append(INTERVALS)
         if self.trainings > 1:
             said.append(
                 f"Networks trained with several seeds (up to {self.trainings}) show the average "
@@ -112,6 +114,8 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     write_text(path, text)
 
 
+INTERVALS = "Brackets are 95 % intervals: Wilson's of a share, Student's of a mean."
+
 LONGEST = 80
 """Characters of a file's name that a table or figure keeps of its own."""
 
@@ -132,6 +136,6 @@ def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
         if column.spread and pd.notna(row[column.spread]):
             text += f" ± {column.text(float(row[column.spread]))}"
         if column.interval and pd.notna(row[column.interval[0]]):
-            text += f" {percents(*row[list(column.interval)])}"
+            text += f" {column.bounds(*row[list(column.interval)])}"
         texts.append(text)
     return texts

@@ -55,6 +55,11 @@ def percents(low: float, high: float) -> str:
     return f"[{100 * low:.1f}, {100 * high:.1f}]"
 
 
+def ratios(low: float, high: float) -> str:
+    """The interval of a ratio."""
+    return f"[{ratio(low)}, {ratio(high)}]"
+
+
 def error(metres: float) -> str:
     """An error in m; what is rounding of the arithmetic shows as such."""
     return "< 1e-6" if metres < NEGLIGIBLE else number(metres)

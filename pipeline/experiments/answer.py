@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pipeline.exhibits.intervals import Interval, share_interval
+from pipeline.exhibits.intervals import Interval, wilson
 from pipeline.exhibits.numbers import number, percents, ratio, share
 from pipeline.exhibits.planners import name_of
 from pipeline.experiments.compare import mean_interval
@@ -75,7 +75,7 @@ def measured(rows: pd.DataFrame) -> Measured:
         name=f"{name_of(first['planner'])} {first['recipe']}".strip(),
         trainings=int(rows["training_seed"].nunique()),
         safe=safe,
-        safe_interval=share_interval(safe, len(per)),
+        safe_interval=wilson(safe, len(per)),
         fuel=float(per["fuel_ratio"].mean()),
         fuel_interval=mean_interval(per["fuel_ratio"].dropna().to_numpy(dtype=float)),
     )

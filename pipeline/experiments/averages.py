@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from pipeline.exhibits.blocks import Column
-from pipeline.exhibits.intervals import share_interval
+from pipeline.exhibits.intervals import wilson
 from pipeline.exhibits.numbers import count
 
 
@@ -50,7 +50,7 @@ def averaged(rows: pd.DataFrame, group: Sequence[str], averages: Sequence[Averag
     for share in (a for a in averages if a.interval):
         # Trainings with other seeds flew the same trials, so they add none.
         pairs = zip(summary[share.source].astype(float), summary["trials"], strict=True)
-        summary[list(share.interval or ())] = [share_interval(s, int(k)) for s, k in pairs]
+        summary[list(share.interval or ())] = [wilson(s, int(k)) for s, k in pairs]
     return summary
 
 

@@ -1,11 +1,10 @@
 """How sure a share is that was counted in clusters, such as the flights of one scenario."""
 
-import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
 from pipeline.arrays import Array
-from pipeline.exhibits.intervals import CONFIDENCE, Interval
+from pipeline.exhibits.intervals import CONFIDENCE, NORMAL, Interval, wilson
 
 
 def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
@@ -23,23 +22,10 @@ def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
     k = len(shares)
     if k == 0:
         return float("nan"), float("nan")
-    p, normal = float(shares.mean()), float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
+    p = float(shares.mean())
     variance = float(shares.var(ddof=1)) / k if k > 1 else 0.0
     worth = 0.0
     if variance > 0:
-        few = normal / float(stats.t.ppf(0.5 + CONFIDENCE / 2, k - 1))
+        few = NORMAL / float(stats.t.ppf(0.5 + CONFIDENCE / 2, k - 1))
         worth = p * (1 - p) / variance * few**2
     return wilson(p, float(min(max(worth, k), k * each)))
-
-
-def wilson(share: float, trials: float) -> Interval:
-    """Wilson's interval of a share of so many trials, which need not be a whole number.
-
-    E. Wilson, "Probable inference, the law of succession, and statistical inference", Journal of
-    the American Statistical Association 22, 1927.
-    """
-    normal = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
-    more = normal**2 / trials
-    middle = (share + more / 2) / (1 + more)
-    half = normal / (1 + more) * np.sqrt(share * (1 - share) / trials + more / (4 * trials))
-    return max(0.0, middle - float(half)), min(1.0, middle + float(half))

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy import stats
 
 from pipeline.arrays import Array
-from pipeline.exhibits.intervals import CONFIDENCE, Interval
+from pipeline.exhibits.intervals import CONFIDENCE, Interval, newcombe
 
 CHANCE = 1 - CONFIDENCE
 """Probability under which a difference is no longer put down to chance."""
@@ -21,7 +21,7 @@ class Compared:
     Attributes:
         trials: how many.
         safe: difference in the share of safe trials.
-        safe_interval: of that difference.
+        safe_interval: Newcombe's of that difference.
         safe_by_chance: probability of so uneven a split of the trials in which just one is safe,
             where either were as likely (exact sign test).
         fuel: mean difference in fuel over its bound, or in m/s² where that is compared.
@@ -58,13 +58,16 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
         for rows in (first, second)
     ]
     difference = (both[0] - both[1]).dropna()
+    first_safe, second_safe = (
+        rows.loc[difference.index, "safe"].to_numpy(dtype=float) for rows in both
+    )
     safe, cost = (difference[column].to_numpy(dtype=float) for column in columns)
     uneven = safe[safe != 0]
     chance = stats.binomtest(int((uneven > 0).sum()), len(uneven)).pvalue if len(uneven) else 1.0
     return Compared(
         trials=len(difference),
         safe=_mean(safe),
-        safe_interval=mean_interval(safe),
+        safe_interval=newcombe(first_safe, second_safe),
         safe_by_chance=float(chance),
         fuel=_mean(cost),
         fuel_interval=mean_interval(cost),

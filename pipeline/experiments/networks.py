@@ -8,14 +8,18 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pipeline.exhibits.intervals import share_interval
+from pipeline.exhibits.intervals import wilson
 from pipeline.exhibits.numbers import share
 from pipeline.exhibits.planners import in_order, is_network, is_papers, spoken_of
 from pipeline.experiments.answer import CHEAP, FREE, SAFE, Answer, Measured, measured
 from pipeline.experiments.compare import compare
 from pipeline.experiments.trials import PREDICTED
+from pipeline.experiments.verdict import at_least, at_most
 
 VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
+
+YES = "Yes"
+"""The verdict on networks that are safe and cheap."""
 
 Name = tuple[str, str]
 """A network: planner and recipe."""
@@ -88,7 +92,7 @@ def picked(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     if not means:
         return None
     share, _, trials = max(means.values())
-    low, _ = share_interval(share, int(trials))
+    low, _ = wilson(share, int(trials))
     return min((fuel, name) for name, (share, fuel, _) in means.items() if share >= low)[1]
 
 
@@ -145,15 +149,15 @@ def _answer(
 
 
 def verdict(networks: list[Measured]) -> str:
-    """What intervals leave no doubt about, for all of some networks."""
-    if all(one.safe_interval[1] < SAFE for one in networks):
-        dear = all(one.fuel_interval[0] > CHEAP for one in networks)
-        return "No: neither safe nor cheap" if dear else "No: not safe"
-    if all(one.safe_interval[0] >= SAFE for one in networks):
-        if all(one.fuel_interval[1] <= CHEAP for one in networks):
-            return "Yes"
-        return "No: safe, not cheap" if networks[0].fuel_interval[0] > CHEAP else "Open: fuel"
-    return "Open: too few trials"
+    """Whether some networks are all safe and cheap, by the rule of every verdict."""
+    safe = {at_least(one.safe_interval, SAFE) for one in networks}
+    cheap = {at_most(one.fuel_interval, CHEAP) for one in networks}
+    if safe == {False}:
+        return "No: neither safe nor cheap" if cheap == {False} else "No: not safe"
+    if safe == {True}:
+        dear = "No: safe, not cheap" if cheap == {False} else "Open: fuel"
+        return YES if cheap == {True} else dear
+    return "Open: too few trials" if None in safe else "In part: some are safe"
 
 
 def _baseline(free: pd.DataFrame, mine: pd.DataFrame) -> str:

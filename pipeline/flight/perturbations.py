@@ -7,10 +7,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.reference import MU_EARTH, R_EARTH
-
-J2 = 1.0826266836e-3
-"""Second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀."""
+from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 
 EARTH_RATE = 7.292115e-5
 """Of the Earth's rotation, about the inertial z axis, rad/s."""

@@ -7,7 +7,7 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.exhibits.intervals import Interval, share_interval
+from pipeline.exhibits.intervals import Interval, wilson
 
 HIGH = 0.95
 """The quantile that is told beside the median."""
@@ -112,4 +112,4 @@ def _share(
     if alone:
         return None, None
     share = float((apart <= distance).mean())
-    return share, share_interval(share, len(apart))
+    return share, wilson(share, len(apart))

@@ -20,10 +20,15 @@ LONGEST = 100
 """Characters of a comment on one line; messages have at most 254 on any."""
 
 
+ORIGINATOR = "ORIGINATOR = PROLEARN"
+"""The line by which files of ours are known."""
+
+
 def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -> list[Path]:
     """Write an OEM for each craft into a folder, a segment for each interval of constant thrust.
 
-    Thrust jumps at nodes, and no interpolation may reach across a jump.
+    Thrust jumps at nodes, and no interpolation may reach across a jump. Files of craft that an
+    earlier plan had there, and this one has not, go.
 
     Args:
         plan: whose states and controls.
@@ -46,6 +51,9 @@ def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -
             lines += _segment(plan, scenario, arcs, k, arc, f"{label}-{craft}")
         paths.append(folder / f"{craft}.oem")
         write_text(paths[-1], "\n".join(lines) + "\n")
+    for old in folder.glob("craft-*.oem"):
+        if old not in paths and ORIGINATOR in old.read_text(encoding="utf-8", errors="replace"):
+            old.unlink()
     return paths
 
 
@@ -59,7 +67,7 @@ def _header(plan: Plan, scenario: Scenario, craft: int, created: str) -> Iterato
     yield f"COMMENT two-body orbit of mean motion {problem.mean_motion!r} rad/s,"
     yield f"COMMENT radius {radius_at(problem.mean_motion) / 1e3:.9f} km."
     yield f"CREATION_DATE = {created}"
-    yield "ORIGINATOR = PROLEARN"
+    yield ORIGINATOR
 
 
 def _segment(

@@ -1,6 +1,7 @@
 """Node states and controls of a plan as a table: CSV and Parquet, a row for each craft and node."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pyarrow as pa
 import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
-from pipeline.files import published
+from pipeline.files import STDIO, published
 from pipeline.handover.arcs import check_states
 from pipeline.plan import Plan
 from pipeline.plan.document import plan_document
@@ -48,9 +49,13 @@ def table_of(plan: Plan, scenario: Scenario) -> pa.Table:
 
 
 def write_csv(plan: Plan, scenario: Scenario, path: Path) -> None:
-    """Write the table as CSV, with a header line; the file appears whole."""
+    """Write the table as CSV, with a header line; the file appears whole, or on stdout."""
+    table, options = table_of(plan, scenario), csv.WriteOptions(quoting_header="none")
+    if path == STDIO:
+        csv.write_csv(table, pa.PythonFile(sys.stdout.buffer, "w"), options)
+        return
     with published(path) as temporary:
-        csv.write_csv(table_of(plan, scenario), temporary, csv.WriteOptions(quoting_header="none"))
+        csv.write_csv(table, temporary, options)
 
 
 def write_parquet(plan: Plan, scenario: Scenario, path: Path) -> None:

@@ -7,10 +7,10 @@ import numpy as np
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.cw import ClohessyWiltshire
 from pipeline.orbit.dynamics import Dynamics
-from pipeline.orbit.reference import mean_motion_at
+from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
 
 RANGES = {
-    "mean_motion": (1e-15, 1.0),
+    "mean_motion": (1e-15, mean_motion_at(LOWEST)),
     "time_step": (1e-3, 1e6),
     "collision_radius": (1e-6, 1e6),
     "max_acceleration": (1e-12, 1e6),
@@ -47,6 +47,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Refuse what no transfer can be planned with."""
+        check_mean_motion(self.mean_motion)
         for name, (least, most) in RANGES.items():
             value = getattr(self, name)
             if name == "max_acceleration" and value is None:

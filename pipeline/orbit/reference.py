@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from datetime import datetime
-from math import sqrt
+from math import pi, radians, sqrt
 
-from pipeline.errors import check_range
+from pipeline.errors import InputError, check_range
 
 MU_EARTH = 398600.4418e9
 """Gravitational parameter of the Earth, m³/s²."""
@@ -12,9 +12,17 @@ MU_EARTH = 398600.4418e9
 R_EARTH = 6378137.0
 """Equatorial radius of the Earth, m."""
 
+J2 = 1.0826266836e-3
+"""Second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀."""
+
+LOWEST = 100e3
+"""Altitude in m under which air ends an orbit within a revolution."""
 
 HIGHEST = 1.5e9
 """Of orbits about the Earth, altitude in m: about where the Sun's pull takes over."""
+
+GEOSTATIONARY = 35_786e3
+"""Altitude in m up to which a unit is guessed."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +52,37 @@ def mean_motion_at(altitude: float) -> float:
     Raises:
         InputError: for an altitude that no orbit about the Earth has.
     """
-    check_range("altitude", altitude, 0.0, HIGHEST)
+    if LOWEST / 1e3 <= altitude < LOWEST:
+        raise InputError(
+            f"altitude is {altitude:g} m, where air lets no orbit last; expected at least "
+            f"{LOWEST:g} m: if it is in km, give {1e3 * altitude:g}."
+        )
+    check_range("altitude", altitude, LOWEST, HIGHEST)
     return sqrt(MU_EARTH / (R_EARTH + altitude) ** 3)
+
+
+def check_mean_motion(mean_motion: float) -> None:
+    """Refuse a mean motion (rad/s) of orbits inside the Earth or its air.
+
+    No planet is denser than the Earth, so that none has faster orbits.
+
+    Raises:
+        InputError: with the value in rad/s, where it looks like deg/s or revolutions a day.
+    """
+    most = mean_motion_at(LOWEST)
+    if not mean_motion > most:
+        return
+    units = {"deg/s": radians(mean_motion), "revolutions a day": 2 * pi * mean_motion / 86400}
+    slow = mean_motion_at(GEOSTATIONARY)
+    hints = (
+        f": if it is in {unit}, give {value:.9g}"
+        for unit, value in units.items()
+        if slow / 2 <= value <= most
+    )
+    raise InputError(
+        f"mean_motion is {mean_motion:g} rad/s, that of an orbit inside the Earth or its air; "
+        f"expected at most {most:.5g} rad/s{next(hints, '')}."
+    )
 
 
 def radius_at(mean_motion: float) -> float:

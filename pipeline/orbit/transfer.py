@@ -9,6 +9,12 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.orbit.problem import Problem
 
+COAST = 1e-7
+"""Share of a craft's largest control under which a control is a solver's rounding, not a burn."""
+
+UNCHANGED = 1e-9
+"""Change of a final state that is none, m; of velocities, m/s over the mean motion."""
+
 
 @dataclass(frozen=True, eq=False)
 class TransferMaps:
@@ -88,6 +94,32 @@ def meet_goal(
     flat = controls.reshape(*controls.shape[:-2], 3 * problem.intervals)
     miss = goal - np.matvec(maps.drift[-1], initial) - np.matvec(maps.reach[-1], flat)
     return controls + np.matvec(maps.to_goal, miss).reshape(controls.shape)
+
+
+def with_coasts(
+    controls: Float[Array, "n intervals 3"], problem: Problem
+) -> Float[Array, "n intervals 3"]:
+    """The controls with exact zeros where only rounding is left; final states stay as they are.
+
+    Where what is dropped moves a craft's final state, its other controls make up for it. Craft
+    whose others cannot keep what they have.
+    """
+    evasive = problem.collision_radius / problem.duration**2
+    largest = np.maximum(np.abs(controls).max(axis=(1, 2), keepdims=True), evasive)
+    burns = np.abs(controls) > COAST * largest
+    kept = np.where(burns, controls, 0.0)
+    reach, weight = transfer_maps(problem).reach[-1], _state_weight(problem)
+    dropped = (controls - kept).reshape(len(controls), -1)
+    change = weight * np.matvec(reach, dropped)
+    for k in np.flatnonzero(np.abs(change).max(axis=1) > UNCHANGED).tolist():
+        own = burns[k].ravel()
+        columns = weight[:, None] * reach[:, own]
+        added = np.linalg.lstsq(columns, change[k])[0]
+        if np.abs(columns @ added - change[k]).max() > UNCHANGED:
+            kept[k] = controls[k]
+        else:
+            kept[k][burns[k]] += added
+    return kept
 
 
 def minimum_energy(

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Swarms, side_by_side
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import collision_risk
 from pipeline.orbit.separation import least_separations, swarm_node_collisions
@@ -27,7 +28,7 @@ class Certificate:
 
     Attributes:
         fuel: Eq. 4, m/s².
-        delta_v: time step times fuel, m/s.
+        delta_v: time step times fuel, of all craft, m/s.
         fuel_lower_bound: no transfer, safe or not, needs less, m/s².
         optimality_gap: fuel / fuel_lower_bound - 1.
         node_collisions: Eq. 5.
@@ -41,6 +42,9 @@ class Certificate:
         fuel_lower_bound_proof: how the bound is proven, in words.
         risk: what is claimed of errors in open loop, where that was asked for, or None.
         passive_safety: how close craft come after a loss of thrust, where that was asked for.
+        craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s; they sum to delta_v. Thrusters along the
+            three axes have to provide it. Earlier files have none.
+        craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s: of one thruster that is turned.
     """
 
     fuel: float
@@ -58,6 +62,8 @@ class Certificate:
     fuel_lower_bound_proof: str = ""
     risk: Risk | None = None
     passive_safety: PassiveSafety | None = None
+    craft_delta_v: tuple[float, ...] = ()
+    craft_delta_v_2norm: tuple[float, ...] = ()
 
 
 def certify(
@@ -77,7 +83,12 @@ def certify(
         requirements: what was asked; passive safety and risk are claimed only where they were.
     """
     problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
-    used = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), swarms.starts)
+    each = np.abs(controls).sum(axis=(1, 2))
+    used = np.add.reduceat(each, swarms.starts)
+    spent = [
+        np.split(problem.time_step * of, swarms.starts[1:])
+        for of in (each, norm(controls).sum(axis=1))
+    ]
     closest = least_separations(states, controls, problem, swarms)
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, swarms.starts)
@@ -107,6 +118,8 @@ def certify(
             fuel_lower_bound_proof=proof,
             risk=risks[k],
             passive_safety=adrift[k],
+            craft_delta_v=tuple(spent[0][k].tolist()),
+            craft_delta_v_2norm=tuple(spent[1][k].tolist()),
         )
         for k, ((bound, proof), apart) in enumerate(zip(bounds, closest, strict=True))
     ]

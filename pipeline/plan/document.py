@@ -6,22 +6,23 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from pipeline.documents import DIALECT, read_document, write_document
 from pipeline.errors import InputError
+from pipeline.files import stem_of
 from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Plan
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import ScenarioDocument, document_of
+from pipeline.scenario.ends import Number, State
 
 SCHEMA = "prolearn.plan/2"
 
 WHAT = f"a plan file (schema {SCHEMA})"
 
-State = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
-Control = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class PlanDocument(BaseModel):
@@ -45,7 +46,7 @@ class PlanDocument(BaseModel):
         "proven that there is no plan; unsolved: none was found."
     )
     message: str = Field("", description="Why, where the status is not solved.")
-    times: list[FiniteFloat] = Field(description="Of the nodes, s since the first.")
+    times: list[Number] = Field(description="Of the nodes, s since the first.")
     states: list[list[State]] = Field(
         description="By craft and node: x y z vx vy vz, LVLH, m and m/s."
     )
@@ -72,6 +73,8 @@ class PlanDocument(BaseModel):
     def _one_shape(self) -> "PlanDocument":
         n, T = len(self.states), len(self.times)
         asked = self.scenario
+        if asked is None and self.schema_name == SCHEMA:
+            raise ValueError(f"scenario is missing, which {SCHEMA} has: plan again")
         if asked is not None and (n, T) != (asked.n, asked.nodes):
             raise ValueError(f"the plan has {n} craft and {T} nodes, its scenario has others")
         rows = [{len(craft) for craft in part} for part in (self.states, self.controls)]
@@ -138,7 +141,7 @@ def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
     document = read_document(path, PlanDocument, WHAT)
     try:
         asked = document.scenario
-        return document.plan, None if asked is None else asked.scenario(path.stem)
+        return document.plan, None if asked is None else asked.scenario(stem_of(path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
@@ -62,16 +62,17 @@ def planned_all(
         return []
     started = perf_counter()
     problem = scenarios[0].problem
-    controls = np.concatenate([one.controls for one in made])
+    controls = with_coasts(np.concatenate([one.controls for one in made]), problem)
     states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
     certificates = certify(scenarios, states, controls, bounds, requirements)
     each = (perf_counter() - started) / len(scenarios)
-    flown = np.split(states, np.cumsum([s.n for s in scenarios])[:-1])
+    ends = np.cumsum([s.n for s in scenarios])[:-1]
+    flown, burned = np.split(states, ends), np.split(controls, ends)
     plans = []
-    for one, theirs, certificate in zip(made, flown, certificates, strict=True):
+    for one, theirs, burns, certificate in zip(made, flown, burned, certificates, strict=True):
         missed = _missed(certificate)
-        fault = _fault(one.controls, certificate, problem, requirements)
+        fault = _fault(burns, certificate, problem, requirements)
         status = UNSOLVED if missed else UNSAFE if fault else SOLVED
         timing = {**one.timing, "certificate": each}
         plans.append(
@@ -79,7 +80,7 @@ def planned_all(
                 planner,
                 status,
                 theirs,
-                one.controls,
+                burns,
                 certificate,
                 one.convex_solves,
                 timing,

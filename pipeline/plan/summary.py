@@ -8,6 +8,8 @@ from pipeline.plan.plan import INFEASIBLE, Plan
 CLAIMS = (
     "fuel",
     "delta_v",
+    "craft_delta_v",
+    "craft_delta_v_2norm",
     "fuel_lower_bound",
     "optimality_gap",
     "min_separation",

@@ -11,15 +11,15 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    FiniteFloat,
     model_validator,
 )
 
 from pipeline.documents import DIALECT, document_from, read_document, write_document
 from pipeline.errors import InputError
+from pipeline.files import stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
-from pipeline.scenario.ends import End, Positive, craft_of, end_states
+from pipeline.scenario.ends import End, Number, Positive, Whole, craft_of, end_states
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.soundness import check
 
@@ -53,9 +53,9 @@ class ReferenceDocument(BaseModel):
     epoch: Annotated[datetime, BeforeValidator(_utc)] = Field(
         description="Time of the first node by ISO 8601 with a zone, such as 2026-03-01T12:00:00Z."
     )
-    inclination_deg: FiniteFloat = Field(ge=0, le=180, description="Inclination, deg.")
-    raan_deg: FiniteFloat = Field(description="Right ascension of the ascending node, deg.")
-    argument_of_latitude_deg: FiniteFloat = Field(
+    inclination_deg: Number = Field(ge=0, le=180, description="Inclination, deg.")
+    raan_deg: Number = Field(description="Right ascension of the ascending node, deg.")
+    argument_of_latitude_deg: Number = Field(
         description="From the ascending node to the LVLH frame's origin at the epoch, deg."
     )
 
@@ -90,7 +90,7 @@ class ScenarioDocument(BaseModel):
     time_step: Positive = Field(
         Problem.time_step, description="Length of an interval of constant control, s."
     )
-    nodes: int = Field(
+    nodes: Whole = Field(
         Problem.nodes, ge=3, description="Time nodes, both ends included: intervals and one."
     )
     collision_radius: Positive = Field(
@@ -138,7 +138,7 @@ def read_scenario(path: Path) -> Scenario:
     """
     document = read_document(path, ScenarioDocument, WHAT)
     try:
-        return document.scenario(path.stem)
+        return document.scenario(stem_of(path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -182,7 +182,7 @@ def write_by_hand(path: Path, fields: Mapping[str, Any]) -> Scenario:
         InputError: where a field is missing or wrong, by its name; nothing is written then.
     """
     document = document_from({"schema": SCHEMA, **fields}, ScenarioDocument)
-    scenario = document.scenario(path.stem)
+    scenario = document.scenario(stem_of(path))
     write_document(path, document.model_dump(mode="json", by_alias=True, exclude_unset=True))
     return scenario
 

@@ -4,14 +4,33 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    FiniteFloat,
+    Tag,
+    model_validator,
+)
 
 from pipeline.arrays import Array
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario.scenario import MOST_CRAFT
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-State = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
+
+def _number(given: Any) -> Any:
+    """Refuse what only looks like a number: a text in quotes, true and false."""
+    if isinstance(given, str | bool):
+        raise ValueError("expected a number, without quotes")
+    return given
+
+
+Number = Annotated[FiniteFloat, Field(strict=True)]
+Whole = Annotated[int, BeforeValidator(_number)]
+Positive = Annotated[Number, Field(gt=0)]
+State = Annotated[list[Number], Field(min_length=6, max_length=6)]
 States = Annotated[
     list[State],
     Field(min_length=1, description="A state x y z vx vy vz of each craft, LVLH, m and m/s."),
@@ -36,25 +55,25 @@ class RingDocument(BaseModel):
         },
     )
 
-    craft: int | None = Field(
-        None, ge=1, le=MOST_CRAFT, description="Number of craft, equally spaced in phase."
+    craft: Annotated[int, Field(ge=1, le=MOST_CRAFT), BeforeValidator(_number)] | None = Field(
+        None, description="Number of craft, equally spaced in phase."
     )
-    first_phase_deg: FiniteFloat = Field(
+    first_phase_deg: Number = Field(
         0.0, description="Phase θ of the first of them at the end's time, deg."
     )
-    phases_deg: Annotated[list[FiniteFloat], Field(min_length=1, max_length=MOST_CRAFT)] | None = (
-        Field(None, description="Instead of both: phase θ of each craft, deg.")
+    phases_deg: Annotated[list[Number], Field(min_length=1, max_length=MOST_CRAFT)] | None = Field(
+        None, description="Instead of both: phase θ of each craft, deg."
     )
     size: Positive = Field(
         description="Semi-major axis: half the ring's along-track extent, its radial one, m."
     )
-    tilt_deg: FiniteFloat = Field(
+    tilt_deg: Number = Field(
         0.0, gt=-90, lt=90, description="Tilt of the ring's plane against the orbital plane, deg."
     )
-    cross_phase_deg: FiniteFloat = Field(
+    cross_phase_deg: Number = Field(
         0.0, description="Phase between cross-track and radial motion, deg."
     )
-    offset: FiniteFloat = Field(
+    offset: Number = Field(
         0.0, description="Along-track distance of the ring's centre from the origin, m."
     )
 

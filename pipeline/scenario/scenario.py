@@ -9,7 +9,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import Reference
+from pipeline.orbit.reference import Reference, radius_at
 
 MOST_CRAFT = 10_000
 """Far more than plans are made for, and few enough for a list of all pairs."""
@@ -18,7 +18,10 @@ MOST_STATES = 1_000_000
 """Craft times nodes."""
 
 FURTHEST, FASTEST = 1e9, 1e6
-"""Largest component of a position, m, and of a velocity, m/s; beyond, no motion is relative."""
+"""Largest component of a position, m, and of a velocity, m/s, on any orbit."""
+
+RELATIVE = 0.1
+"""Share of the reference orbit's radius beyond which no motion is relative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +30,7 @@ class Scenario:
 
     Attributes:
         problem: orbit, time grid and collision radius.
-        initial: states at the first node, (n, 6), m and m/s, LVLH.
+        initial: states at the first node, (n, 6), m and m/s, LVLH; lists become arrays.
         goal: states at the last node, (n, 6).
         family: the family it was drawn from, or "custom".
         name: what to call it in files and tables.
@@ -44,7 +47,14 @@ class Scenario:
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
         for end in ("initial", "goal"):
-            states = getattr(self, end)
+            try:
+                states = np.asarray(getattr(self, end), dtype=float)
+            except (TypeError, ValueError) as error:
+                raise InputError(
+                    f"{end} is no array of numbers ({error}); expected a row x y z vx vy vz in m "
+                    "and m/s for each spacecraft."
+                ) from error
+            object.__setattr__(self, end, states)
             if states.ndim != 2 or states.shape[1:] != (6,) or len(states) == 0:
                 raise InputError(
                     f"{end} has shape {states.shape}; expected one row x y z vx vy vz for each "
@@ -56,11 +66,13 @@ class Scenario:
                     f"{end}[{bad.argmax()}] has a value that is not a finite number; expected "
                     "six finite numbers x y z vx vy vz in m and m/s."
                 )
-            beyond = np.abs(states).reshape(-1, 2, 3).max(axis=(0, 2)) > (FURTHEST, FASTEST)
-            if beyond.any():
+            far, fast = np.abs(states).reshape(-1, 2, 3).max(axis=(0, 2)).tolist()
+            furthest = min(FURTHEST, RELATIVE * radius_at(self.problem.mean_motion))
+            if far > furthest or fast > FASTEST:
                 raise InputError(
-                    f"{end} reaches {np.abs(states).max():g}; expected positions within "
-                    f"{FURTHEST:g} m and velocities within {FASTEST:g} m/s."
+                    f"{end} reaches {far:g} m and {fast:g} m/s; expected positions within "
+                    f"{furthest:g} m, {RELATIVE:.0%} of the reference orbit's radius, and "
+                    f"velocities within {FASTEST:g} m/s."
                 )
         if self.n > MOST_CRAFT or self.n * self.problem.nodes > MOST_STATES:
             raise InputError(

@@ -12,6 +12,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
 from pipeline.orbit.drift import free_drift
 from pipeline.orbit.least_thrust import least_limits
+from pipeline.orbit.linearity import model_error
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.orbit.separation import least_separation
@@ -21,7 +22,7 @@ ENERGY_TOLERANCE = 1e-5
 """Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit."""
 
 APART, MATCHED = "craft apart", "energy-matched"
-PASSIVE, REACHABLE = "passively safe", "within reach"
+PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"
 """What is looked at."""
 
 Formation = Float[Array, "n 6"]
@@ -72,7 +73,7 @@ def findings(scenario: Scenario) -> list[Finding]:
     for end, states in _ends(scenario):
         found += [_apart(end, states, problem), _matched(end, states, problem)]
         found += [_passive(end, states, problem)]
-    return [*found, _reachable(scenario)]
+    return [*found, _reachable(scenario), _linear(scenario)]
 
 
 def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
@@ -215,6 +216,24 @@ def _reachable(scenario: Scenario) -> Finding:
         return Finding(REACHABLE, "transfer", text, cases, cure)
     text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
     return Finding(REACHABLE, "transfer", text)
+
+
+def _linear(scenario: Scenario) -> Finding:
+    """Whether the linear model is off by less than the collision radius."""
+    problem = scenario.problem
+    found = model_error(np.concatenate([scenario.initial, scenario.goal]), problem)
+    off = f"about an oblate Earth craft end some {found.total:.2g} m off their goals"
+    if found.total <= problem.collision_radius:
+        return Finding(LINEAR, "transfer", off)
+    turns = problem.mean_motion * problem.duration / (2 * np.pi)
+    case = Case(
+        (),
+        f"{found.curvature:.2g} m since craft are up to {found.reach:.3g} m from the origin, "
+        f"{found.oblateness:.2g} m by J2 over {turns:.3g} orbits",
+        vars(found),
+    )
+    cure = "stay nearer to the origin or take less time; `prolearn fly` says what a plan misses"
+    return Finding(LINEAR, "transfer", f"{off}: more than collision_radius", (case,), cure)
 
 
 def _short(k: int, least: float, limit: float) -> Case:

@@ -108,6 +108,13 @@ def _false_claims(said: Certificate, found: Certificate) -> list[str]:
         theirs, ours = getattr(said, name), getattr(found, name)
         if not abs(theirs - ours) <= RELATIVE * abs(ours):
             wrong.append((name, theirs, ours, unit))
+    for name in ("craft_delta_v", "craft_delta_v_2norm"):
+        both = list(zip(getattr(said, name), getattr(found, name), strict=False))
+        wrong += [
+            (f"{name}[{k}]", theirs, ours, " m/s")
+            for k, (theirs, ours) in enumerate(both)
+            if not abs(theirs - ours) <= RELATIVE * found.delta_v
+        ][:1]
     for name in ("min_separation", "min_separation_bound"):
         theirs, ours = getattr(said, name), getattr(found, name)
         if None not in (theirs, ours) and not theirs <= ours + 2 * TOLERANCE:

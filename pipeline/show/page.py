@@ -35,14 +35,16 @@ def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Judged]:
     """
     shown = judged(claimed, scenario)
     data, pairs = page_data(shown.plan, scenario)
+    found = shown.plan.certificate
     script, plotly = SCRIPT.read_text(encoding="utf-8"), bundle()
     text = template("pipeline/show/page.html.jinja").render(
         name=name,
         planner=claimed.planner,
         n=scenario.n,
         verdict=verdict(shown, scenario.problem, claimed.status),
-        certificate=certificate_rows(shown.plan.certificate, claimed.status),
+        certificate=certificate_rows(found, claimed.status),
         scenario=scenario_rows(scenario),
+        spent=list(zip(found.craft_delta_v, found.craft_delta_v_2norm, strict=True)),
         planning=planner_rows(shown.plan, claimed.status),
         pairs=pairs,
         collision_radius=scenario.problem.collision_radius,

@@ -49,13 +49,16 @@ def verdict(shown: Judged, problem: Problem, claimed_status: str) -> Verdict:
 
 def certificate_rows(found: Certificate, status: str) -> Rows:
     """The certificate: what is measured, and the number with its unit."""
-    # Where no plan keeps to the thrust limit, no optimum is there to be far from.
-    gap = MISSING if status == INFEASIBLE else f"{100 * found.optimality_gap:.2f} %"
+    gap = f"at most {100 * found.optimality_gap:.2f} %"
+    if status == INFEASIBLE:  # no plan keeps to the thrust limit: no optimum to be far from
+        gap = MISSING
+    elif not math.isfinite(found.optimality_gap):
+        gap = "unknown: the bound is no more than rounding"
     return [
         ("Fuel Σ‖u‖₁ (Eq. 4)", f"{found.fuel:.6g} m/s²"),
-        ("Δv, fuel times time step", f"{found.delta_v:.6g} m/s"),
+        ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
         ("No plan needs less fuel than, by the file", f"{found.fuel_lower_bound:.6g} m/s²"),
-        ("Gap to that bound, at most", gap),
+        ("Gap to that bound", gap),
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_separation_rows(found),
         *_risk_rows(found),

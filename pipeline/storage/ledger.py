@@ -17,6 +17,8 @@ from pipeline.storage.layout import COPY, DAMAGED, MANIFEST, STAMPS, TIMED, TIMI
 from pipeline.storage.lock import sole_writer
 from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of
 
+TIMED_SCHEMA = "prolearn.timings/1"
+
 COMMIT_SHARE = 0.1
 """Most of the time that may go into commits; small manifests are committed after each shard."""
 
@@ -122,7 +124,8 @@ class Ledger(Generic[Kind]):
         started = monotonic()
         manifest, timed, stamps = self._committed
         if self.timed != timed:
-            write_checked(self.folder, TIMED, {"shards": dict(sorted(self.timed.items()))})
+            shards = dict(sorted(self.timed.items()))
+            write_checked(self.folder, TIMED, {"schema": TIMED_SCHEMA, "shards": shards})
         if self.manifest != manifest:
             write_checked(self.folder, MANIFEST, self.manifest.fields(), COPY)
         if self._stamps != stamps:
@@ -182,7 +185,8 @@ def written(
 def read_timed(folder: Folder) -> dict[str, str] | None:
     """Digests of timings by the path of their shard, or None where they cannot be read."""
     try:
-        return dict(read_checked(folder, TIMED)["shards"])
+        fields = read_checked(folder, TIMED)
+        return dict(fields["shards"]) if fields["schema"] == TIMED_SCHEMA else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

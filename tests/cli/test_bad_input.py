@@ -104,6 +104,7 @@ CASES = {
     "nodes without measure": (["sample", "--out", "x", "--nodes", "100000"], "at most 1000"),
     "craft without measure": (["sample", "--out", "x", "--n", "1000000000"], "1 to 10000"),
     "scenarios without measure": (["sample", "--out", "x", "--count", f"{10**12}"], "shards"),
+    "an altitude in km": (["sample", "--out", "x", "--altitude", "500"], "in km, give 500000"),
     "an altitude without measure": (["sample", "--out", "x", "--altitude", "1e308"], "altitude"),
     "steps of time without measure": (
         ["sample", "--out", "x", "--time-step", "1e308"],
@@ -160,8 +161,14 @@ HOSTILE = {
         "at most 10000 craft together",
     ),
     "steps of 1e308 s": ({"time_step": 1e308}, "time_step is 1e+308; expected"),
+    "a mean motion in deg/s": ({"mean_motion": 0.0634}, "in deg/s, give 0.0011065387"),
+    "a mean motion in rev/day": ({"mean_motion": 15.2}, "revolutions a day, give 0.00110537"),
+    "a ring of 3000 km": (
+        {end: {"rings": [{"craft": 3, "size": 3e6}]} for end in ("initial", "goal")},
+        "10% of the reference orbit's radius",
+    ),
     "an orbit of no length": ({"mean_motion": 1e-308}, "mean_motion is 1e-308; expected"),
-    "positions that overflow": ({"initial": [[1e308, 0, 0, 0, 0, 0]] * 3}, "within 1e+09 m"),
+    "positions that overflow": ({"initial": [[1e308, 0, 0, 0, 0, 0]] * 3}, "within 687814 m"),
     "an integer of 400 digits": ({"collision_radius": 10**400}, "more than 40 digits"),
 }
 

@@ -129,3 +129,16 @@ def test_a_plan_whose_states_are_not_its_controls_is_no_file(
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("prolearn: p.json: the plan's states are up to 0.1 m off")
     assert not (tmp_path / "o").exists()
+
+
+def test_files_of_craft_that_an_earlier_plan_had_do_not_stay_beside_a_new_one(prolearn, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/craft-7.oem").write_text("of somebody else")
+    where = ("--epoch", WHERE["epoch"], "--inclination", "97", "--raan", "4")
+    for n in (12, 5):
+        name, place = f"{n}.json", ("--argument-of-latitude", "0")
+        prolearn("scenario", "new", name, "--n", n, *where, *place)
+        prolearn("plan", name, "--out", "p.json")
+        assert prolearn("convert", "p.json", "--to", "oem", "--out", "out").returncode == 0
+    kept = {file.name for file in (tmp_path / "out").iterdir()}
+    assert kept == {*(f"craft-{k}.oem" for k in range(5)), "craft-7.oem"}

@@ -70,6 +70,11 @@ def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(tm
     assert completed("prolearn", "dataset", "c") == ["card"]
     assert completed("prolearn", "dataset", "--preset", "") == ["demo", "paper"]
     assert completed("prolearn", "verify", "--j") == ["--jobs", "--json"]
+    assert completed("prolearn", "plan", "--planner", "re") == ["refiner"]
+    assert completed("prolearn", "train", "--arch", "ff1,lstm") == [
+        *("ff1,lstm1", "ff1,lstm2", "ff1,lstmcol")
+    ]
+    assert completed("prolearn", "sample", "--family", "d") == ["dense"]
 
 
 SWALLOWED = """

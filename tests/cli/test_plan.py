@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from judge import judge_plan
 
@@ -357,3 +358,36 @@ def on_a_terminal(arguments, folder):
     os.close(screen)
     done.wait(timeout=60)
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
+
+
+def test_a_plan_for_which_the_linear_model_is_far_off_says_by_how_much(prolearn, tmp_path):
+    ring = "craft=2,size={}"
+    for name, size in (("near", 200), ("far", 30_000)):
+        rings = ("--from", ring.format(size), "--to", ring.format(size / 2))
+        prolearn("scenario", "new", f"{name}.json", *rings)
+    done = prolearn("plan", "near.json", "far.json", "--out", "plans")
+    (said,) = [line for line in done.stdout.splitlines() if "oblate" in line]
+    assert said.startswith("far.json: about an oblate Earth craft end some ")
+    missed = float(re.search(r"some (\S+) m off", said)[1])
+    flown = prolearn("fly", "plans/far.plan.json", "--eccentricity", "0", "--json")
+    assert missed / 4 < json.loads(flown.stdout)["goal_error"] < 4 * missed
+
+
+@pytest.mark.parametrize("limit", [None, 1.2e-3])
+def test_coasts_are_zeros_and_table_file_and_page_have_the_delta_v_of_each_craft(
+    limit, prolearn, tmp_path
+):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 10, 0, Problem(max_acceleration=limit)))
+    done = prolearn("plan", "s.json", "--out", "p.json")
+    assert judged(tmp_path / "s.json", tmp_path / "p.json").wrong == ()
+    controls = np.array(json.loads((tmp_path / "p.json").read_text())["controls"])
+    size = np.abs(controls)
+    assert (controls == 0).sum() > 200  # of 300: a basic solution has six burns a craft
+    assert size[size > 0].min() > 1e-6 * size.max()
+    assert prolearn("show", "p.json").returncode == 0
+    page = (tmp_path / "p.html").read_text()
+    for k, u in enumerate(controls):
+        one, two = 120 * np.abs(u).sum(), 120 * np.linalg.norm(u, axis=1).sum()
+        assert re.search(rf"^{k} +{one:.3g}0* +{two:.3g}0*$", done.stdout, re.MULTILINE)
+        row = rf'<th scope="row">{k}</th><td>{one:.4g} m/s</td><td>{two:.4g} m/s</td>'
+        assert row in page

@@ -39,7 +39,7 @@ def test_rings_of_ones_own_are_written_checked_and_planned(prolearn, tmp_path):
     assert prolearn("scenario", "new", "s.json", *ends, *where).returncode == 0
     checked = prolearn("scenario", "check", "s.json")
     assert checked.returncode == 0, checked.stdout + checked.stderr
-    assert checked.stdout.count(" fine ") == 7
+    assert checked.stdout.count(" fine ") == 8
     planned = prolearn("plan", "s.json", "--out", "p.json")
     assert planned.returncode == 0, planned.stderr
     kept = json.loads((tmp_path / "p.json").read_text())["scenario"]
@@ -74,7 +74,7 @@ def test_json_has_every_fault_with_its_numbers(prolearn, tmp_path):
     assert done.returncode == 1
     told = json.loads(done.stdout)
     assert told["fine"] is False
-    (reach,) = [one for one in told["findings"] if one["end"] == "transfer"]
+    (reach,) = [one for one in told["findings"] if one["rule"] == "within reach"]
     assert sorted(case["craft"] for case in reach["cases"]) == [[k] for k in range(8)]
     assert all(case["numbers"]["least_limit"] > 1e-5 for case in reach["cases"])
 

@@ -92,3 +92,11 @@ def test_where_no_duration_has_a_safe_plan_the_status_is_1(prolearn, tmp_path):
     assert done.returncode == 1, done.stderr
     assert "There is no knee" in done.stdout
     assert (tmp_path / "s-tradeoff" / "tradeoff.svg").exists()
+
+
+def test_a_curve_that_is_straight_but_for_its_first_step_has_no_knee(prolearn):
+    rings = ("--from", "craft=6,size=200", "--to", "craft=6,size=90,tilt_deg=30")  # README's
+    assert prolearn("scenario", "new", "s.json", *rings).returncode == 0
+    done = prolearn("tradeoff", "s.json", "--duration", "15..40min")
+    assert done.returncode == 0, done.stderr
+    assert "There is no knee" in done.stdout

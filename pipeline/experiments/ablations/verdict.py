@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from pipeline.exhibits.intervals import share_interval
+from pipeline.exhibits.intervals import wilson
 from pipeline.exhibits.numbers import percents, share
 from pipeline.experiments.ablations.gains import NOTHING, Gain, gain
 from pipeline.experiments.ablations.ground import Ground, grounds
@@ -167,7 +167,7 @@ def _mean(rows: pd.DataFrame, column: str) -> float:
 
 def _unsafe(rows: pd.DataFrame) -> str:
     mean = _mean(rows, "unsafe")
-    return f"{share(mean)} {percents(*share_interval(mean, rows['trial'].nunique()))}"
+    return f"{share(mean)} {percents(*wilson(mean, rows['trial'].nunique()))}"
 
 
 def _excess(rows: pd.DataFrame) -> str:

@@ -1,11 +1,12 @@
 """How far beyond n = 30 networks carry, in sentences and as answers."""
 
 from dataclasses import dataclass
+from itertools import takewhile
 
 import pandas as pd
 
 from pipeline.experiments.answer import FREE, Answer, Measured, measured
-from pipeline.experiments.networks import Group, groups, of, spokesman, verdict
+from pipeline.experiments.networks import YES, Group, groups, of, spokesman, verdict
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 
 
@@ -23,13 +24,12 @@ class Carried:
 
     @property
     def sizes(self) -> list[int]:
-        """Up to which it carries: those before the first at which it is not safe or not cheap."""
-        kept = []
-        for n, found in self.at.items():
-            if verdict([found]).startswith("No"):
-                break
-            kept.append(n)
-        return kept
+        """Up to which it carries: those before the first at which it is not safe and cheap."""
+        return [n for n, _ in takewhile(lambda row: row[1] == YES, self._verdicts.items())]
+
+    @property
+    def _verdicts(self) -> dict[int, str]:
+        return {n: verdict([found]) for n, found in self.at.items()}
 
     @property
     def reach(self) -> str:
@@ -37,9 +37,11 @@ class Carried:
         kept = self.sizes
         if len(kept) == len(self.at):
             return f"carries to n = {kept[-1]}, the largest tried"
-        return (
-            f"carries to n = {kept[-1]} and no further" if kept else f"fails at n = {min(self.at)}"
-        )
+        following = list(self.at)[len(kept)]
+        if self._verdicts[following].startswith("Open"):
+            too_few = f"too few trials at n = {following}"
+            return f"carries to n = {kept[-1]}; {too_few}" if kept else f"stays open: {too_few}"
+        return f"carries to n = {kept[-1]} and no further" if kept else f"fails at n = {following}"
 
     @property
     def name(self) -> str:

@@ -1,13 +1,12 @@
 """The paper's third claim, that a network's plan speeds up the optimizer that it seeds."""
 
-import numpy as np
 import pandas as pd
 
 from pipeline.exhibits.numbers import ratio
 from pipeline.exhibits.planners import is_network, label_name, planner_of
 from pipeline.experiments.answer import Answer, span
-from pipeline.experiments.compare import mean_interval
 from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, NO_SEED, PLAIN
+from pipeline.experiments.experiment3.summary import time_ratios
 from pipeline.experiments.networks import Group, groups
 from pipeline.experiments.summary import reference_size
 
@@ -41,15 +40,17 @@ def _of(group: Group, ratios: pd.DataFrame) -> pd.DataFrame:
 
 
 def _faster(name: str, found: pd.DataFrame) -> str:
-    faster = int((found["high"] < 1).sum())
+    faster = int((found["time_ratio_high"] < 1).sum())
     many = f"{faster} of {len(found)} networks faster" if len(found) > 1 else "faster"
     said = many if faster or len(found) > 1 else "not faster"
-    return f"{name}: {span(found['ratio'])} of the time without a seed, {said} beyond chance"
+    return f"{name}: {span(found['time_ratio'])} of the time without a seed, {said} beyond chance"
 
 
 def _beside(name: str, ratios: pd.DataFrame) -> str:
     """The seeds that cost nothing."""
-    free = {seed: r for seed, r in ratios["ratio"].items() if not is_network(planner_of(str(seed)))}
+    free = {
+        seed: r for seed, r in ratios["time_ratio"].items() if not is_network(planner_of(str(seed)))
+    }
     listed = (f"{label_name(str(s))} {ratio(r)}" for s, r in free.items() if s != NO_SEED)
     return f"{name}: {', '.join(listed)}"
 
@@ -58,30 +59,24 @@ def _verdict(group: Group, plain: pd.DataFrame, expert: pd.DataFrame, trainings:
     said = []
     yes, no = ("Confirmed", "Contradicted") if group.papers else ("Yes", "No")
     if len(plain):
-        if trainings > 1 and (plain["high"] < 1).all():
+        if trainings > 1 and (plain["time_ratio_high"] < 1).all():
             said.append(f"{yes} for the paper's kind of optimizer from a blank start")
-        elif trainings > 1 and (plain["low"] > 1).all():
+        elif trainings > 1 and (plain["time_ratio_low"] > 1).all():
             said.append(f"{no} for the paper's kind of optimizer")
         else:
             said.append("Open for the paper's kind of optimizer")
     if len(expert):
         one = "it saves time" if len(expert) == 1 else "some save time"
-        none = "it saves none" if len(expert) == 1 else "none saves any time"
-        said.append(f"with ours, {one if (expert['high'] < 1).any() else none}")
+        none = "it saves none" if len(expert) == 1 else "none saves any"
+        saves = one if (expert["time_ratio_high"] < 1).any() else "no saving is proven"
+        said.append(f"with ours, {none if (expert['time_ratio_low'] > 1).all() else saves}")
     text = "; ".join(said)
     return text[0].upper() + text[1:]
 
 
 def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
-    """By seed, time over that without one on the same trials: geometric mean and its interval."""
-    found = pd.DataFrame(columns=["ratio", "low", "high"])
+    """By seed, the ratio of times at one swarm size, until converged."""
     rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == CONVERGED)]
     if NO_SEED not in set(rows["seed"]):
-        return found
-    rows = rows[rows["n"] == reference_size(rows)]
-    logs = rows.assign(log=np.log(rows["seconds"].astype(float)))
-    each = logs.groupby(["seed", "trial"])["log"].mean().unstack("seed")
-    for seed in each.columns:
-        longer = (each[seed] - each[NO_SEED]).dropna().to_numpy(dtype=float)
-        found.loc[seed] = np.exp([longer.mean(), *mean_interval(longer)])
-    return found
+        return pd.DataFrame(columns=["time_ratio", "time_ratio_low", "time_ratio_high"])
+    return time_ratios(rows[rows["n"] == reference_size(rows)]).set_index("seed")

@@ -4,15 +4,13 @@ import pandas as pd
 
 from pipeline.exhibits.numbers import ratio, share
 from pipeline.experiments.answer import FREE, Answer, measured
-from pipeline.experiments.compare import CHANCE, compare
 from pipeline.experiments.experiment4.run import NODES, TIME_STEP
 from pipeline.experiments.experiment4.summary import TimeGrid, of_way, trained_on, with_minutes
-from pipeline.experiments.networks import Group, groups, names_in, of, spokesman
+from pipeline.experiments.networks import YES, Group, groups, names_in, of, spokesman, verdict
 from pipeline.experiments.summary import prepared
 from pipeline.experiments.trials import PREDICTED
 
-DEARER = 1.1
-"""Factor by which fuel over bound may exceed that at the training's time: the quality is kept."""
+OPEN = "Open: too few trials"
 
 Row = tuple[float, pd.DataFrame]
 """A transfer time in minutes, and one planner's trials there."""
@@ -23,8 +21,7 @@ def times_answers(times: pd.DataFrame, training: pd.DataFrame) -> list[Answer]:
 
     That is one that took part at all of them.
 
-    Quality counts as kept where fuel over bound is no more than DEARER times that at the
-    training's transfer time, and no fewer of the same scenarios are safe, beyond chance.
+    It serves a transfer time where it is safe and cheap, by the rule of every verdict.
 
     Args:
         times: a row for each trial at each transfer time.
@@ -57,22 +54,13 @@ def _answer(
     home = [k for k, (minutes, _) in enumerate(mine) if minutes == trained.minutes]
     if not home:
         return None
-    first, last = _kept_around(mine, home[0])
-    where = f"{mine[first][0]:.3g} to {mine[last][0]:.3g} min"
-    verdict = (
-        "Yes, at every time tried"
-        if last - first == everywhere - 1
-        else "No, at no other time tried"
-        if first == last
-        else f"Only from {where}"
-    )
     there = measured(mine[home[0]][1])
     alone = ", the only one that fits" if len(names_in(networks)) > 1 else ""
     how = f"{how} of those that fit" if how else alone
     asked = f"trained for {trained.minutes:g} min serve other {called}?"
     return Answer(
         group.asked(f"Does a network of the paper's {asked}", f"Does {{}} {asked}"),
-        verdict,
+        _served(mine, home[0]),
         f"{there.name}{how}: at {trained.minutes:g} min {there.text}; {_worst(mine)}",
         f"Own LP: {_worst(free)}" if free else "",
     )
@@ -93,17 +81,21 @@ def _worst(mine: list[Row]) -> str:
     )
 
 
-def _kept_around(mine: list[Row], home: int) -> tuple[int, int]:
-    """The transfer times around the training's, without a gap, at which the quality is kept."""
+def _served(mine: list[Row], home: int) -> str:
+    """The transfer times around the training's, without a gap, that the planner serves."""
+    said = [verdict([measured(rows)]) for _, rows in mine]
+    if said[home] != YES:
+        return OPEN if said[home].startswith("Open") else f"No, not even {mine[home][0]:g} min"
     first = last = home
-    while first > 0 and _kept(mine[first - 1][1], mine[home][1]):
+    while first > 0 and said[first - 1] == YES:
         first -= 1
-    while last < len(mine) - 1 and _kept(mine[last + 1][1], mine[home][1]):
+    while last < len(mine) - 1 and said[last + 1] == YES:
         last += 1
-    return first, last
-
-
-def _kept(rows: pd.DataFrame, home: pd.DataFrame) -> bool:
-    held = compare(rows, home)
-    less_safe = held.safe < 0 and held.safe_by_chance <= CHANCE
-    return not less_safe and measured(rows).fuel <= DEARER * measured(home).fuel
+    around = said[max(first - 1, 0) : first] + said[last + 1 : last + 2]
+    if not around:
+        return "Yes, at every time tried"
+    known = all(one.startswith("No") for one in around)
+    if first == last:
+        return "No, at no other time tried" if known else OPEN
+    served = f"{mine[first][0]:.3g} to {mine[last][0]:.3g} min"
+    return f"Only from {served}" if known else f"From {served}; else open: too few trials"

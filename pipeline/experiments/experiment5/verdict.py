@@ -17,6 +17,7 @@ from pipeline.experiments.experiment5.rows import (
     WITH_ERRORS,
 )
 from pipeline.experiments.experiment5.summary import GOAL, WITHIN_RADIUS, summarize_flights
+from pipeline.experiments.verdict import all_hold, at_most
 
 ASKED = "plans hold outside the linear model, with errors?"
 
@@ -56,7 +57,7 @@ def trusted(summary: pd.DataFrame) -> str:
     """
     planners = _coordinated(summary)
     held = [_holds(rows) for rows in planners.values()]
-    together = {loop: _all([one.get(loop) for one in held]) for loop in LOOPS}
+    together = {loop: all_hold(one.get(loop) for one in held) for loop in LOOPS}
     said = (TRUST | TOO_FEW)[_first(together)]
     numbers = "; ".join(f"{name} {_shares(rows)}" for name, rows in planners.items())
     return (
@@ -126,14 +127,9 @@ def _value(rows: pd.DataFrame, loop: str) -> float:
 def _holds(rows: pd.DataFrame) -> Holds:
     most, columns = 1 - SAFE, ["loop", *(WITHIN_RADIUS.interval or ())]
     return {
-        loop: True if high <= most else False if low > most else None
+        loop: at_most((low, high), most)
         for loop, low, high in rows[columns].itertuples(index=False)
     }
-
-
-def _all(held: "list[bool | None]") -> bool | None:
-    """Whether all hold: not where one does not, and open where that of one is."""
-    return False if False in held else None if None in held or not held else True
 
 
 def _first(held: Holds) -> str:

@@ -75,6 +75,15 @@ def test_a_missing_document_is_a_fault_and_made_again_without_solving(solved, co
     assert times == {p: p.stat().st_mtime_ns for p in solved.rglob("*.parquet")}
 
 
+def test_the_dataset_s_manifest_in_the_place_of_that_of_timings_is_a_fault(solved, content):
+    before = content(solved)
+    (solved / TIMED).write_bytes((solved / MANIFEST).read_bytes())
+    assert TIMED in {fault.path for fault in faults(solved)}
+    repair(solved, workers=ONE)
+    assert content(solved) == before
+    assert faults(solved) == []
+
+
 FORGERIES = {
     "time_step": lambda manifest: manifest["problem"].update(time_step=122.0),
     "gap_tolerance": lambda manifest: manifest["solve"].update(gap_tolerance=2e-3),

@@ -51,9 +51,7 @@ def test_a_table_says_what_its_signs_mean_and_only_those_that_it_has():
         "Networks trained with several seeds (up to 3) show"
     )
     interval = Column("Share", "mean", share, interval=("low", "high"))
-    assert (
-        Table("t", SHARES, [interval]).signs == "Brackets are Wilson's 95 % intervals of a share."
-    )
+    assert Table("t", SHARES, [interval]).signs.startswith("Brackets are 95 % intervals: Wilson's")
 
 
 def test_columns_of_one_heading_stand_beside_each_other():

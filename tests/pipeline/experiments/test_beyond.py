@@ -93,7 +93,7 @@ def test_the_figure_has_the_sizes_side_by_side_and_the_averages_on_them(planned)
     assert excess.get_xscale() == "log"
 
 
-def test_a_network_carries_up_to_the_first_size_at_which_it_is_not_safe_or_not_cheap(rows):
+def test_a_network_carries_up_to_the_first_size_at_which_it_is_not_proven_safe_and_cheap(rows):
     def reach(*safe, fuel=1.0):
         table = [
             x
@@ -107,8 +107,12 @@ def test_a_network_carries_up_to_the_first_size_at_which_it_is_not_safe_or_not_c
         assert answer.verdict.lower() == one.reach.lower()
         return one.reach
 
-    # Wilson's interval of 91 in 100 ends at 95.2 %, that of 90 at 94.5 %.
-    assert reach(100, 100, 91) == "carries to n = 100, the largest tried"
+    # Wilson's interval of 100 in 100 begins at 96.3 %, that of 99 at 94.6 %; that of 91 ends at
+    # 95.2 %, that of 90 at 94.5 %.
+    assert reach(100, 100, 100) == "carries to n = 100, the largest tried"
+    assert reach(100, 100, 99) == "carries to n = 60; too few trials at n = 100"
+    assert reach(100, 100, 91) == "carries to n = 60; too few trials at n = 100"
+    assert reach(99, 100, 100) == "stays open: too few trials at n = 30"
     assert reach(100, 100, 90) == "carries to n = 60 and no further"
     assert reach(100, 50, 100) == "carries to n = 30 and no further"
     assert reach(50, 100, 100) == "fails at n = 30"
@@ -118,7 +122,9 @@ def test_a_network_carries_up_to_the_first_size_at_which_it_is_not_safe_or_not_c
 def test_sentences_have_the_numbers_of_each_size(planned):
     papers, refiner = carried(shown_beyond(planned, VALID), VALID)
     assert papers.sentence.startswith("LSTM1 paper, trained at n = 10, fails at n = 30: at n = 30 ")
-    assert refiner.sentence.startswith("Refiner tuned, trained at n = 10, carries to n = 60 and")
+    assert refiner.sentence.startswith(
+        "Refiner tuned, trained at n = 10, stays open: too few trials"
+    )
     assert "at n = 300 safe in 50 % [9.5, 90.5] at 1.020 [" in refiner.sentence
 
 
@@ -128,7 +134,7 @@ def test_without_larger_swarms_there_is_no_section(trials, planned):
     (one,) = sections(planned, VALID, styles(planned["planner"]))
     text = Writer().write(one)
     assert text.startswith("## Beyond 30 spacecraft")
-    assert "Refiner tuned, trained at n = 10, carries to n = 60 and no further" in text
+    assert "Refiner tuned, trained at n = 10, stays open: too few trials at n = 30" in text
 
 
 def test_experiment_2_ends_where_the_paper_does(planned):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from pipeline.experiments.clusters import clustered_interval, wilson
+from pipeline.exhibits.intervals import wilson
+from pipeline.experiments.clusters import clustered_interval
 
 
 def scipy_wilson(count, trials):

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.exhibits.intervals import share_interval
+from pipeline.exhibits.intervals import wilson
 from pipeline.experiments.compare import compare, mean_interval
 
 
@@ -33,7 +33,7 @@ def test_the_same_trials_tell_apart_what_shares_alone_would_not():
     assert held.safe_by_chance == pytest.approx(2 / 2**8)
     assert held.better, "safety comes before fuel"
     assert held.safe_interval[0] > 0
-    low, high = share_interval(0.58, 100), share_interval(0.5, 100)
+    low, high = wilson(0.58, 100), wilson(0.5, 100)
     assert low[0] < high[1], "their own intervals overlap"
 
 
@@ -55,13 +55,13 @@ def test_several_trainings_count_as_their_mean_in_each_trial():
 
 def test_wilsons_interval_is_the_one_of_the_formula():
     z = 1.959963984540054
-    assert share_interval(0.0, 20) == pytest.approx((0, z**2 / (20 + z**2)))
-    assert share_interval(1.0, 20) == pytest.approx((20 / (20 + z**2), 1))
+    assert wilson(0.0, 20) == pytest.approx((0, z**2 / (20 + z**2)))
+    assert wilson(1.0, 20) == pytest.approx((20 / (20 + z**2), 1))
     p, n = 0.507, 1000
     middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z / (1 + z**2 / n) * (p * (1 - p) / n + z**2 / (4 * n**2)) ** 0.5
-    assert share_interval(p, n) == pytest.approx((middle - half, middle + half))
-    assert np.isnan(share_interval(float("nan"), 10)).all()
+    assert wilson(p, n) == pytest.approx((middle - half, middle + half))
+    assert np.isnan(wilson(float("nan"), 10)).all()
 
 
 def test_a_mean_has_students_interval():

@@ -46,7 +46,9 @@ def test_either_way_has_the_same_transfer_times_unless_steps_are_given():
     assert [(v.problem.nodes, v.problem.time_step) for v in given] == [(5, 120.0), (11, 30.0)]
 
 
-@pytest.mark.parametrize(("nodes", "step", "told"), [(2, 60.0, "nodes is 2"), (6, -1.0, "-1.0")])
+@pytest.mark.parametrize(
+    ("nodes", "step", "told"), [(2, 60.0, "nodes is 2"), (6, -1.0, "time_step is -1;")]
+)
 def test_times_that_no_transfer_has_are_refused(nodes, step, told):
     with pytest.raises(InputError, match=told):
         variations(PROBLEM, (nodes,), (step,))

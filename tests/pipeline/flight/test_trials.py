@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi, ncx2
 
-from pipeline.exhibits.intervals import share_interval
+from pipeline.exhibits.intervals import wilson
 from pipeline.expert import solve
 from pipeline.flight.errors import Errors, draws
 from pipeline.flight.trials import OpenLoop, fly_trials
@@ -25,7 +25,7 @@ def flown(scenario, controls, errors, trials=4000, seed=1):
 
 
 def inside(share, trials, exact):
-    low, high = share_interval(share, trials)
+    low, high = wilson(share, trials)
     return low <= exact <= high
 
 

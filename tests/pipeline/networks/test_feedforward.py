@@ -70,7 +70,7 @@ def test_all_combinations_are_used_up_to_a_hundred(n, count):
     assert len(combinations_of(n, 10)) == count
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 12), st.integers(0, 150))
 def test_combinations_are_distinct_and_hold_every_craft(size, more):
     n = size + more

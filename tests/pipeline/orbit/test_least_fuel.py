@@ -75,7 +75,7 @@ def test_the_basis_is_what_is_used_in_its_direction():
         assert all(np.sign(controls[k]) == named[k] for k in used)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.integers(0, 2**32 - 1),
     st.lists(st.integers(0, 5), min_size=1, max_size=3, unique=True),

@@ -75,7 +75,7 @@ def test_a_pass_between_two_nodes_is_found_however_fast(speed, miss, moment, dir
 
 
 @given(seed=st.integers(0, 10_000), step=st.floats(30, 900), push=st.floats(0, 2e-3))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_least_separation_is_that_of_a_dense_search_and_its_bound_is_below(seed, step, push):
     problem = Problem(time_step=step, nodes=4)
     rng = np.random.default_rng(seed)

@@ -43,7 +43,7 @@ def least(states, controls, problem, orbits):
     orbits=st.sampled_from([0.004, 0.05, 0.3, 1.0]),
     step=st.sampled_from([50.0, 120.0, 700.0]),
 )
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 def test_the_least_separation_is_the_judge_s(seed, orbits, step):
     """Drifts shorter than a step, that end in flight, and that go on long after the plan."""
     problem = Problem(time_step=step, nodes=5)

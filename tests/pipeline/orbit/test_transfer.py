@@ -16,6 +16,7 @@ from pipeline.orbit.transfer import (
     project_to_flyable,
     straight_line,
     track,
+    with_coasts,
 )
 
 REFERENCE = Problem()
@@ -129,3 +130,19 @@ def test_a_track_passes_through_the_nodes_and_through_half_steps():
     fine = Problem(time_step=REFERENCE.time_step / 2, nodes=21)
     halves = step_by_step(start, np.repeat(controls, 2, axis=1), fine)
     assert track(states, controls, REFERENCE, 2) == pytest.approx(halves[..., :3], abs=1e-8)
+
+
+def test_coasts_are_exact_zeros_and_every_goal_is_met_as_before():
+    start, _ = ends(n=4, seed=2)
+    rng = np.random.default_rng(0)
+    burns = rng.uniform(size=(4, REFERENCE.intervals, 3)) < 0.4
+    burns[:, [0, -1]] = True
+    clean = np.where(burns, rng.normal(0, 1e-3, burns.shape), 0.0)
+    noise = np.where(burns, 0.0, rng.choice([-1, 1], burns.shape) * 1.0)
+    for size in (1e-19, 1e-11):  # of rounding, and of what an interior-point method leaves
+        found = with_coasts(clean + size * noise, REFERENCE)
+        np.testing.assert_array_equal(found != 0, burns)
+        np.testing.assert_allclose(found, clean, atol=1e-9)
+        wanted = step_by_step(start, clean + size * noise, REFERENCE)[:, -1]
+        np.testing.assert_allclose(step_by_step(start, found, REFERENCE)[:, -1], wanted, atol=1e-8)
+    np.testing.assert_array_equal(with_coasts(clean, REFERENCE), clean)

@@ -108,3 +108,13 @@ def test_the_document_of_a_plan_is_plain_json_with_null_for_what_is_not_there():
     assert np.shape(document["states"]) == (1, 4, 6)
     assert document["certificate"]["min_separation"] is None
     assert document["certificate"]["optimality_gap"] is None
+
+
+def test_each_craft_has_its_delta_v_in_both_norms():
+    controls = np.zeros((2, 3, 3))
+    controls[0, 0], controls[1, 1], controls[1, 2] = (3e-3, 4e-3, 0), (0, 0, -1e-3), (2e-3, 0, 0)
+    scenario, states = scenario_of([0] * 6, [0, 100.0, 0, 0, 0, 0], controls=controls)
+    found = certify([scenario], states, controls, [(0.0, "")])[0]
+    assert found.craft_delta_v == pytest.approx((0.07, 0.03))  # 10 s each
+    assert found.craft_delta_v_2norm == pytest.approx((0.05, 0.03))
+    assert sum(found.craft_delta_v) == pytest.approx(found.delta_v)

@@ -108,6 +108,8 @@ def test_files_of_version_1_are_read_without_a_scenario(written):
     ("change", "words"),
     [
         ({"schema": "prolearn.plan/9"}, "schema is 'prolearn.plan/9'"),
+        ({"scenario": None}, r"scenario is missing, which prolearn\.plan/2 has"),
+        ({"times": ["0"] * 9}, r"times\[0\] is '0'"),
         ({"status": "fine"}, "status is 'fine'"),
         ({"speed": 1}, "speed is not a field"),
         ({"times": [0.0, 100.0]}, "4 craft and 2 nodes, its scenario has others"),

@@ -63,7 +63,7 @@ COSTS = st.integers(1, 5).flatmap(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(COSTS)
 def test_assignments_come_each_once_by_their_cost(entries):
     n = round(len(entries) ** 0.5)

@@ -1,6 +1,8 @@
 """scenario.json: what is written is read back, and every mistake has its sentence."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
 from pipeline.scenario import Scenario, check, draw
-from pipeline.scenario.document import read_scenario, write_scenario
+from pipeline.scenario.document import SCHEMA, read_scenario, write_scenario
 
 PROBLEM = Problem(time_step=90.0, nodes=7, collision_radius=10.0, max_acceleration=2e-3)
 
@@ -112,3 +114,68 @@ def test_states_that_are_not_finite_are_refused():
     states[1, 3] = np.inf
     with pytest.raises(InputError, match=r"initial\[1\]"):
         Scenario(Problem(), states, np.zeros((2, 6)))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (
+            '"tilt_deg"',
+            '"tilt"',
+            r"initial\.rings\[0\]\.tilt is not a field of this schema; did you "
+            r"mean tilt_deg\?",
+        ),
+        ('"nodes"', '"node"', r"node is not a field of this schema; did you mean nodes\?"),
+        ('"nodes"', '"spacecraft"', "spacecraft is not a field of this schema; remove it"),
+        ('"nodes": 9', '"nodes": 9, "nodes": 12', "nodes is there twice"),
+        ('"size": 200', '"size": 200, "size": 300', "size is there twice"),
+        ('"nodes": 9', '"nodes": "9"', "nodes is '9': expected a number, without quotes"),
+        ('"nodes": 9', '"nodes": true', "nodes is True: expected a number, without quotes"),
+        (
+            '"size": 200',
+            '"size": "200"',
+            r"rings\[0\]\.size is '200': input should be a valid number",
+        ),
+    ],
+)
+def test_what_is_nearly_right_is_refused_with_what_was_meant(tmp_path, before, after, words):
+    path = tmp_path / "s.json"
+    ring = '{"rings": [{"craft": 3, "size": 200, "tilt_deg": 5}]}'
+    text = (
+        f'{{"schema": "{SCHEMA}", "altitude": 500000, "nodes": 9, "initial": {ring}, '
+        f'"goal": {ring}}}'
+    )
+    path.write_text(text)
+    assert read_scenario(path).problem.nodes == 9
+    path.write_text(text.replace(before, after, 1))
+    with pytest.raises(InputError, match=words):
+        read_scenario(path)
+
+
+def test_a_byte_order_mark_is_read_over(document):
+    read = read_scenario(document)
+    document.write_bytes(b"\xef\xbb\xbf" + document.read_bytes())
+    assert np.array_equal(read_scenario(document).goal, read.goal)
+
+
+LISTS = """
+from pipeline.errors import InputError
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import Scenario
+
+states = [[0, 0, 0, 0, 0, 0], [0, 50, 0, 0, 0, 0]]
+assert solve(Scenario(Problem(), states, states)).status == "solved"
+for bad in ([[0, 0, "x", 0, 0, 0]], [[0.0] * 6, [0.0] * 5], "states", {}):
+    try:
+        Scenario(Problem(), bad, states)
+    except InputError as error:
+        assert "initial is no array of numbers" in str(error)
+    else:
+        assert False, bad
+"""
+
+
+def test_a_scenario_is_built_from_lists_or_says_what_it_wants():
+    # Apart from these tests, which have every argument's type checked.
+    subprocess.run([sys.executable, "-c", LISTS], check=True)

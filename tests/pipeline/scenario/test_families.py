@@ -36,7 +36,7 @@ def test_both_formations_are_energy_matched_and_stay_apart_for_a_whole_orbit(fam
 
 
 @given(seed=st.integers(0, 10**9), n=st.integers(2, 12), index=st.integers(0, 10**6))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_scenario_is_a_function_of_seed_n_and_index_alone(seed, n, index):
     first = draw("rings", seed, n, index, PROBLEM)
     draw("rings", seed, n, index + 1, PROBLEM)

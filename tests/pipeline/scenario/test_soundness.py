@@ -36,7 +36,19 @@ def wrong(scenario):
 def test_a_draw_is_fine_in_every_respect():
     found = findings(draw("rings", 0, 6, 0, Problem(max_acceleration=5e-3)))
     assert all(one.fine for one in found)
-    assert len(found) == 7
+    assert len(found) == 8
+
+
+@pytest.mark.parametrize(
+    ("size", "hours"), [(200.0, 264), (30_000.0, 1 / 3)], ids=["eleven days", "thirty km"]
+)
+def test_a_linear_model_that_is_off_by_more_than_the_collision_radius_is_said(size, hours):
+    problem = Problem(nodes=41, time_step=hours * 90.0)
+    ends = [pro_states(a, 0.0, np.array([0.0, 1.5]), 0.0, E, 0.0) for a in (size, 0.5 * size)]
+    found = wrong(Scenario(problem, *ends))
+    (case,) = found.pop(("transfer", "linear model"))
+    assert not found
+    assert case.numbers["curvature"] + case.numbers["oblateness"] > 100
 
 
 def test_all_that_is_wrong_is_found_at_once():

@@ -97,7 +97,14 @@ def test_an_infeasible_plan_says_so_and_has_no_gap():
     assert (found.good, found.headline) == (False, "Infeasible")
     assert "cannot reach its goal within max_acceleration" in found.reasons[0]
     rows = dict(certificate_rows(judged(plan, scenario).plan.certificate, plan.status))
-    assert rows["Gap to that bound, at most"] == "–"
+    assert rows["Gap to that bound"] == "–"
+
+
+def test_a_gap_to_a_bound_of_nothing_is_no_number(plan):
+    found = replace(plan.certificate, fuel_lower_bound=0.0, optimality_gap=np.inf)
+    gap = dict(certificate_rows(found, plan.status))["Gap to that bound"]
+    assert gap.startswith("unknown")
+    assert "inf" not in gap
 
 
 def test_controls_beyond_all_measure_are_refused_in_a_sentence(plan):
@@ -143,3 +150,12 @@ def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
         judged(
             replace(plan, certificate=replace(plan.certificate, passive_safety=endless)), SCENARIO
         )
+
+
+@pytest.mark.parametrize("name", ["craft_delta_v", "craft_delta_v_2norm"])
+def test_a_false_delta_v_of_a_craft_is_told(plan, name):
+    true = getattr(plan.certificate, name)
+    lie = replace(plan.certificate, **{name: (*true[:4], true[4] / 2, *true[5:])})
+    assert any(
+        f"claims {name}[4]" in reason for reason in said(replace(plan, certificate=lie)).reasons
+    )

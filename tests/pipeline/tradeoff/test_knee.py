@@ -39,6 +39,9 @@ def test_a_longer_time_that_costs_more_is_no_trade_off():
         ([1, 2], [2, 1]),
         ([1, 2, 3], [3, 2, 1]),  # straight
         ([1, 2, 3], [3, 2.9, 1]),  # bends the other way
+        (range(16, 41, 2), [2.83, *np.linspace(2.65, 1.53, 12)]),  # straight but for its first step
+        (range(10), [*np.linspace(1, 0.45, 5), *np.linspace(0.35, 0, 5)]),  # nearly straight
+        (np.linspace(20, 30, 11), 1 / np.linspace(20, 30, 11)),  # hardly bent over so short a range
         ([1, 2, 3], [1, 2, 3]),  # never pays
     ],
 )

@@ -49,7 +49,7 @@ READERS = (
 
 ENVIRONMENT = {"COLUMNS": "80", "MLFLOW_DISABLE_TELEMETRY": "true"}
 
-VARYING = ("seconds", "time_ratio", "ratio_spread", "run_id", '"earlier"')
+VARYING = ("seconds", "time_ratio", "run_id", '"earlier"')
 """Words in lines that differ where something is done again."""
 
 LETTER = "letter.tmp"

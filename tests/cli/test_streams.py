@@ -1,0 +1,63 @@
+"""- is standard input and output; who stops a plan is told what there is of it."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
+
+
+def test_a_pipe_from_scenario_to_plan_to_page_and_table(tmp_path):
+    def through(*arguments, given=""):
+        done = subprocess.run(
+            [*PROGRAM, *arguments], input=given, capture_output=True, text=True, cwd=tmp_path
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    scenario = through("scenario", "new", "-", "--n", "3")
+    assert json.loads(through("scenario", "check", "-", "--json", given=scenario))["fine"]
+    plan = through("plan", "-", "--out", "-", given=scenario)
+    assert json.loads(plan)["scenario"]["initial"] == json.loads(scenario)["initial"]
+    assert through("show", "-", given=plan).startswith("<!doctype html>")
+    table = through("convert", "-", "--to", "csv", given=plan)
+    assert len(table.splitlines()) == 1 + 3 * 11
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("plan", "s.json", "--out", "-", "--json"), "stdout takes one document"),
+        (("plan", "s.json", "t.json", "--out", "-"), "a folder for their plans"),
+        (("convert", "p.json", "--to", "parquet", "--out", "-"), "parquet is no text"),
+    ],
+)
+def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn, tmp_path):
+    for name in ("s", "t"):
+        prolearn("scenario", "new", f"{name}.json", "--n", "2")
+    prolearn("plan", "s.json", "--out", "p.json")
+    done = prolearn(*arguments)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert words in done.stderr
+
+
+def test_who_interrupts_plan_is_told_how_many_plans_there_are(prolearn, tmp_path):
+    prolearn("scenario", "new", "short.json", "--n", "2")
+    prolearn("scenario", "new", "long.json", "--n", "4", "--nodes", "1000")  # a minute and more
+    command = [*PROGRAM, "plan", "short.json", "long.json", "--out", "plans"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    end = time.monotonic() + 60
+    while not (tmp_path / "plans/short.plan.json").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, complaints = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert complaints.splitlines()[-1] == "prolearn: interrupted; 1 of 2 plans was written."
