@@ -75,11 +75,16 @@ def networks(references: Sequence[str], data: Where, choice: Choice = planners_o
         ProlearnError: where the store fails.
     """
     named = {v.uri: v for v in map(resolve, references)}.values()
-    chosen = sorted(named or choice(data), key=lambda v: (v.name, v.version))
+    chosen = sorted(named or choice(data), key=_place)
     found, problem = _named(chosen), read_manifest(data).problem
     for network in found:
         check_problem(network.model, problem, public_url(data))
     return found
+
+
+def _place(version: ModelVersion) -> tuple[str, str, int, int]:
+    """Where a version stands among others: as in ``newest_trainings``."""
+    return version.arch, version.recipe, version.training_seed, version.version
 
 
 def newest_on(data: Where) -> list[ModelVersion]:
