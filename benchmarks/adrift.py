@@ -20,12 +20,12 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from benchmarks.tables import Row, show, write_json
-from pipeline.expert import Settings, solve
+from pipeline.expert import solve
 from pipeline.orbit.approaches import side_by_side
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import fly
-from pipeline.plan import INFEASIBLE, SOLVED, Plan
+from pipeline.plan import INFEASIBLE, SOLVED, Plan, Requirements
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 SEED = 0
@@ -54,8 +54,8 @@ def main(
 
 def _line(scenarios: list[Scenario], orbits: float) -> Row:
     """One line of the table."""
-    settings = Settings(passive_safety=orbits)
-    solve(scenarios[0], settings=settings)  # what is made once is no part of the time
+    safe = Requirements(passive_safety=orbits)
+    solve(scenarios[0], requirements=safe)  # what is made once is no part of the time
     radius = scenarios[0].problem.collision_radius
     statuses, unasked, between = [], 0, []
     costs, seconds, rounds = [], [], []
@@ -63,7 +63,7 @@ def _line(scenarios: list[Scenario], orbits: float) -> Row:
         plain = solve(scenario)
         unasked += plain.status == SOLVED and _least(plain, scenario, orbits) > radius
         started = process_time()
-        plan = solve(scenario, settings=settings)
+        plan = solve(scenario, requirements=safe)
         taken = process_time() - started
         statuses.append(plan.status)
         if plan.status == SOLVED:

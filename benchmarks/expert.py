@@ -33,8 +33,7 @@ from pipeline.expert.seeds import own_seed
 from pipeline.expert.subproblem import Optimum, Subproblem
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED
-from pipeline.planners.named import Separation
+from pipeline.plan import SOLVED, Requirements, Separation
 from pipeline.scenario import Scenario, draw
 
 SEED = 2022
@@ -110,11 +109,11 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
 
 
 def _ratio(n: int, name: str, separation: Separation, count: int, peer: Work) -> Row:
-    settings = Settings(separation=separation)
+    asked = Requirements(separation)
     pairs = []
     for index in range(count):
         scenario = draw("rings", SEED, n, index, Problem())
-        expert = _time(lambda s: solve(s, settings=settings), scenario)
+        expert = _time(lambda s: solve(s, requirements=asked), scenario)
         pairs.append((_time(peer, scenario), expert))
     theirs, ours = np.array(pairs).T
     return {

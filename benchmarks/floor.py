@@ -152,9 +152,7 @@ class Tree:
         controls, radius = node.controls, self.problem.collision_radius
         states = fly(self.scenario.initial, controls, self.problem)
         everyone = np.ones(len(states), dtype=bool)
-        close, distance = conflicts(
-            states, controls, self.problem, radius, everyone, at_nodes=False
-        )
+        close, distance = conflicts(states, controls, self.problem, radius, everyone)
         if len(close) == 0:
             return []
         worst = int(distance.argmin())
@@ -258,7 +256,7 @@ def _labels(scenario: Scenario, own: Float[Array, "n intervals 3"], plan: Plan) 
     for controls in (own, plan.controls):
         states = fly(scenario.initial, controls, scenario.problem)
         within = scenario.problem.collision_radius + TIGHT
-        found, _ = conflicts(states, controls, scenario.problem, within, everyone, at_nodes=False)
+        found, _ = conflicts(states, controls, scenario.problem, within, everyone)
         near += found
     return cluster_labels(scenario.n, near.first, near.second)
 

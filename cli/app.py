@@ -1,5 +1,6 @@
 """The Typer application, and how errors reach a person."""
 
+import re
 import signal
 import sys
 import threading
@@ -31,6 +32,9 @@ AGAIN_SECONDS = 0.05
 MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
 """Numbers that a list on the command line may stand for, and the largest of them."""
 
+TYPED = "prolearn.typed"
+"""Under this name a command's context has its arguments, values of options alone."""
+
 USAGE: Any = typer.BadParameter.__base__
 """What Typer raises for arguments that a command does not have; it quotes them as they are."""
 
@@ -42,6 +46,11 @@ class Group(TyperGroup):
         """Names in the order in which they were added."""
         return list(self.commands)
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Remember what was typed: it may hold URLs, whose secrets no message shows."""
+        ctx.meta[TYPED] = [re.sub("^--[a-z-]+=", "", word) for word in args]
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         """Run a command: bad input exits with 2, a failed run with 1, neither with a traceback."""
         try:
@@ -51,17 +60,17 @@ class Group(TyperGroup):
             error.message = visible(error.message)
             raise
         except InputError as error:
-            _stop(str(error), BAD_INPUT)
+            _stop(ctx, str(error), BAD_INPUT)
         except ProlearnError as error:
-            _stop(str(error), FAILED)
+            _stop(ctx, str(error), FAILED)
         except OSError as error:
             if error.errno == EPIPE:  # the reader of our output has left; click is silent then
                 raise
-            _stop(str(error), FAILED)
+            _stop(ctx, str(error), FAILED)
         except Terminated as stop:
-            _stop(f"terminated; {_kept(stop)}", TERMINATED)
+            _stop(ctx, f"terminated; {_kept(stop)}", TERMINATED)
         except KeyboardInterrupt as stop:
-            _stop(f"interrupted; {_kept(stop)}", INTERRUPTED)
+            _stop(ctx, f"interrupted; {_kept(stop)}", INTERRUPTED)
 
 
 @contextmanager
@@ -112,8 +121,9 @@ def _raised_again() -> Iterator[None]:
         sys.unraisablehook = usual
 
 
-def _stop(message: str, status: int) -> None:
-    echo(f"prolearn: {public(message)}", err=True)  # no secret gets past this last net
+def _stop(ctx: Any, message: str, status: int) -> None:
+    told = public(message, *ctx.meta.get(TYPED, ()))  # no secret gets past this last net
+    echo(f"prolearn: {told}", err=True)
     raise typer.Exit(status)
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pipeline.dataset.stages.verify import Fault
     from pipeline.expert import Settings
     from pipeline.jobs.workers import Workers
+    from pipeline.plan import Requirements
 
 
 Jobs = Annotated[int, typer.Option(help="Processes; -1 for all cores.")]
@@ -124,9 +125,10 @@ def solve(
         prolearn solve s3://bucket/n10 --backend dask --scheduler tcp://HOST:8786
     """
     from pipeline.expert import Settings
+    from pipeline.plan import Requirements
 
-    settings = Settings(separation=separation, solver=solver)
-    _solve(folder, settings, _workers(jobs, backend, scheduler, scheduler_wait))
+    workers = _workers(jobs, backend, scheduler, scheduler_wait)
+    _solve(folder, Settings(solver=solver), Requirements(separation), workers)
 
 
 def make(
@@ -158,11 +160,12 @@ def make(
     from pipeline.dataset.stages.sample import sample as run
     from pipeline.expert import Settings
     from pipeline.orbit.problem import Problem
+    from pipeline.plan import AT_ALL_TIMES
 
     folder, workers = out or f"data/{preset}", _workers(jobs, backend, scheduler, scheduler_wait)
     with progress("sampling") as shown:
         run(folder, PRESETS[preset], Problem(), jobs=jobs, progress=shown)
-    _solve(folder, Settings(), workers)
+    _solve(folder, Settings(), AT_ALL_TIMES, workers)
 
 
 def verify(
@@ -270,11 +273,13 @@ def _workers(
     return Workers(jobs, scheduler, SCHEDULER_WAIT if scheduler_wait is None else scheduler_wait)
 
 
-def _solve(folder: str, settings: "Settings", workers: "Workers") -> None:
+def _solve(
+    folder: str, settings: "Settings", requirements: "Requirements", workers: "Workers"
+) -> None:
     from pipeline.dataset.stages.solve import solve as run
 
     with progress("solving") as shown:
-        run(folder, settings, workers=workers, progress=shown)
+        run(folder, settings, requirements, workers=workers, progress=shown)
     done = f"{shown.count} now, {shown.failed} without a plan"
     echo(f"{public_url(folder)} is solved ({done}).")
 

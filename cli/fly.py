@@ -127,12 +127,13 @@ def fly(
         return
     from cli.stages.fly_trials import fly_trials
     from pipeline.flight.world import LinearWorld
+    from pipeline.plan import AT_ALL_TIMES
 
     problem = scenario.problem
     linear = world == "linear"
     flown_in = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
     told = errors_of(errors, error or [])
-    replanner = None if replan == "none" else planner_of(planner, "continuous", effort)
+    replanner = None if replan == "none" else planner_of(planner, AT_ALL_TIMES, effort)
     with progress("flying") as shown:
         done = fly_trials(
             made,

@@ -188,9 +188,13 @@ def promote(
     """
     from cli.stages.champion import promote as run
 
-    held = run(name, version, data, force=force)
-    reason = f" ({held.reason})" if held.reason else ""
-    echo(f"{held.champion.name} version {held.champion.version} is the champion{reason}.")
+    if force and data is not None:
+        raise InputError(
+            "--data is given with --force, which compares nothing; expected one of the two."
+        )
+    champion, why = run(name, version, data, force=force)
+    reason = f" ({why})" if why else ""
+    echo(f"{champion.name} version {champion.version} is the champion{reason}.")
 
 
 @app.command()

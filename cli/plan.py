@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
-    from pipeline.plan import RiskLimit
+    from pipeline.plan import Requirements, RiskLimit
     from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
@@ -64,7 +64,8 @@ def plan(
         Effort | None,
         typer.Option(
             help="Of the expert: stop at the first safe plan, as soon as it no longer improves, or "
-            "at the best of several searches. By default the second; after a model, the first.",
+            "at the best of several searches. By default the second; after a model, the first, "
+            "and after the refiner that only where it has no safe plan.",
             show_default=False,
         ),
     ] = None,
@@ -80,8 +81,7 @@ def plan(
         float | None,
         typer.Option(
             help="Most probability that any pair ever comes within the collision radius, flown in "
-            "open loop with the errors that the sigmas say; with a planner that ends in the "
-            "expert.",
+            "open loop with the errors that the sigmas say.",
             show_default=False,
         ),
     ] = None,
@@ -126,7 +126,8 @@ def plan(
     a plan is not safe, and the reason is named.
 
     The refiner's plan is taken where it is proven safe, else one convex solve follows it, else
-    the expert plans; the plan says which. The plan of any other model seeds the expert. So what
+    the expert plans; the plan says which. With an --effort beyond the first it seeds the expert
+    instead, as the plan of any other model does. So what
     comes out is safe wherever the expert finds a safe plan; --raw leaves the expert out. The
     refiner and LSTMs plan on time grids other than that of their training, too. `refiner` comes
     with the package; one that was trained here is named with its recipe or version, as
@@ -159,7 +160,7 @@ def plan(
         prolearn plan - --out p.json
     """
     from pipeline.orbit.linearity import model_error
-    from pipeline.plan import SOLVED, summary
+    from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
     from pipeline.scenario.document import read_checked
 
@@ -168,15 +169,8 @@ def plan(
         not_over(path, target)
     asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
     limit = _risk_limit(risk, navigation_sigma, thrust_sigma, velocity_sigma)
-    chosen = planner_of(
-        planner,
-        separation,
-        effort,
-        raw=raw,
-        assignment=assignment,
-        limit=limit,
-        passive_safety=passive_safety,
-    )
+    requirements = Requirements(separation, passive_safety, limit)
+    chosen = planner_of(planner, requirements, effort, raw=raw, assignment=assignment)
     rows: list[dict[str, Any]] = []
 
     def kept() -> str:
@@ -245,33 +239,20 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
 
 def planner_of(
     name: str,
-    separation: Separation,
+    requirements: "Requirements",
     effort: Effort | None,
     *,
     raw: bool = False,
     assignment: Assigned = "given",
-    limit: "RiskLimit | None" = None,
-    passive_safety: float | None = None,
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
     from pipeline.planners.interchangeable import Interchangeable
-    from pipeline.planners.named import check_passive_safety, named_planner
+    from pipeline.planners.named import named_planner
 
-    if passive_safety is not None:
-        check_passive_safety(passive_safety, separation)
-    told: Any = {
-        "separation": separation,
-        "effort": effort and effort.value,
-        "raw": raw,
-        "passive_safety": passive_safety,
-    }
-    found = named_planner(name, **told)
+    told: Any = {"effort": effort and effort.value, "raw": raw}
+    found = named_planner(name, requirements, **told)
     if found is None:
         from cli.stages.plan import model_planner
 
-        found = model_planner(name, **told)
-    if limit is not None:
-        from pipeline.planners.at_risk import with_risk
-
-        found = with_risk(found, limit, separation)
+        found = model_planner(name, requirements, **told)
     return Interchangeable(found) if assignment == "optimal" else found

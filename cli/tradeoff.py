@@ -73,8 +73,10 @@ def tradeoff(
         prolearn tradeoff scenario.json --duration 1..3h --goal moving --out trade/
     """
     first, last = seconds(duration)
-    chosen = planner_of(planner, separation, effort, assignment=assignment)
     from cli.stages.tradeoff import trade
+    from pipeline.plan import Requirements
+
+    chosen = planner_of(planner, Requirements(separation), effort, assignment=assignment)
 
     folder = out or Path(f"{stem_of(scenario)}-tradeoff")
     stopped = told_if_stopped(lambda: "the trade-off is not complete.")

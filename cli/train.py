@@ -112,7 +112,7 @@ def _trained(
 
     title = f"training {how.arch} ({how.recipe})" + (f", seed {how.seed}" if several else "")
     with progress(title) as shown:
-        earlier = trained_before(how, data, shown) if resume else None
+        earlier = trained_before(how, data, device, shown) if resume else None
         version, held = earlier or train_model(
             how, data, device=device, memory=memory, progress=shown
         )
@@ -120,8 +120,10 @@ def _trained(
     document = {**told(version), "earlier": earlier is not None}
     if held is None:
         return document
-    echo(f"Champion of {version.name}: version {held.champion.version}; {held.reason}.")
-    return {**document, "champion": held.champion.version}
+    champion = held.champion and held.champion.version
+    who = f"version {champion}" if champion else "none"
+    echo(f"Champion of {version.name}: {who}; {held.reason}.")
+    return {**document, "champion": champion}
 
 
 def _summary(version: "ModelVersion") -> str:

@@ -1,5 +1,6 @@
 """What results are made with: versions of packages, and of the code of ours that they hang on."""
 
+import ast
 import hashlib
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -10,7 +11,10 @@ from typing import Any
 from pipeline.errors import InputError
 
 DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
-"""Patterns of paths in ``pipeline``, and distributions, that a result depends on."""
+"""Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on."""
+
+DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
+"""What may have a docstring."""
 
 DIGITS = 12
 """Hexadecimal digits of a code's digest that are shown."""
@@ -21,26 +25,45 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
     """Versions that a result depends on, by name.
 
     The version number of prolearn says which release runs and not whether its files were
-    changed, so a digest of the source of the parts that decide the result goes with it.
+    changed, so a digest of the code of the parts that decide the result goes with it.
 
     Args:
-        parts: subpackages and modules of ``pipeline`` whose code decides the result, as patterns
-            such as ``orbit`` and ``experiments/*/run.py``.
+        parts: packages and modules whose code decides the result, as patterns such as
+            ``pipeline/orbit`` and ``pipeline/experiments/*/run.py``.
         packages: distributions that do.
     """
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
     return found | {name: version(name) for name in packages}
 
 
-def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parent) -> str:
-    """Digest of the source files that some patterns stand for, folders for all in them."""
+def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) -> str:
+    """Digest of the modules that some patterns stand for, folders for all in them.
+
+    It is of what the code does: comments, docstrings and the form of lines are left out.
+    """
     digest = hashlib.sha256()
     found = [path for part in parts for path in root.glob(part)]
     files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
     for path in sorted(files):
-        content = path.read_bytes()
+        content = _told(_bare(ast.parse(path.read_bytes()))).encode()
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
+
+
+def _bare(tree: ast.AST) -> ast.AST:
+    """A syntax tree without its docstrings."""
+    for node in ast.walk(tree):
+        if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            del node.body[0]
+    return tree
+
+
+def _told(node: Any) -> str:
+    """A syntax tree in words, which leave out what is absent: so later Pythons say the same."""
+    if isinstance(node, ast.AST):
+        parts = ((k, v) for k, v in ast.iter_fields(node) if v is not None and v != [])
+        return f"{type(node).__name__}({','.join(f'{k}={_told(v)}' for k, v in parts)})"
+    return f"[{','.join(map(_told, node))}]" if isinstance(node, list) else repr(node)
 
 
 def version_change(was: Mapping[str, str], now: Mapping[str, str], then: str = "now it is") -> str:

@@ -21,14 +21,20 @@ LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")
 MADE_WITH = "made_with"
 """Tag with the versions, ours and others', that decide what a run gives, as JSON."""
 
-TRAINED_BY = ("orbit", "scenario", "networks", "training"), ("numpy", "torch")
-EVALUATED_BY = (
+TRAINED_BY: DecidedBy = (
+    tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "networks", "training")),
+    ("numpy", "scipy", "numba", "torch"),
+)
+PLANNING = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
+EXPERIMENTS = ("trials.py", "*/run.py", "experiment3/rows.py", "experiment5/rows.py")
+STAGES = ("ablate", "entrants", "evaluate", "experiment", "flights", "transfer_times", "warmstart")
+EVALUATED_BY: DecidedBy = (
     (
-        *("orbit", "scenario", "plan", "expert", "networks", "planners", "flight"),
-        *("experiments/trials.py", "experiments/*/run.py"),
-        *("experiments/experiment3/rows.py", "experiments/experiment5/rows.py"),
+        *(f"pipeline/{part}" for part in PLANNING),
+        *(f"pipeline/experiments/{part}" for part in EXPERIMENTS),
+        *(f"cli/stages/{stage}.py" for stage in STAGES),
     ),
-    ("numpy", "scipy", "clarabel", "torch"),
+    ("numpy", "scipy", "numba", "clarabel", "highspy", "cvxpy", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""
 

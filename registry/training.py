@@ -18,6 +18,7 @@ from pipeline.experiments.trainings.figure import curves_figure
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
+from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
@@ -53,7 +54,8 @@ def record_training(
 ) -> ModelVersion:
     """Record a training in MLflow and register its network as ``prolearn-<arch>``.
 
-    The first version of a model becomes its champion.
+    The first version of a model becomes its champion, but for recipes that are there to be
+    compared with.
 
     Args:
         trained: what the training gave.
@@ -126,7 +128,7 @@ def _record(folder: Path, model: Model, story: Story) -> ModelVersion:
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
             found = _register(store, PREFIX + arch, run_id, model_id, tags)
         aliases = store.client.get_registered_model(found.name).aliases
-        if CHAMPION not in aliases:
+        if CHAMPION not in aliases and not for_comparison(arch, str(params["recipe"])):
             store.client.set_registered_model_alias(found.name, CHAMPION, str(found.version))
         return read_version(store, found)
 

@@ -19,6 +19,7 @@ from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
 from pipeline.storage.folder import Where
+from pipeline.urls import public_url
 from registry.results import Done
 from registry.store import ABLATIONS
 from registry.version import ModelVersion
@@ -118,8 +119,8 @@ def refiners_on(data: Where) -> list[ModelVersion]:
     found = [version for version in newest_on(data) if version.arch == REFINER]
     if not found:
         raise InputError(
-            f"no refiner was trained on {data} as it is now; expected some: `make ablate` trains "
-            "one of each recipe, or name some with --models."
+            f"no refiner was trained on {public_url(data)} as it is now; expected some: "
+            "`make ablate` trains one of each recipe, or name some with --models."
         )
     return found
 

@@ -27,11 +27,11 @@ class Challenge:
     """What came of holding a version against the champion.
 
     Attributes:
-        champion: who is it now.
+        champion: who is it now, or None.
         reason: why, in a sentence.
     """
 
-    champion: ModelVersion
+    champion: ModelVersion | None
     reason: str
 
 
@@ -75,11 +75,11 @@ def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Chall
 
 def _contest(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Challenge:
     champion = champion_of(version.name)
+    if for_comparison(version.arch, version.recipe):
+        return Challenge(champion, f"recipe {version.recipe} is there to be compared with")
     if champion is None or champion.version == version.version:
         first = "the first version of its model" if version.version == 1 else "there is no other"
         return Challenge(crown(version), first)
-    if for_comparison(version.arch, version.recipe):
-        return Challenge(champion, f"recipe {version.recipe} is there to be compared with")
     try:
         model, _ = load(champion)
         held = _held(version, trials, champion, validation_trials(model, data, version.n))
@@ -88,7 +88,9 @@ def _contest(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Challe
     return Challenge(crown(version) if held.better else champion, held.reason)
 
 
-def promote(name: str, number: int, data: Where | None = None, *, force: bool = False) -> Challenge:
+def promote(
+    name: str, number: int, data: Where | None = None, *, force: bool = False
+) -> tuple[ModelVersion, str]:
     """Make a version the champion of its registered model.
 
     Args:
@@ -105,7 +107,7 @@ def promote(name: str, number: int, data: Where | None = None, *, force: bool = 
     version = resolve(f"{name}/{number}")
     champion = champion_of(version.name)
     if force or champion is None or champion.version == version.version:
-        return Challenge(crown(version), "")
+        return crown(version), ""
     where = data or version.params.get("dataset", "")
     try:
         (one, _), (other, _) = load(version), load(champion)
@@ -121,7 +123,7 @@ def promote(name: str, number: int, data: Where | None = None, *, force: bool = 
             f"{held.reason}; expected a version that does better: give --force to promote it all "
             "the same."
         )
-    return Challenge(crown(version), held.reason)
+    return crown(version), held.reason
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import Entrant
-from pipeline.expert import Settings
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
+from pipeline.plan import Requirements
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.network import Flown, check_problem
 from pipeline.storage.folder import Where
+from pipeline.urls import public_url
 from registry.models import load, newest_trainings, resolve
 from registry.version import ModelVersion
 
@@ -61,6 +62,8 @@ def planners_on(data: Where) -> list[ModelVersion]:
 def networks(references: Sequence[str], data: Where, choice: Choice = planners_on) -> list[Network]:
     """The networks of some references; without any, the newest that were trained on some data.
 
+    They are in the same order whatever that of the references is.
+
     Args:
         references: models; none means the newest trainings of each architecture and recipe.
         data: the dataset that they are to be tried on.
@@ -71,10 +74,11 @@ def networks(references: Sequence[str], data: Where, choice: Choice = planners_o
             data's, or where there are models and none was trained on this data.
         ProlearnError: where the store fails.
     """
-    chosen = {v.uri: v for v in map(resolve, references)}.values() or choice(data)
-    found, problem = _named(list(chosen)), read_manifest(data).problem
+    named = {v.uri: v for v in map(resolve, references)}.values()
+    chosen = sorted(named or choice(data), key=lambda v: (v.name, v.version))
+    found, problem = _named(chosen), read_manifest(data).problem
     for network in found:
-        check_problem(network.model, problem, str(data))
+        check_problem(network.model, problem, public_url(data))
     return found
 
 
@@ -90,8 +94,8 @@ def newest_on(data: Where) -> list[ModelVersion]:
     if not found and (others := newest_trainings()):
         known = ", ".join(sorted({v.params.get("dataset", "unknown") for v in others}))
         raise InputError(
-            f"no model was trained on {data} as it is now; expected some: train one, or name "
-            f"models with --models (there are some trained on {known})."
+            f"no model was trained on {public_url(data)} as it is now; expected some: train one, "
+            f"or name models with --models (there are some trained on {known})."
         )
     return found
 
@@ -115,5 +119,5 @@ def _named(versions: Sequence[ModelVersion]) -> list[Network]:
 
 def unlearned() -> list[Entrant]:
     """The expert in both separation settings, and the baselines."""
-    at_nodes = Expert(Settings(separation="nodes"), "expert (nodes only)")
+    at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
     return [Entrant(planner) for planner in (Expert(), at_nodes, *BASELINES)]

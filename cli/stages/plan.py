@@ -1,38 +1,28 @@
 """A registered model as a planner, alone or made safe by the expert."""
 
 import re
-from dataclasses import replace
 
 from pipeline.errors import InputError
-from pipeline.expert import EFFORTS
 from pipeline.networks.catalogue import architecture_names
-from pipeline.planners.ladder import Ladder
-from pipeline.planners.named import NAMES, Separation, refuse_effort
+from pipeline.plan import Requirements
+from pipeline.planners.named import NAMES, refuse_effort, with_expert
 from pipeline.planners.network import Flown
 from pipeline.planners.planner import Planner
-from pipeline.planners.seeded import Seeded
 from registry.models import load
 from registry.version import PREFIX
 
 
 def model_planner(
-    reference: str,
-    *,
-    separation: Separation,
-    effort: str | None,
-    raw: bool,
-    passive_safety: float | None = None,
+    reference: str, requirements: Requirements, *, effort: str | None, raw: bool
 ) -> Planner:
     """The planner that a reference to a model names.
 
     Args:
         reference: a registered model.
-        separation: keep craft apart at all times or at the nodes only.
-        effort: of the expert after the model, of EFFORTS; by default it stops at the first safe
-            plan.
+        requirements: what its plans must satisfy.
+        effort: of the expert after the model, of EFFORTS, as in ``with_expert``.
         raw: leave the model's flown plan as it is, safe or not; otherwise the expert comes after
             it, where it answers with controls only if that plan is not proven safe.
-        passive_safety: keep craft apart for so many orbits after a loss of thrust too.
 
     Raises:
         InputError: for a name that no planner has, where the registry has no such model, or for
@@ -43,15 +33,8 @@ def model_planner(
         refuse_effort(effort)
     _check_architecture(reference)
     model, version = load(reference)
-    at_nodes = separation == "nodes"
-    flown = Flown(model, version.label, at_nodes=at_nodes, passive_safety=passive_safety)
-    if raw:
-        return flown
-    settings = replace(
-        EFFORTS[effort or "first"], separation=separation, passive_safety=passive_safety
-    )
-    # Controls are a plan already, which may be safe as it is; states are a seed.
-    return Ladder(flown, settings) if model.answers == "controls" else Seeded(flown, settings)
+    flown = Flown(model, f"{version.arch}/{version.version}", requirements)
+    return flown if raw else with_expert(flown, effort)
 
 
 def _check_architecture(reference: str) -> None:

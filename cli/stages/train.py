@@ -1,18 +1,19 @@
 """Train one network on a dataset and register it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from cli.stages.champion import Challenge, challenge, flown_metrics, validation_trials
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.stream import MEMORY
 from pipeline.errors import check_range
-from pipeline.networks.architecture import recipe_for
+from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
+from pipeline.training.device import training_device
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
 from pipeline.training.validation import POSITION_RMSE, position_rmse
@@ -49,12 +50,12 @@ class TrainingSettings:
 
     @property
     def followed(self) -> Recipe:
-        """The recipe with its changes; InputError for an unknown name or a bad value."""
-        return replace(recipe_for(self.arch, self.recipe), **self.changes)
+        """The recipe with its changes; InputError for a name, value or field that cannot be."""
+        return changed_recipe(self.arch, self.recipe, self.changes)
 
 
 def trained_before(
-    how: TrainingSettings, data: Where, progress: Progress = SILENT
+    how: TrainingSettings, data: Where, device: str = "auto", progress: Progress = SILENT
 ) -> tuple[ModelVersion, Challenge | None] | None:
     """The newest version that was trained like this, by this code, on the same data, if any.
 
@@ -63,6 +64,7 @@ def trained_before(
     Args:
         how: what to train.
         data: a solved dataset.
+        device: "auto" for any, or a device's name, which it must have been trained on.
         progress: told where one was trained like this by other versions, which does not count.
 
     Returns:
@@ -83,6 +85,9 @@ def trained_before(
     connect()
     same = recorded(wanted).items()
     found = [version for version in list_versions() if same <= version.params.items()]
+    if device != "auto":
+        kind = training_device(device).type
+        found = [one for one in found if one.params.get("device", "").startswith(kind)]
     changes = {version.uri: changed_since(version.tags, TRAINED_BY) for version in found}
     current = [version for version in found if not changes[version.uri]]
     if found and not current:

@@ -13,12 +13,13 @@ from mlflow.exceptions import MlflowException
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.reading.examples import ExampleSource
 from pipeline.errors import InputError, ProlearnError, check_range
-from pipeline.networks.architecture import find, recipe_for
+from pipeline.networks.architecture import find, recipe_for, unused_fields
 from pipeline.networks.recipes import MOST, Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
+from pipeline.training.device import training_device
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
 from pipeline.training.study import complete, open_study, suggested
@@ -79,11 +80,15 @@ class Tuning:
 
     @property
     def name(self) -> str:
-        """The same for searches whose trials can be compared: on the same data, by this code."""
+        """The same for searches whose trials can be compared.
+
+        They are on the same data, by this code, on one kind of device and from one seed.
+        """
         r, data = self.recipe, self.dataset.digest[:12]
         code = made_with(*TRAINED_BY)
         versions = hashlib.sha256(json.dumps(dict(code), sort_keys=True).encode()).hexdigest()[:8]
-        return f"{self.arch}-{r.name}-n{self.learn.n}-{r.epochs}ep-{data}-{versions}"
+        how = f"{r.epochs}ep-{training_device(self.device)}-seed{self.seed}"
+        return f"{self.arch}-{r.name}-n{self.learn.n}-{how}-{data}-{versions}"
 
 
 @dataclass(frozen=True)
@@ -221,7 +226,7 @@ def _search(
 
 def _trial(trial: "Trial", store: Store, search: Tuning) -> float:
     """Train once and record it as a nested run; what the objective comes to."""
-    recipe = replace(search.recipe, **suggested(trial))
+    recipe = replace(search.recipe, **suggested(trial, unused_fields(find(search.arch))))
     with recorded_run(
         store, TUNING, f"trial-{trial.number}", environment_tags(TRAINED_BY)
     ) as run_id:

@@ -9,6 +9,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import Swarms, close_approaches, side_by_side
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import TransferMaps, transfer_maps
+from pipeline.plan import AT_ALL_TIMES, Requirements
 
 TOUCHING = 1e-3
 """Distance in m under which two craft give no direction of their own."""
@@ -127,8 +128,8 @@ def conflicts(
     problem: Problem,
     within: float,
     moved: Bool[Array, "n"],
+    requirements: Requirements = AT_ALL_TIMES,
     *,
-    at_nodes: bool,
     swarms: Swarms | None = None,
     beside: float = 0.0,
 ) -> tuple[Cuts, Float[Array, "k"]]:
@@ -140,7 +141,7 @@ def conflicts(
         problem: the problem.
         within: distance of interest, m.
         moved: craft whose pairs are looked at.
-        at_nodes: look at the nodes only (the paper's criterion), not at all times.
+        requirements: say whether all times are looked at, or the nodes only.
         swarms: which craft belong together; by default all of them.
         beside: also cut so long before and after each closest approach, as a share of the
             interval, since it moves; not at nodes only.
@@ -148,7 +149,7 @@ def conflicts(
     Returns:
         A cut at each closest approach, and a lower bound on the separation there, m.
     """
-    if at_nodes:
+    if requirements.at_nodes:
         i, j = (swarms or side_by_side((len(states),))).pairs
         touched = moved[i] | moved[j]
         i, j = i[touched], j[touched]

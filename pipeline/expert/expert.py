@@ -1,4 +1,4 @@
-"""The expert: scenarios, and perhaps seeds, in; plans with their certificates out."""
+"""The expert's nominal plans: scenarios, and perhaps seeds, in; plans with certificates out."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,56 +18,37 @@ from pipeline.expert.spread import Spread
 from pipeline.expert.standing import Found
 from pipeline.expert.starts import best_of_starts, until_settled
 from pipeline.orbit.transfer import project_to_flyable
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, planned_all
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, Requirements, planned_all
 from pipeline.scenario import Scenario
 
 
-def solve(
-    scenario: Scenario,
-    seed: Seed | None = None,
-    settings: Settings | None = None,
-    spread: Spread | None = None,
-) -> Plan:
-    """The expert's plan for a scenario.
-
-    Args:
-        scenario: what the swarm is to do.
-        seed: node states (n, T, 6) to aim the first cuts from, m and m/s; they need neither be
-            safe nor obey the dynamics. Without one the own optima are aimed from.
-        settings: how to work.
-        spread: separation to ask for because craft err; without one, the collision radius alone.
-
-    Raises:
-        InputError: for a seed of another shape or with values that are not finite.
-    """
-    return solve_many([scenario], None if seed is None else [seed], settings, spread)[0]
-
-
-def solve_many(
+def nominal_plans(
     scenarios: Sequence[Scenario],
-    seeds: Sequence[Float[Array, "_ T 6"] | None] | None = None,
-    settings: Settings | None = None,
+    seeds: Sequence[Float[Array, "_ T 6"] | None] | None,
+    settings: Settings,
+    requirements: Requirements,
     spread: Spread | None = None,
 ) -> list[Plan]:
-    """The expert's plans for scenarios of one problem, with what they share computed once.
+    """The expert's plans for scenarios of one problem, flown without errors.
 
     Args:
         scenarios: what swarms are to do; sizes may differ.
         seeds: for each, as in ``solve``, or None.
         settings: how to work.
-        spread: as in ``solve``.
+        requirements: what the plans must satisfy, of which a risk is not looked at here.
+        spread: separation to ask for because craft err; without one, the collision radius alone.
 
     Raises:
         InputError: for a seed of another shape or with values that are not finite.
     """
     if not scenarios:
         return []
-    settings, batch = settings or Settings(), Batch(scenarios)
+    batch, requirements = Batch(scenarios), requirements.nominal
     started = perf_counter()
     aims = None if seeds is None else [*map(_seed_controls, scenarios, seeds)]
     own = own_optima(batch.initial, batch.goal, batch.problem)
     searched = perf_counter()
-    found = _search(batch, own, aims, settings, spread)
+    found = _search(batch, own, aims, settings, requirements, spread)
     done = perf_counter()
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
@@ -75,10 +56,7 @@ def solve_many(
         Made(one.controls, *own.bound(craft), one.convex_solves, timing)
         for one, craft in zip(found, batch.craft, strict=True)
     ]
-    at_nodes = settings.separation == "nodes"
-    plans = planned_all(
-        "expert", scenarios, made, at_nodes=at_nodes, passive_safety=settings.passive_safety
-    )
+    plans = planned_all("expert", scenarios, made, requirements)
     told = zip(plans, found, batch.split(own.impossible), strict=True)
     return [_explained(plan, one, impossible) for plan, one, impossible in told]
 
@@ -110,12 +88,13 @@ def _search(
     own: OwnOptima,
     seeds: Sequence[Float[Array, "_ intervals 3"] | None] | None,
     settings: Settings,
+    requirements: Requirements,
     spread: Spread | None,
 ) -> list[Found]:
     """Search where every craft has a transfer of its own; the others are what they are."""
     parts = zip(batch.split(own.controls), batch.split(own.feasible), strict=True)
     found = [_alone(*part) for part in parts]
-    orbits = settings.passive_safety
+    orbits = requirements.passive_safety
     if orbits is not None:
         found = [
             one if one.obstacle or not why else replace(one, obstacle=why, hopeless=True)
@@ -126,10 +105,10 @@ def _search(
     if left:
         part, theirs = batch.part(left), own.of(np.isin(batch.swarms.label, left))
         aims = None if seeds is None else [seeds[k] for k in left]
-        first = Search(part, theirs, settings, aims, spread=spread).run()
+        first = Search(part, theirs, settings, requirements, aims, spread=spread).run()
         if orbits is not None:
-            first = until_settled(part, theirs, first, settings, spread)
-        best = best_of_starts(part, theirs, first, settings, spread)
+            first = until_settled(part, theirs, first, settings, requirements, spread)
+        best = best_of_starts(part, theirs, first, settings, requirements, spread)
         for k, one in zip(left, best, strict=True):
             found[k] = one
     return found

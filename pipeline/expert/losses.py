@@ -5,11 +5,11 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.expert.cuts import Apart, Cuts
-from pipeline.expert.settings import Settings
 from pipeline.expert.spread import Spread, conflicts_less
 from pipeline.orbit.approaches import Swarms
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_loss import Encounters, loss_encounters, unavoidable
+from pipeline.plan import Requirements
 from pipeline.scenario import Scenario
 
 
@@ -19,13 +19,14 @@ def conflicts_asked_about(
     problem: Problem,
     within: float,
     moved: Bool[Array, "n"],
-    settings: Settings,
+    requirements: Requirements,
     *,
+    margin: float,
     spread: Spread | None = None,
     swarms: Swarms | None = None,
     beside: float = 0.0,
 ) -> tuple[Cuts, Float[Array, "k"]]:
-    """``conflicts_less`` in flight, as settings ask, and conflicts after a loss of thrust."""
+    """``conflicts_less`` in flight and, where it is required, conflicts after a loss of thrust."""
     cuts, bound = conflicts_less(
         spread,
         states,
@@ -33,14 +34,14 @@ def conflicts_asked_about(
         problem,
         within,
         moved,
-        margin=settings.margin,
-        at_nodes=settings.separation == "nodes",
+        margin=margin,
+        requirements=requirements,
         swarms=swarms,
         beside=beside,
     )
-    if settings.passive_safety is None:
+    orbits = requirements.passive_safety
+    if orbits is None:
         return cuts, bound
-    orbits = settings.passive_safety
     more, theirs = loss_conflicts(states, controls, problem, orbits, within, moved, swarms)
     return cuts + more, np.concatenate([bound, theirs])
 

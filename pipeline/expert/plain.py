@@ -23,7 +23,7 @@ from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, planned
+from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.scenario import Scenario
 
 NAME = "plain SCP"
@@ -149,7 +149,7 @@ class PlainScp:
         controls = own.controls if found.controls is None else found.controls
         timing = {"plan": perf_counter() - started}
         made = Made(controls, bound, proof, found.convex_solves, timing)
-        plan = planned(NAME, scenario, made, at_nodes=True)
+        plan = planned(NAME, scenario, made, Requirements("nodes"))
         if found.clear and plan.status == SOLVED:
             return plan
         given_up = f"no plan clear at the nodes after {found.convex_solves} convex solves"

@@ -1,18 +1,18 @@
 """Plans of a risk that is at most what is asked for: how far apart the expert must keep craft."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from pipeline.expert.expert import solve
+from pipeline.expert.expert import nominal_plans
 from pipeline.expert.settings import Settings
 from pipeline.expert.spread import Spread
 from pipeline.orbit.risk import CollisionRisk, collision_risk
 from pipeline.orbit.uncertainty import Uncertainty
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, Risk, RiskLimit
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, Requirements, Risk
 from pipeline.scenario import Scenario
 
 TRIES = 8
@@ -34,10 +34,23 @@ class _Tried:
     risk: CollisionRisk
 
 
+def all_within_risk(
+    scenarios: Sequence[Scenario],
+    plans: Sequence[Plan],
+    requirements: Requirements,
+    settings: Settings,
+) -> list[Plan]:
+    """Plans of several scenarios, each as in ``within_risk``."""
+    both = zip(scenarios, plans, strict=True)
+    return [within_risk(scenario, plan, requirements, settings) for scenario, plan in both]
+
+
 def within_risk(
-    scenario: Scenario, plan: Plan, limit: RiskLimit, settings: Settings | None = None
+    scenario: Scenario, plan: Plan, requirements: Requirements, settings: Settings | None = None
 ) -> Plan:
     """The plan itself where its risk is small enough, or else the cheapest of some wider ones.
+
+    Without a risk in the requirements it is the plan itself.
 
     Every pair is kept so many standard deviations of its separation apart, the same number for
     all. As pairs that are held there come within the radius with a probability proportional to the
@@ -45,21 +58,23 @@ def within_risk(
 
     Args:
         scenario: what the swarm is to do.
-        plan: of any planner, for the collision radius alone.
-        limit: the risk, and the errors.
+        plan: of any planner, which satisfies what is required of it without errors, or is not
+            SOLVED.
+        requirements: what it must satisfy with errors too.
         settings: how the expert works.
 
     Returns:
         A plan whose certificate has the risk. It is UNSOLVED where the bound stays above what was
         asked for: then it is the least risky of all, and its message says who is in the way.
     """
-    if plan.status == INFEASIBLE:
+    limit = requirements.risk
+    if limit is None or plan.status == INFEASIBLE:
         return plan
     started, settings = perf_counter(), settings or Settings()
     uncertainty = limit.uncertainty(scenario.problem)
     tried = [_judged(scenario, plan, 0.0, uncertainty)]
     if plan.status == SOLVED and tried[0].risk.total > limit.asked:
-        tried.extend(_wider(scenario, tried[0], limit.asked, uncertainty, settings))
+        tried.extend(_wider(scenario, tried[0], limit.asked, uncertainty, settings, requirements))
     best = min(tried, key=lambda one: _worth(one, limit.asked))
     claim = Risk(
         bound=best.risk.total,
@@ -87,6 +102,7 @@ def _wider(
     asked: float,
     uncertainty: Uncertainty,
     settings: Settings,
+    requirements: Requirements,
 ) -> Iterator[_Tried]:
     """Search for ever better numbers of standard deviations, until one is good enough.
 
@@ -97,7 +113,8 @@ def _wider(
     held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
     sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
     for _ in range(TRIES):
-        made = solve(scenario, plan.states, settings, Spread(uncertainty, sigmas))
+        spread = Spread(uncertainty, sigmas)
+        (made,) = nominal_plans([scenario], [plan.states], settings, requirements, spread)
         one = _judged(scenario, made, sigmas, uncertainty)
         yield one
         risk = one.risk.total

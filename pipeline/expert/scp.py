@@ -34,7 +34,7 @@ from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
-from pipeline.plan import gap_of
+from pipeline.plan import Requirements, gap_of
 
 SEED_LOOK = 15.0
 """Pairs that pass within this of the collision radius in a seed are cut from the start, m."""
@@ -63,11 +63,13 @@ class Search:
         batch: Batch,
         own: OwnOptima,
         settings: Settings,
+        requirements: Requirements,
         seeds: Sequence[Float[Array, "_ intervals 3"] | None] | None = None,
         start: int = 0,
         spread: Spread | None = None,
     ) -> None:
         self.batch, self.own, self.settings, self.spread = batch, own, settings, spread
+        self.requirements = requirements
         self.problem, self.radius = batch.problem, batch.problem.collision_radius
         self.swarm, count = batch.swarms.label, len(batch.scenarios)
         everyone = np.ones(len(self.swarm), dtype=bool)
@@ -124,7 +126,7 @@ class Search:
     def run(self) -> list[Found]:
         """Solve and judge until every cluster is done."""
         most = self.settings.max_rounds
-        if self.settings.passive_safety is not None:
+        if self.requirements.passive_safety is not None:
             most = min(most, MOST_ROUNDS_ADRIFT)
         for _ in range(most):
             if not self.active.any():
@@ -161,7 +163,8 @@ class Search:
             self.problem,
             within,
             moved,
-            self.settings,
+            self.requirements,
+            margin=self.settings.margin,
             spread=self.spread,
             swarms=self.batch.swarms,
             beside=beside,

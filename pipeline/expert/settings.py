@@ -1,4 +1,4 @@
-"""How the expert works."""
+"""How the expert works; what its plans must satisfy is in ``pipeline.plan.Requirements``."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,7 +9,6 @@ class Settings:
     """Settings of the expert.
 
     Attributes:
-        separation: keep craft apart at all times, or at the nodes only as in the paper.
         stop: go on until the plan no longer improves, or stop at the first safe one.
         gap_tolerance: a cluster whose optimality gap is at most this is done.
         improvement: a cluster that gains no more than this share of its fuel is done.
@@ -21,15 +20,12 @@ class Settings:
         beside: how long before and after each closest approach of a seed it is cut as well, as a
             share of the interval; the plan that follows is closest at other times.
         max_rounds: rounds of programs that a search may take.
-        passive_safety: also keep craft apart for so many orbits after any one of them has lost its
-            thrust at a node, or None.
         again: further searches, each begun by passing on other sides, of a scenario for which
             passive safety is asked and no plan that has it was found.
         solver: the subproblem by the simplex method of HiGHS, by the interior points of Clarabel,
             or by its readable form in cvxpy.
     """
 
-    separation: Literal["continuous", "nodes"] = "continuous"
     stop: Literal["converged", "first-safe"] = "converged"
     gap_tolerance: float = 1e-3
     improvement: float = 1e-3
@@ -38,7 +34,6 @@ class Settings:
     look_ahead: float = 0.5
     beside: float = 0.0
     max_rounds: int = 60
-    passive_safety: float | None = None
     again: int = 8
     solver: Literal["simplex", "clarabel", "cvxpy"] = "simplex"
 

@@ -13,6 +13,7 @@ from pipeline.orbit.covariance import deviation_along, dispersion
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import levels_at
 from pipeline.orbit.uncertainty import Uncertainty
+from pipeline.plan import Requirements
 
 ENDS = 2 * PROVABLE
 """What pairs have left beyond what is asked for at the ends, where no control can move them, m."""
@@ -84,7 +85,7 @@ def conflicts_less(
     moved: Bool[Array, "n"],
     *,
     margin: float,
-    at_nodes: bool,
+    requirements: Requirements,
     swarms: Swarms | None = None,
     beside: float = 0.0,
 ) -> tuple[Cuts, Float[Array, "k"]]:
@@ -98,11 +99,11 @@ def conflicts_less(
         within: distance of interest besides what the spread asks for, m.
         moved: craft whose pairs are looked at.
         margin: asked for besides, m.
-        at_nodes: as in ``conflicts``; so are the rest.
+        requirements: as in ``conflicts``; so are the rest.
         swarms: which craft belong together.
         beside: also cut so long before and after.
     """
-    look = partial(conflicts, states, controls, problem, moved=moved, at_nodes=at_nodes)
+    look = partial(conflicts, states, controls, problem, moved=moved, requirements=requirements)
     if spread is None:
         return look(within=within, swarms=swarms, beside=beside)
     most = spread.most(controls, problem)

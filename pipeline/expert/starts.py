@@ -15,7 +15,7 @@ from pipeline.expert.spread import Spread
 from pipeline.expert.standing import Found
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.transfer import fly
-from pipeline.plan import gap_of
+from pipeline.plan import Requirements, gap_of
 from pipeline.scenario import Scenario
 
 
@@ -24,6 +24,7 @@ def until_settled(
     own: OwnOptima,
     first: Sequence[Found],
     settings: Settings,
+    requirements: Requirements,
     spread: Spread | None = None,
 ) -> list[Found]:
     """What first searches found, and ``settings.again`` further ones at most where that is unsafe.
@@ -37,7 +38,7 @@ def until_settled(
         if not left:
             break
         theirs = own.of(np.isin(batch.swarms.label, left))
-        others = Search(batch.part(left), theirs, settings, None, start, spread).run()
+        others = Search(batch.part(left), theirs, settings, requirements, None, start, spread).run()
         for k, other in zip(left, others, strict=True):
             solves = found[k].convex_solves + other.convex_solves
             found[k] = replace(other if other.settled else found[k], convex_solves=solves)
@@ -49,6 +50,7 @@ def best_of_starts(
     own: OwnOptima,
     first: Sequence[Found],
     settings: Settings,
+    requirements: Requirements,
     spread: Spread | None = None,
 ) -> list[Found]:
     """What first searches found, bettered by ``settings.starts`` - 1 further ones.
@@ -66,16 +68,21 @@ def best_of_starts(
         if not left:
             break
         theirs = own.of(np.isin(batch.swarms.label, left))
-        others = Search(batch.part(left), theirs, settings, None, start, spread).run()
+        others = Search(batch.part(left), theirs, settings, requirements, None, start, spread).run()
         for k, other in zip(left, others, strict=True):
             solves = best[k].convex_solves + other.convex_solves
-            better = _better(batch.scenarios[k], best[k], other, settings, spread)
+            better = _better(batch.scenarios[k], best[k], other, settings, requirements, spread)
             best[k] = replace(better, convex_solves=solves)
     return best
 
 
 def _better(
-    scenario: Scenario, best: Found, other: Found, settings: Settings, spread: Spread | None
+    scenario: Scenario,
+    best: Found,
+    other: Found,
+    settings: Settings,
+    requirements: Requirements,
+    spread: Spread | None,
 ) -> Found:
     """The cheaper of both in every cluster, where that is safe; else the cheaper of both."""
     if not (best.settled and other.settled):
@@ -89,7 +96,14 @@ def _better(
     radius = scenario.problem.collision_radius + PROVABLE
     everyone = np.ones(scenario.n, dtype=bool)
     found, _ = conflicts_asked_about(
-        states, controls, scenario.problem, radius, everyone, settings, spread=spread
+        states,
+        controls,
+        scenario.problem,
+        radius,
+        everyone,
+        requirements,
+        margin=settings.margin,
+        spread=spread,
     )
     if len(found) == 0:
         return replace(best, controls=controls, joined=both)

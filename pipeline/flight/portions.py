@@ -34,8 +34,11 @@ PORTION = 50
 """Most trials that are flown side by side, and rows of a shard."""
 
 MADE_BY: DecidedBy = (
-    ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight"),
-    ("numpy", "scipy", "pyarrow", "clarabel", "highspy", "torch"),
+    tuple(
+        f"pipeline/{part}"
+        for part in ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
+    ),
+    ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch"),
 )
 """Code of ours and packages that the bytes of trials depend on."""
 

@@ -103,6 +103,15 @@ class Architecture(Protocol):
         ...
 
 
+def unused_fields(architecture: Architecture) -> frozenset[str]:
+    """Fields of a recipe that change nothing in an architecture's training.
+
+    An architecture may say so in a member ``unused``; commands refuse these fields, and a search
+    for better recipes leaves them alone.
+    """
+    return frozenset(getattr(architecture, "unused", ()))
+
+
 @lru_cache
 def find(name: str) -> Architecture:
     """The architecture of a name, looked up once.
@@ -125,6 +134,21 @@ def find(name: str) -> Architecture:
             "pipeline.networks.architecture.Architecture; add them."
         )
     return found
+
+
+def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
+    """The recipe of a name as in ``recipe_for``, with some of its fields set otherwise.
+
+    Raises:
+        InputError: as ``recipe_for``, for a bad value, or a field that changes nothing.
+    """
+    followed = recipe_for(arch, name)
+    for field in sorted({*changes} & unused_fields(find(arch))):
+        raise InputError(
+            f"{field} is given and has no effect on the training of {arch}; expected fields that "
+            f"have one: leave --{field.replace('_', '-')} out."
+        )
+    return replace(followed, **changes)
 
 
 def recipe_for(arch: str, name: str) -> Recipe:

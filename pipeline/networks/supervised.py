@@ -35,6 +35,11 @@ class Supervised(ABC):
         return {}
 
     @property
+    def unused(self) -> frozenset[str]:
+        """The weight of the collision penalty, where the loss has none."""
+        return frozenset() if self.collision else frozenset({"collision_weight"})
+
+    @property
     def answers(self) -> Answer:
         """States, which obey no dynamics."""
         return "states"

@@ -5,10 +5,12 @@ from pipeline.plan.certificate import Certificate, certify, gap_of
 from pipeline.plan.passive_safety import PassiveSafety
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.planned import Made, is_passively_safe, is_safe, planned, planned_all
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, Separation
 from pipeline.plan.risk import Risk, RiskLimit
 from pipeline.plan.summary import summary
 
 __all__ = [
+    "AT_ALL_TIMES",
     "INFEASIBLE",
     "SOLVED",
     "UNSAFE",
@@ -18,8 +20,10 @@ __all__ = [
     "Made",
     "PassiveSafety",
     "Plan",
+    "Requirements",
     "Risk",
     "RiskLimit",
+    "Separation",
     "certify",
     "gap_of",
     "is_passively_safe",

@@ -7,12 +7,15 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.approaches import Swarms, side_by_side
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.risk import collision_risk
 from pipeline.orbit.separation import least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.passive_safety import PassiveSafety, passive_safety
-from pipeline.plan.risk import Risk
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
+from pipeline.plan.risk import Risk, RiskLimit
 from pipeline.scenario import Scenario
 
 NO_FUEL = 1e-9
@@ -68,7 +71,7 @@ def certify(
     states: Float[Array, "N T 6"],
     controls: Float[Array, "N intervals 3"],
     bounds: Sequence[tuple[float, str]],
-    orbits: float | None = None,
+    requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Certificate]:
     """The certificates of node states (m, m/s) and controls (m/s²), craft after craft.
 
@@ -77,7 +80,7 @@ def certify(
         states: of all their craft.
         controls: of all their craft.
         bounds: lower bound on the fuel of each scenario, m/s², and how it is proven.
-        orbits: of drift after a loss of thrust that are looked at, or None.
+        requirements: what was asked; passive safety and risk are claimed only where they were.
     """
     problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
     each = np.abs(controls).sum(axis=(1, 2))
@@ -93,8 +96,11 @@ def certify(
     defects = np.maximum.reduceat(defect, swarms.starts)
     collisions = swarm_node_collisions(states, problem.collision_radius, swarms)
     adrift: Sequence[PassiveSafety | None] = [None] * len(scenarios)
-    if orbits is not None:
-        adrift = passive_safety(states, controls, problem, orbits, swarms)
+    if requirements.passive_safety is not None:
+        adrift = passive_safety(states, controls, problem, requirements.passive_safety, swarms)
+    risks: Sequence[Risk | None] = [None] * len(scenarios)
+    if requirements.risk is not None:
+        risks = _risks(states, controls, problem, requirements.risk, swarms)
     return [
         Certificate(
             fuel=float(used[k]),
@@ -110,12 +116,27 @@ def certify(
             goal_velocity_error=float(misses[k, 3:].max()),
             dynamics_error=float(defects[k]),
             fuel_lower_bound_proof=proof,
+            risk=risks[k],
             passive_safety=adrift[k],
             craft_delta_v=tuple(spent[0][k].tolist()),
             craft_delta_v_2norm=tuple(spent[1][k].tolist()),
         )
         for k, ((bound, proof), apart) in enumerate(zip(bounds, closest, strict=True))
     ]
+
+
+def _risks(
+    states: Float[Array, "N T 6"],
+    controls: Float[Array, "N intervals 3"],
+    problem: Problem,
+    limit: RiskLimit,
+    swarms: Swarms,
+) -> list[Risk]:
+    """The risk of flying each of several swarms in open loop."""
+    errors, ends = limit.uncertainty(problem), swarms.starts[1:]
+    parts = zip(np.split(states, ends), np.split(controls, ends), strict=True)
+    bounds = [collision_risk(*part, problem, errors).total for part in parts]
+    return [Risk(bound, limit.asked, errors, sigmas=0.0, fuel_without=None) for bound in bounds]
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float) -> float:

@@ -14,7 +14,7 @@ SOLVED = "solved"
 """Dynamics, both ends in all six components, thrust limit and separation all hold."""
 
 UNSAFE = "unsafe"
-"""Flies to the goal, but some pair comes within the collision radius."""
+"""Flies to the goal, but does not satisfy all that is required; the message says what."""
 
 INFEASIBLE = "infeasible"
 """Proven: some craft cannot reach its goal within the thrust limit, or is in the way of another

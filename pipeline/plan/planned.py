@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +12,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario
 
 LIMIT_TOLERANCE = 1e-9
@@ -48,9 +48,7 @@ def planned_all(
     planner: str,
     scenarios: Sequence[Scenario],
     made: Sequence[Made],
-    *,
-    at_nodes: bool = False,
-    passive_safety: float | None = None,
+    requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Plan]:
     """The plans of scenarios of one problem; what a certificate proves decides a plan's status.
 
@@ -58,8 +56,7 @@ def planned_all(
         planner: name of the planner.
         scenarios: what was asked.
         made: what the planner made of each.
-        at_nodes: ask for separation at the nodes only, the paper's criterion.
-        passive_safety: ask for it after a loss of thrust too, for so many orbits.
+        requirements: what a plan must satisfy.
     """
     if not scenarios:
         return []
@@ -68,14 +65,14 @@ def planned_all(
     controls = with_coasts(np.concatenate([one.controls for one in made]), problem)
     states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    certificates = certify(scenarios, states, controls, bounds, passive_safety)
+    certificates = certify(scenarios, states, controls, bounds, requirements)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     flown, burned = np.split(states, ends), np.split(controls, ends)
     plans = []
     for one, theirs, burns, certificate in zip(made, flown, burned, certificates, strict=True):
         missed = _missed(certificate)
-        fault = _fault(burns, certificate, problem, at_nodes=at_nodes)
+        fault = _fault(burns, certificate, problem, requirements)
         status = UNSOLVED if missed else UNSAFE if fault else SOLVED
         timing = {**one.timing, "certificate": each}
         plans.append(
@@ -97,13 +94,10 @@ def planned(
     planner: str,
     scenario: Scenario,
     made: Made,
-    *,
-    at_nodes: bool = False,
-    passive_safety: float | None = None,
+    requirements: Requirements = AT_ALL_TIMES,
 ) -> Plan:
     """The plan of one scenario, as in ``planned_all``."""
-    judged_by: Any = {"at_nodes": at_nodes, "passive_safety": passive_safety}
-    return planned_all(planner, [scenario], [made], **judged_by)[0]
+    return planned_all(planner, [scenario], [made], requirements)[0]
 
 
 def is_passively_safe(certificate: Certificate, problem: Problem) -> bool:
@@ -114,9 +108,11 @@ def is_passively_safe(certificate: Certificate, problem: Problem) -> bool:
     return adrift.min_separation_bound > problem.collision_radius
 
 
-def is_safe(certificate: Certificate, problem: Problem, *, at_nodes: bool = False) -> bool:
+def is_safe(
+    certificate: Certificate, problem: Problem, requirements: Requirements = AT_ALL_TIMES
+) -> bool:
     """Whether no pair comes within the collision radius: at any time, or at the nodes only."""
-    if certificate.min_separation_bound is None or at_nodes:
+    if certificate.min_separation_bound is None or requirements.at_nodes:
         return certificate.node_collisions == 0
     return certificate.min_separation_bound > problem.collision_radius
 
@@ -133,15 +129,30 @@ def _fault(
     controls: Float[Array, "n intervals 3"],
     certificate: Certificate,
     problem: Problem,
-    *,
-    at_nodes: bool,
+    requirements: Requirements,
 ) -> str:
-    """What is wrong with a plan, or nothing."""
+    """What a plan does not satisfy, point by point, or nothing."""
+    points = (
+        _too_strong(controls, problem),
+        _too_close(certificate, problem, requirements),
+        _adrift(certificate, problem),
+        _too_risky(certificate, problem),
+    )
+    return "; ".join(filter(None, points))
+
+
+def _too_strong(controls: Float[Array, "n intervals 3"], problem: Problem) -> str:
+    """By how much a plan breaks the thrust limit."""
     limit, used = problem.max_acceleration, float(np.abs(controls).max())
-    if limit is not None and used > limit + LIMIT_TOLERANCE:
-        return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
-    if is_safe(certificate, problem, at_nodes=at_nodes) or not certificate.min_separation_pair:
-        return "" if is_passively_safe(certificate, problem) else _adrift(certificate, problem)
+    if limit is None or used <= limit + LIMIT_TOLERANCE:
+        return ""
+    return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
+
+
+def _too_close(certificate: Certificate, problem: Problem, requirements: Requirements) -> str:
+    """Who meets whom in flight."""
+    if is_safe(certificate, problem, requirements) or not certificate.min_separation_pair:
+        return ""
     i, j = certificate.min_separation_pair
     return (
         f"craft {i} and {j} come within {certificate.min_separation:.6g} m of each other at "
@@ -153,11 +164,22 @@ def _fault(
 def _adrift(certificate: Certificate, problem: Problem) -> str:
     """Who meets whom after a loss of thrust."""
     found = certificate.passive_safety
-    if found is None or found.pair is None:
+    if is_passively_safe(certificate, problem) or found is None or found.pair is None:
         return ""
     (i, j), last = found.pair, problem.nodes - 1
     whence = "its goal" if found.node == last else f"node {found.node}, should it lose thrust there"
     return (
         f"craft {i}, adrift from {whence}, comes within {found.min_separation:.6g} m of craft {j} "
         f"at {found.time:.6g} s; collision_radius is {problem.collision_radius:g} m"
+    )
+
+
+def _too_risky(certificate: Certificate, problem: Problem) -> str:
+    """What the risk is, where it is more than was asked for."""
+    risk = certificate.risk
+    if risk is None or risk.kept:
+        return ""
+    return (
+        f"the risk that a pair comes within {problem.collision_radius:g} m is bounded by "
+        f"{risk.bound:.3g}, asked for was {risk.asked:g}"
     )

@@ -62,7 +62,7 @@ class Risk:
         sigmas: standard deviations of each pair's separation that the plan was asked to keep
             beyond the collision radius; 0 where the plan was safe enough without.
         fuel_without: fuel of the planner's plan that keeps the collision radius alone, m/s²; None
-            where it found none.
+            where it found none, or plans without a view to the risk.
     """
 
     bound: float

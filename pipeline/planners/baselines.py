@@ -11,7 +11,7 @@ from pipeline.expert import own_optima
 from pipeline.expert.batch import Batch
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
-from pipeline.plan import Plan
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.planners.certified import certified
 from pipeline.scenario import Scenario
 
@@ -26,14 +26,12 @@ class Baseline:
     Attributes:
         name: what tables call it.
         controls: from initial and goal states to controls in m/s² that meet the goal.
-        at_nodes: judge plans by separation at the nodes only, the paper's criterion.
-        passive_safety: judge them by it after a loss of thrust too, for so many orbits, or None.
+        requirements: what its plans are judged by.
     """
 
     name: str
     controls: Callable[[States, States, Problem], Controls]
-    at_nodes: bool = False
-    passive_safety: float | None = None
+    requirements: Requirements = AT_ALL_TIMES
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
@@ -43,14 +41,7 @@ class Baseline:
         batch = Batch(scenarios)
         controls = self.controls(batch.initial, batch.goal, batch.problem)
         seconds = perf_counter() - started
-        return certified(
-            self.name,
-            scenarios,
-            controls,
-            seconds,
-            at_nodes=self.at_nodes,
-            passive_safety=self.passive_safety,
-        )
+        return certified(self.name, scenarios, controls, seconds, self.requirements)
 
 
 def _line(initial: States, goal: States, problem: Problem) -> Controls:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.expert import own_optima
 from pipeline.expert.batch import Batch
-from pipeline.plan import Made, Plan, planned_all
+from pipeline.plan import Made, Plan, Requirements, planned_all
 from pipeline.scenario import Scenario
 
 Ends = Float[Array, "b n 6"]
@@ -21,9 +21,7 @@ def certified(
     scenarios: Sequence[Scenario],
     controls: Float[Array, "n intervals 3"],
     seconds: float,
-    *,
-    at_nodes: bool,
-    passive_safety: float | None = None,
+    requirements: Requirements,
 ) -> list[Plan]:
     """The plans of controls for scenarios of one problem.
 
@@ -32,22 +30,19 @@ def certified(
         scenarios: what was asked, at least one.
         controls: of all their craft, one after the other, m/s².
         seconds: that it took to make them all.
-        at_nodes: judge by separation at the nodes only, the paper's criterion.
-        passive_safety: judge by it after a loss of thrust too, for so many orbits, or None.
+        requirements: what the plans are judged by.
     """
     batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
     own = own_optima(batch.initial, batch.goal, batch.problem)
     made = [Made(controls[craft], *own.bound(craft), timing=timing) for craft in batch.craft]
-    return planned_all(planner, scenarios, made, at_nodes=at_nodes, passive_safety=passive_safety)
+    return planned_all(planner, scenarios, made, requirements)
 
 
 def certified_answers(
     planner: str,
     scenarios: Sequence[Scenario],
     answer: Callable[[Ends, Ends], Float[Array, "b n _ 3"]],
-    *,
-    at_nodes: bool = False,
-    passive_safety: float | None = None,
+    requirements: Requirements,
 ) -> list[Plan]:
     """The plans of what answers scenarios of one problem and one n at once, and its time.
 
@@ -55,8 +50,7 @@ def certified_answers(
         planner: its name.
         scenarios: what was asked.
         answer: from initial and goal states, m and m/s, to controls that meet the goal, m/s².
-        at_nodes: judge by separation at the nodes only, the paper's criterion.
-        passive_safety: judge by it after a loss of thrust too, for so many orbits, or None.
+        requirements: what the plans are judged by.
     """
     if not scenarios:
         return []
@@ -66,6 +60,4 @@ def certified_answers(
     controls = answer(initial, goal)
     seconds = time.perf_counter() - started
     flat = controls.reshape(-1, *controls.shape[2:])
-    return certified(
-        planner, scenarios, flat, seconds, at_nodes=at_nodes, passive_safety=passive_safety
-    )
+    return certified(planner, scenarios, flat, seconds, requirements)

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from pipeline.plan import INFEASIBLE, SOLVED, Assignment, Certificate, Plan, gap_of
+from pipeline.plan import INFEASIBLE, SOLVED, Assignment, Certificate, Plan, Requirements, gap_of
 from pipeline.plan.certificate import NO_FUEL
 from pipeline.planners.assignment import OwnCosts, Slots, own_costs, ranked
 from pipeline.planners.planner import Planner
@@ -143,6 +143,11 @@ class Interchangeable:
     def name(self) -> str:
         """The planner's; its plans hold the assignment."""
         return self.planner.name
+
+    @property
+    def requirements(self) -> Requirements:
+        """What its plans must satisfy, the planner's."""
+        return self.planner.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, its goals in the order of ``Plan.assignment``.

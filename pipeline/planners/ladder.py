@@ -5,10 +5,9 @@ Each rung is tried on the scenarios that the one before left without a proof of 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
-from pipeline.expert import FIRST_SAFE, Settings, solve_many
-from pipeline.plan import SOLVED, Plan
+from pipeline.expert import FIRST_SAFE, Settings, all_within_risk, nominal_plans
+from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.planners.network import Flown
 from pipeline.scenario import Scenario
 
@@ -33,25 +32,28 @@ class Ladder:
         """The network's; its plans say which rung they are from."""
         return self.network.name
 
+    @property
+    def requirements(self) -> Requirements:
+        """What its plans must satisfy: as of the network."""
+        return self.network.requirements
+
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, safe wherever the expert finds one.
 
         A plan is called by the network, by the network and "one solve", or by the expert.
         """
-        plans = self.network.plan(scenarios)
-        at: Literal["nodes", "continuous"] = "nodes" if self.network.at_nodes else "continuous"
-        orbits = self.network.passive_safety
+        asked = self.requirements
+        plans = replace(self.network, requirements=asked.nominal).plan(scenarios)
 
         def one_solve(left: Sequence[Scenario], seeds: Sequence[Plan]) -> list[Plan]:
-            settings = replace(ONE_SOLVE, separation=at, passive_safety=orbits)
-            return solve_many(left, [seed.states for seed in seeds], settings)
+            return nominal_plans(left, [seed.states for seed in seeds], ONE_SOLVE, asked)
 
         def search(left: Sequence[Scenario], _: Sequence[Plan]) -> list[Plan]:
-            settings = replace(self.settings, separation=at, passive_safety=orbits)
-            return solve_many(left, settings=settings)
+            return nominal_plans(left, None, self.settings, asked)
 
         plans = _where_unsafe(scenarios, plans, one_solve, f"{self.name} + one solve")
-        return _where_unsafe(scenarios, plans, search, "expert")
+        plans = _where_unsafe(scenarios, plans, search, "expert")
+        return all_within_risk(scenarios, plans, asked, self.settings)
 
 
 def _where_unsafe(

@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
-from pipeline.plan import Plan
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.planners.certified import Ends, certified_answers
 from pipeline.scenario import Scenario
 
@@ -29,14 +29,12 @@ class Flown:
     Attributes:
         model: the network.
         name: what tables and plans call it.
-        at_nodes: judge plans by separation at the nodes only, the paper's criterion.
-        passive_safety: judge them by it after a loss of thrust too, for so many orbits, or None.
+        requirements: what its plans are judged by; the network knows the collision radius alone.
     """
 
     model: Model
     name: str
-    at_nodes: bool = False
-    passive_safety: float | None = None
+    requirements: Requirements = AT_ALL_TIMES
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n.
@@ -56,13 +54,7 @@ class Flown:
                 return project_to_flyable(found, initial, goal, problem)
             return meet_goal(initial, found, goal, problem)
 
-        return certified_answers(
-            self.name,
-            scenarios,
-            answer,
-            at_nodes=self.at_nodes,
-            passive_safety=self.passive_safety,
-        )
+        return certified_answers(self.name, scenarios, answer, self.requirements)
 
 
 def check_problem(model: Model, problem: Problem, where: str) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from pipeline.plan import Plan
+from pipeline.plan import Plan, Requirements
 from pipeline.scenario import Scenario
 
 
@@ -14,6 +14,11 @@ class Planner(Protocol):
     @property
     def name(self) -> str:
         """What tables and plans call it."""
+        ...
+
+    @property
+    def requirements(self) -> Requirements:
+        """What its plans must satisfy, and are judged by."""
         ...
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:

@@ -11,7 +11,7 @@ from pipeline.networks.refiner.null_space import LEAST_CHANGE
 from pipeline.networks.refiner.other_rounds import by_rule
 from pipeline.networks.refiner.program import LEAST_FUEL
 from pipeline.orbit.transfer import meet_goal
-from pipeline.plan import Plan
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.planners.certified import Ends, certified_answers
 from pipeline.scenario import Scenario
 
@@ -23,10 +23,12 @@ class Rule:
     Attributes:
         rounds: how many.
         null_space: whether steps lie in the null space, instead of each craft's program.
+        requirements: what its plans are judged by.
     """
 
     rounds: int
     null_space: bool = False
+    requirements: Requirements = AT_ALL_TIMES
 
     @property
     def name(self) -> str:
@@ -42,4 +44,4 @@ class Rule:
             controls = by_rule(initial, goal, problem, self.rounds, program)
             return meet_goal(initial, controls, goal, problem)
 
-        return certified_answers(self.name, scenarios, answer)
+        return certified_answers(self.name, scenarios, answer, self.requirements)

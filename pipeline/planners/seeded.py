@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from pipeline.expert import Settings, solve_many
-from pipeline.plan import Plan
+from pipeline.expert import Settings, all_within_risk, nominal_plans
+from pipeline.plan import Plan, Requirements
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
@@ -26,6 +26,11 @@ class Seeded:
         """Both planners."""
         return f"{self.planner.name} + expert"
 
+    @property
+    def requirements(self) -> Requirements:
+        """What its plans must satisfy: as of the planner that the seeds come from."""
+        return self.planner.requirements
+
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, safe wherever the expert finds one.
 
@@ -33,8 +38,10 @@ class Seeded:
         on their own optima: then the seed was not looked at.
         """
         seeds = self.planner.plan(scenarios)
-        plans = solve_many(scenarios, [seed.states for seed in seeds], self.settings)
-        return [self._both(*pair) for pair in zip(seeds, plans, strict=True)]
+        aims, asked = [seed.states for seed in seeds], self.requirements
+        plans = nominal_plans(scenarios, aims, self.settings, asked)
+        plans = [self._both(*pair) for pair in zip(seeds, plans, strict=True)]
+        return all_within_risk(scenarios, plans, asked, self.settings)
 
     def _both(self, seed: Plan, plan: Plan) -> Plan:
         stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}

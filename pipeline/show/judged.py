@@ -8,12 +8,12 @@ from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import FAR, collision_risk
-from pipeline.orbit.thrust_loss import check_orbits
 from pipeline.plan import (
     SOLVED,
     Certificate,
     Made,
     Plan,
+    Requirements,
     Risk,
     is_passively_safe,
     is_safe,
@@ -60,10 +60,8 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
     made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
     _refuse_overflow(claimed, scenario)
     adrift = said.passive_safety
-    orbits = None if adrift is None else adrift.orbits
-    if orbits is not None:
-        check_orbits(orbits)
-    found = planned(claimed.planner, scenario, made, passive_safety=orbits)
+    asked = Requirements(passive_safety=None if adrift is None else adrift.orbits)
+    found = planned(claimed.planner, scenario, made, asked)
     found = _with_risk(found, said.risk, scenario.problem)
     plan = replace(
         found, convex_solves=claimed.convex_solves, timing=claimed.timing, message=claimed.message

@@ -1,7 +1,7 @@
 """A search for better recipes as an Optuna study, which several processes may share."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,11 +68,12 @@ def complete(study: "Study") -> int:
     return sum(trial.state.name == "COMPLETE" for trial in study.get_trials(deepcopy=False))
 
 
-def suggested(trial: "Trial") -> dict[str, Any]:
-    """Fields of a recipe, of SPACE, for a trial."""
+def suggested(trial: "Trial", unused: Collection[str] = ()) -> dict[str, Any]:
+    """Fields of a recipe, of SPACE, for a trial; without those that change nothing."""
     return {
         name: trial.suggest_float(name, space.low, space.high, log=space.log)
         if isinstance(space, Between)
         else trial.suggest_categorical(name, space.values)
         for name, space in SPACE.items()
+        if name not in unused
     }

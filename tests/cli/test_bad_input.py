@@ -48,6 +48,26 @@ CASES = {
         "timed is -1",
     ),
     "no architecture": (["train", "--arch", ",", "--data", "none"], "such as lstm2"),
+    "a penalty that the loss has not": (
+        ["train", "--arch", "ff1", "--collision-weight", "5", "--data", "none"],
+        "has no effect on the training of ff1",
+    ),
+    "a penalty that one loss has not": (
+        ["train", "--arch", "ffcol,lstm2", "--collision-weight", "5", "--data", "none"],
+        "has no effect on the training of lstm2",
+    ),
+    "dropout without hidden layers that drop": (
+        ["train", "--arch", "refiner", "--dropout", "0.1", "--data", "none"],
+        "leave --dropout out",
+    ),
+    "an input that is not read": (
+        ["train", "--arch", "refiner", "--interior", "zeros", "--data", "none"],
+        "leave --interior out",
+    ),
+    "data of a comparison that is not made": (
+        ["models", "promote", "ff1", "--version", "1", "--force", "--data", "none"],
+        "expected one of the two",
+    ),
     "nothing to report": (["report"], "prolearn"),
     "no scenario file": (["plan", "none.json", "--out", "p.json"], "none.json"),
     "a plan over its scenario": (["plan", "good.json", "--out", "good.json"], "written over"),
@@ -77,13 +97,9 @@ CASES = {
         [*RISKY, "--risk", "0.1", "--thrust-sigma", "-1"],
         "thrust_sigma is -1",
     ),
-    "a risk without the expert": (
-        [*RISKY, "--risk", "0.1", "--planner", "own-LP"],
-        "the expert has no part",
-    ),
     "a risk at the nodes": (
         [*RISKY, "--risk", "0.1", "--separation", "nodes"],
-        "--separation is nodes",
+        "with separation at the nodes only",
     ),
     "nodes without measure": (["sample", "--out", "x", "--nodes", "100000"], "at most 1000"),
     "craft without measure": (["sample", "--out", "x", "--n", "1000000000"], "1 to 10000"),

@@ -47,12 +47,12 @@ def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
     said = run("plan", "s.json", "--planner", "lstm1", "--effort", "best", "--out", "p.json")
     plan = json.loads((tmp_path / "p.json").read_text())
     assert plan["status"] == "solved"
-    assert plan["planner"] == "lstm1:tuned + expert"
+    assert plan["planner"] == "lstm1/1 + expert"
     certificate = plan["certificate"]
     assert certificate["min_separation"] > 15
     i, j = certificate["min_separation_pair"]
     (row,) = [line for line in said.splitlines() if line.startswith("s ")]
-    assert row.removeprefix("s").strip().startswith("lstm1:tuned + expert 0.")
+    assert row.removeprefix("s").strip().startswith("lstm1/1 + expert 0.")
     at, apart = certificate["min_separation_time"], certificate["min_separation"]
     assert row.split()[-4:-1] == [f"{i},{j}", f"{at:.0f}", f"{apart:.2f}"]
     assert said.endswith("The plan is p.json.\n")

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.errors import InputError
 
 SECRETS = ("pa55word", "t0k3n", "fr4gment")
 URL = "memory://robot:pa55word@box/my n4?token=t0k3n#fr4gment"
@@ -75,6 +76,29 @@ def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
     assert (here / "mlflow.db").exists() and (here / "mlruns").is_dir()
     assert "memory://box/my n4" in (here / "report" / "report.md").read_text()
     assert kept(here) == []
+
+
+def test_where_no_model_fits_the_data_these_are_named_without_the_secrets(run):
+    for where, *more in ((URL,), ("other", "--nodes", 9)):
+        run("sample", "--n", 2, "--count", 24, "--out", where, "--jobs", 1, *more)
+        run("solve", where, "--jobs", 1)
+    run("train", "--arch", "ff1", "--data", "other", "--n", 2, "--epochs", 1)
+    for command in ("evaluate", "flights", "transfer-times", "warmstart"):
+        said = run(command, "--data", URL, "--n", 2, status=2)
+        assert "no model was trained on memory://box/my n4 as it is now" in said
+    said = run("evaluate", "--data", URL, "--models", "ff1", status=2)
+    assert "memory://box/my n4 has nodes 11" in said
+
+
+@pytest.mark.parametrize("form", [("--data", URL), (f"--data={URL}",)])
+def test_no_message_of_ours_shows_the_secrets_of_a_url_that_was_typed(run, monkeypatch, form):
+    """Whatever a part of the program says of what it was given."""
+
+    def careless(*_, **__):
+        raise InputError(f"{URL} is odd; expected another.")
+
+    monkeypatch.setattr("cli.stages.evaluate.evaluate", careless)
+    assert "is odd; expected another" in run("evaluate", *form, status=2)
 
 
 def test_a_damaged_shard_is_named_without_the_secrets(run):

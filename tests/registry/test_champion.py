@@ -45,6 +45,21 @@ def test_what_is_there_to_be_compared_with_is_no_champion_however_good_it_is(
     assert held.reason == "recipe short is there to be compared with"
 
 
+def test_a_first_version_that_is_there_to_be_compared_with_is_no_champion(
+    folder: Path, solved: Path
+) -> None:
+    """In a fresh store; the next version by a recipe to plan with is it."""
+    changes = {"epochs": 1, "crowded": 0}
+    how = TrainingSettings(REFINER, SHORT, n=3, changes=changes)
+    version, held = train_model(how, solved, device="cpu")
+    assert (version.aliases, held.champion) == ((), None)
+    with pytest.raises(InputError, match="no model 'refiner'"):
+        resolve(REFINER)
+    version, held = train_model(replace(how, recipe="tuned"), solved, device="cpu")
+    assert held.champion.version == version.version == 2
+    assert resolve(REFINER).version == 2
+
+
 def test_a_worse_version_becomes_champion_only_by_force(register: Register) -> None:
     register(0.0)
     register(1.0)
@@ -53,8 +68,8 @@ def test_a_worse_version_becomes_champion_only_by_force(register: Register) -> N
     ):
         promote("ff1", 2)
     assert resolve("ff1").version == 1
-    assert promote("prolearn-ff1", 2, force=True).champion.aliases == ("champion",)
-    assert promote("ff1", 1).champion.version == 1  # the better one needs no force
+    assert promote("prolearn-ff1", 2, force=True)[0].aliases == ("champion",)
+    assert promote("ff1", 1)[0].version == 1  # the better one needs no force
     assert [v.aliases for v in list_versions()] == [("champion",), ()]
 
 
@@ -65,7 +80,7 @@ def test_versions_of_other_data_are_compared_on_one_that_is_given(
     register(0.0, data="gone/elsewhere")
     with pytest.raises(InputError, match=r"gone/elsewhere does not exist.*--data"):
         promote("ff1", 2)
-    assert promote("ff1", 2, str(solved)).champion.version == 2
+    assert promote("ff1", 2, str(solved))[0].version == 2
 
 
 def test_a_training_says_how_safe_and_dear_it_is_on_validation_data_and_who_is_champion(

@@ -6,9 +6,12 @@ The kills come before one commit of the database after the other, from the versi
 import json
 import shutil
 import signal
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
+from cli.stages.train import TrainingSettings, train_model, trained_before
 from registry.models import list_versions
 from registry.store import connect
 
@@ -111,3 +114,16 @@ def test_a_better_version_takes_the_champions_place_wherever_its_training_was_ki
     assert held[0][2][1].startswith("of 6 validation scenarios")
     assert all(one[2][1] for one in held)
     assert {len(one) for one in held} == {2}
+
+
+def test_what_was_trained_on_another_device_was_not_trained_on_this_one(
+    folder: Path, solved: Path
+) -> None:
+    """The record says cuda; without a wish for a device it counts all the same."""
+    how = TrainingSettings("ff1", "tuned", n=3, changes={"epochs": 1})
+    version, _ = train_model(how, solved, device="cpu")
+    assert trained_before(how, solved, "cpu")
+    with closing(sqlite3.connect(folder / "mlflow.db")) as database, database:
+        database.execute("UPDATE params SET value = 'cuda:0' WHERE key = 'device'")
+    assert trained_before(how, solved, "cpu") is None
+    assert trained_before(how, solved)[0].version == version.version

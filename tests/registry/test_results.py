@@ -1,16 +1,22 @@
 import json
+import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import pipeline
+from cli.stages.evaluate import evaluate
 from pipeline.errors import InputError
+from pipeline.flight.portions import MADE_BY
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
+from pipeline.provenance import DecidedBy
 from pipeline.training.loop import Trained
-from registry.environment import EVALUATED_BY
+from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY
 from registry.model_metrics import add_model_results
 from registry.models import resolve
 from registry.results import arrays_of, earlier_run, evaluation, latest, record, table_of
@@ -139,21 +145,56 @@ def test_an_experiment_was_done_earlier_only_with_the_same_parameters(folder: Pa
 
 
 def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() -> None:
-    root = Path(pipeline.__file__).parent
+    root = Path(pipeline.__file__).parents[1]
     found = {pattern: sorted(root.glob(pattern)) for pattern in EVALUATED_BY[0]}
     assert all(found.values())
     files = {path.relative_to(root).as_posix() for paths in found.values() for path in paths}
-    decided = {name for name in files if name.startswith("experiments")}
+    decided = files - {f"pipeline/{part}" for part in PLANNING}
     assert decided == {
-        "experiments/trials.py",
-        "experiments/ablations/run.py",
-        "experiments/examples/run.py",
-        "experiments/experiment3/rows.py",
-        "experiments/experiment3/run.py",
-        "experiments/experiment4/run.py",
-        "experiments/experiment5/rows.py",
-        "experiments/experiment5/run.py",
+        "pipeline/experiments/trials.py",
+        "pipeline/experiments/ablations/run.py",
+        "pipeline/experiments/examples/run.py",
+        "pipeline/experiments/experiment3/rows.py",
+        "pipeline/experiments/experiment3/run.py",
+        "pipeline/experiments/experiment4/run.py",
+        "pipeline/experiments/experiment5/rows.py",
+        "pipeline/experiments/experiment5/run.py",
+        "cli/stages/ablate.py",
+        "cli/stages/entrants.py",
+        "cli/stages/evaluate.py",
+        "cli/stages/experiment.py",
+        "cli/stages/flights.py",
+        "cli/stages/transfer_times.py",
+        "cli/stages/warmstart.py",
     }
+
+
+COMPUTE = {"numpy", "scipy", "numba", "clarabel", "highspy", "cvxpy", "torch"}
+"""Of what our code imports, the distributions that compute."""
+
+
+@pytest.mark.parametrize("decided_by", [EVALUATED_BY, TRAINED_BY, MADE_BY])
+def test_what_computes_in_the_code_that_decides_a_result_is_known_by_its_version(
+    decided_by: DecidedBy,
+) -> None:
+    root = Path(pipeline.__file__).parents[1]
+    paths = [path for pattern in decided_by[0] for path in root.glob(pattern)]
+    files = [file for path in paths for file in (path.rglob("*.py") if path.is_dir() else [path])]
+    text = "\n".join(file.read_text() for file in files)
+    imported = {*re.findall(r"^\s*(?:import|from) (\w+)", text, re.MULTILINE)}
+    readable = {"cvxpy"} if decided_by is MADE_BY else set()  # no flight asks for that solver
+    assert (imported & COMPUTE) - readable <= {*decided_by[1]}
+
+
+def test_an_evaluation_of_the_same_models_in_another_order_is_the_same(
+    register: Callable[..., Any], solved: Path
+) -> None:
+    for noise in (1.0, 2.0):
+        register(noise)
+    options: Any = {"sizes": [3], "trials": 2, "timed": 0, "resume": True}
+    first = evaluate(["ff1/1", "ff1/2"], solved, **options)
+    again = evaluate(["ff1/2", "ff1/1"], solved, **options)
+    assert (again.run_id, again.earlier) == (first.run_id, True)
 
 
 def test_an_experiment_of_other_versions_is_not_taken_for_done_and_says_which(

@@ -98,3 +98,19 @@ def test_an_objective_that_no_trial_records_is_refused(
     monkeypatch.setattr(Supervised, "objective", "beauty")
     with pytest.raises(InputError, match=r"'ff1' names 'beauty' .*valid_position_rmse"):
         search(solved, 1)
+
+
+def test_trials_from_another_seed_are_another_search(folder: Path, solved: Path) -> None:
+    first = search(solved, 1)
+    other = search(solved, 1, seed=1)
+    assert other.study != first.study
+    assert other.run_id != first.run_id
+    seeds = [r.data.params["seed"] for r in runs("prolearn-tuning") if "trial" in r.data.params]
+    assert sorted(seeds) == ["0", "1"]
+
+
+def test_a_search_leaves_alone_what_an_architecture_has_no_use_for(
+    folder: Path, solved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Supervised, "unused", frozenset({"dropout", "collision_weight"}))
+    assert {*search(solved, 1).best} == {"learning_rate", "batch_size", "interior"}

@@ -21,6 +21,7 @@ from pipeline.dataset.card.splits import files_by_split
 from pipeline.dataset.format.columns import COLUMNS
 from pipeline.dataset.format.layout import CARD
 from pipeline.dataset.format.manifest import Manifest
+from pipeline.dataset.format.solving import requirements_of
 from pipeline.dataset.stages.presets import PRESETS
 from pipeline.errors import InputError
 from pipeline.markdown import Markdown, code, formatted, table, verbatim
@@ -93,7 +94,7 @@ def card_of(contents: Contents, name: str, licence: str) -> str:
         licence=licence,
         problem=manifest.problem,
         altitude=altitude_of(manifest.problem.mean_motion) / 1e3,
-        at_nodes=manifest.solve["separation"] == "nodes",
+        at_nodes=requirements_of(manifest.solve).at_nodes,
         sizes=sorted(manifest.samples),
         mebibytes=sum(file.stored for file in contents.files) / 2**20,
         joined=Markdown(", ".join(code(name) for name in splits if "_" in name)),

@@ -2,14 +2,15 @@
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 
 from pipeline.dataset.format.manifest import Manifest
 from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.format.solving import recorded
 from pipeline.dataset.stages.presets import PRESETS
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, R_EARTH, mean_motion_at
+from pipeline.plan import AT_ALL_TIMES
 from pipeline.scenario.families import FAMILIES
 
 TYPED_DIGITS = range(-3, 7)
@@ -34,7 +35,7 @@ def described(family: str) -> str:
 def preset_of(manifest: Manifest) -> str | None:
     """The preset that all of it is of, or None; sizes may be missing."""
     # Settings that are newer than the dataset have the value that the expert had built in.
-    usual = manifest.solve.items() <= asdict(Settings()).items()
+    usual = manifest.solve.items() <= recorded(Settings(), AT_ALL_TIMES).items()
     if not usual or manifest.problem != Problem():
         return None
     for name, samples in PRESETS.items():

@@ -19,9 +19,9 @@ from pydantic import (
 from pipeline.dataset.format.layout import OWNED, SCENARIOS
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.format.schema import FAMILY, SCHEMA, metadata
+from pipeline.dataset.format.solving import checked_record
 from pipeline.documents import first_fault
 from pipeline.errors import InputError
-from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.progress import Progress
 from pipeline.scenario.families import scenario_id
@@ -55,7 +55,8 @@ class Manifest:
     Attributes:
         problem: the problem that all its instances share.
         samples: how each swarm size is drawn.
-        solve: settings of the expert, or nothing before the first solve.
+        solve: settings of the expert and what its plans must satisfy, or nothing before the first
+            solve.
         made_with: versions that it was made with.
         shards: SHA-256 digest of each finished shard, by path inside the folder.
     """
@@ -65,7 +66,7 @@ class Manifest:
     # As written: an integer stays one, since the metadata of shards repeats it to the letter.
     problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
     samples: Mapping[PositiveInt, Sample]
-    solve: Annotated[Mapping[str, Any], AfterValidator(lambda given: _settings(given))]
+    solve: Annotated[Mapping[str, Any], AfterValidator(checked_record)]
     made_with: MadeWith
     shards: Mapping[str, str]
 
@@ -210,18 +211,6 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
         f"{folder} {what}; expected a dataset folder: make one with "
         f"`prolearn dataset --preset demo --out {folder}`."
     )
-
-
-def _settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Settings of the expert as they are written, where they are such settings."""
-    try:
-        TypeAdapter(Settings).validate_python(given)
-        Settings(**given)
-    except ValidationError as error:
-        raise ValueError(first_fault(error)) from None
-    except TypeError as error:  # a name that is none
-        raise ValueError(str(error)) from None
-    return given
 
 
 class DamagedError(Exception):

@@ -8,6 +8,7 @@ from pipeline.dataset.format.schema import (
     problem_of,
     scenarios_of,
 )
+from pipeline.dataset.format.solving import requirements_of
 from pipeline.dataset.stages.physics import row_faults
 from pipeline.errors import InputError
 from pipeline.storage.shards import Size, decode, told_by
@@ -32,6 +33,5 @@ def _is_sound(table: pa.Table) -> bool:
     sizes = {scenario.n for scenario in scenarios_of(table)}
     if sizes != {*table["n_spacecraft"].to_pylist()} or len(sizes) != 1:
         return False
-    at_nodes = told_by(table).get("separation") == "nodes"
-    faults = row_faults(table, sizes.pop(), problem_of(table), at_nodes=at_nodes)
+    faults = row_faults(table, sizes.pop(), problem_of(table), requirements_of(told_by(table)))
     return not (solved and any(faults))

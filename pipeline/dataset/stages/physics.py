@@ -10,12 +10,13 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.dataset.format.schema import stacked
-from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.approaches import TOLERANCE, side_by_side
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, node_collisions
+from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import dynamics_defect
-from pipeline.plan import SOLVED
+from pipeline.plan import SOLVED, Requirements
 from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
@@ -24,14 +25,16 @@ PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "
 Rows = Bool[Array, "N"]
 
 
-def row_faults(table: pa.Table, n: int, problem: Problem, *, at_nodes: bool) -> Iterator[str]:
+def row_faults(
+    table: pa.Table, n: int, problem: Problem, requirements: Requirements
+) -> Iterator[str]:
     """Every row of a solved shard that does not hold what it claims, with the reason.
 
     Args:
         table: rows of one swarm size.
         n: that size.
         problem: what they are meant to solve.
-        at_nodes: craft are kept apart at the nodes only.
+        requirements: what its plans satisfy.
     """
     names = table["scenario_id"].to_pylist()
     is_solved = pc.equal(table["status"], SOLVED)
@@ -42,12 +45,12 @@ def row_faults(table: pa.Table, n: int, problem: Problem, *, at_nodes: bool) -> 
     if bad.any() or solved.num_rows == 0:
         return
     names = solved["scenario_id"].to_pylist()
-    for what, wrong in _checks(solved, n, problem, at_nodes=at_nodes):
+    for what, wrong in _checks(solved, n, problem, requirements):
         yield from (f"{names[k]} {what}" for k in np.flatnonzero(wrong))
 
 
 def _checks(
-    solved: pa.Table, n: int, problem: Problem, *, at_nodes: bool
+    solved: pa.Table, n: int, problem: Problem, requirements: Requirements
 ) -> Iterator[tuple[str, Rows]]:
     try:
         states = stacked(solved, "states", n, problem.nodes, 6)
@@ -71,14 +74,18 @@ def _checks(
     if problem.max_acceleration is not None:
         most = problem.max_acceleration + LIMIT_TOLERANCE
         yield "breaks the thrust limit", ~(np.abs(controls).max(axis=(1, 2, 3)) <= most)
-    if at_nodes:
+    if requirements.at_nodes:
         yield "comes too close at a node", collisions > 0
     if n > 1:
         claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
         close, other = _separation(states, controls, problem, claimed)
         yield "has another least separation than its states", other
-        if not at_nodes:
+        if not requirements.at_nodes:
             yield "comes too close", close
+        orbits = requirements.passive_safety
+        if orbits is not None:
+            adrift = _close_adrift(states, controls, problem, orbits)
+            yield "comes too close after a loss of thrust", adrift
 
 
 def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
@@ -109,3 +116,16 @@ def _separation(
         found = least_separation(states[k], controls[k], problem)
         bound[k], distance[k] = found.bound, found.distance
     return bound <= problem.collision_radius, ~(np.abs(distance - claimed) <= 2 * TOLERANCE)
+
+
+def _close_adrift(
+    states: Float[Array, "N n T 6"],
+    controls: Float[Array, "N n intervals 3"],
+    problem: Problem,
+    orbits: float,
+) -> Rows:
+    """Rows in which a craft that has lost its thrust comes within r_col of another."""
+    swarm = side_by_side((states.shape[1],))
+    rows = zip(states, controls, strict=True)
+    found = [least_after_loss(*row, problem, orbits, swarm)[0] for row in rows]
+    return np.array([one is None or one.bound <= problem.collision_radius for one in found])

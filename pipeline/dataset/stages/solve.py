@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from pipeline.dataset.format.schema import (
     solved_table,
     timing_table,
 )
+from pipeline.dataset.format.solving import recorded, requirements_of, settings_of
 from pipeline.dataset.stages.begun import refuse_versions, solved_by
 from pipeline.dataset.stages.sample import draw_scenarios
 from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
 from pipeline.jobs.worker import check_worker
 from pipeline.jobs.workers import Workers
-from pipeline.plan import SOLVED, UNSOLVED, Plan
+from pipeline.plan import AT_ALL_TIMES, SOLVED, UNSOLVED, Plan, Requirements
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with, refuse_change
 from pipeline.scenario import Scenario
@@ -41,6 +42,7 @@ class Solved:
 def solve(
     where: Where | Folder,
     settings: Settings,
+    requirements: Requirements = AT_ALL_TIMES,
     *,
     workers: Workers | None = None,
     progress: Progress = SILENT,
@@ -50,6 +52,7 @@ def solve(
     Args:
         where: a sampled dataset.
         settings: of the expert.
+        requirements: what the plans must satisfy.
         workers: what to solve it with; all cores of this machine by default.
         progress: told how far it is.
 
@@ -60,7 +63,7 @@ def solve(
     """
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
-    with under_way(folder, lambda: _begun(folder, settings), progress) as ledger:
+    with under_way(folder, lambda: _begun(folder, settings, requirements), progress) as ledger:
         complete(ledger, workers, progress)
     return ledger.manifest
 
@@ -94,9 +97,9 @@ def complete(
             progress.done(len(shard.rows), failed=solved.failed)
 
 
-def _begun(folder: Folder, settings: Settings) -> Manifest:
+def _begun(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:
     """The manifest of the folder with these settings, where it was begun with no others."""
-    manifest, now = read_manifest(folder), asdict(settings)
+    manifest, now = read_manifest(folder), recorded(settings, requirements)
     if manifest.solve:
         refuse_change(str(folder), manifest.solve, now)
     refuse_versions(folder, manifest)
@@ -125,10 +128,10 @@ def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
 
 
 def _solved(shard: Shard, content: bytes) -> Solved:
-    settings = Settings(**shard.about.solve)
+    settings, requirements = settings_of(shard.about.solve), requirements_of(shard.about.solve)
     check_worker(shard.about.made_with.solve, solved_by(settings))
     table = decode(content, shard.most)
-    outcomes = _outcomes(scenarios_of(table), settings)
+    outcomes = _outcomes(scenarios_of(table), settings, requirements)
     solved = encode(solved_table(table, outcomes, shard.metadata(shard.solved)))
     return Solved(
         solved,
@@ -137,18 +140,22 @@ def _solved(shard: Shard, content: bytes) -> Solved:
     )
 
 
-def _outcomes(scenarios: Sequence[Scenario], settings: Settings) -> list[Outcome]:
+def _outcomes(
+    scenarios: Sequence[Scenario], settings: Settings, requirements: Requirements
+) -> list[Outcome]:
     """What the expert makes of scenarios.
 
     Where arithmetic fails, as it may on any scenario, that costs one row. Any other error is one
     of ours, which every row might have, and ends the run.
     """
     try:
-        return [_outcome(plan) for plan in solve_many(scenarios, settings=settings)]
+        plans = solve_many(scenarios, settings=settings, requirements=requirements)
+        return [_outcome(plan) for plan in plans]
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         if len(scenarios) == 1:
             return [Outcome(UNSOLVED, message=f"the expert failed: {error!r}")]
-        return [outcome for one in scenarios for outcome in _outcomes([one], settings)]
+        alone = [_outcomes([one], settings, requirements) for one in scenarios]
+        return [outcome for (outcome,) in alone]
 
 
 def _outcome(plan: Plan) -> Outcome:

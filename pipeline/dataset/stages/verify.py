@@ -9,6 +9,7 @@ import pyarrow as pa
 from pipeline.dataset.format.layout import BESIDE, SHARD
 from pipeline.dataset.format.manifest import Manifest, Shard, manifest_or_copy
 from pipeline.dataset.format.schema import SCENARIO_FIELDS, SOLVED_FIELDS, TIMING_FIELDS
+from pipeline.dataset.format.solving import requirements_of
 from pipeline.dataset.stages.alone import stands_alone
 from pipeline.dataset.stages.physics import row_faults
 from pipeline.documents import CHECKSUM, parsed
@@ -211,5 +212,5 @@ def _row_faults(table: pa.Table, shard: Shard, kind: str) -> Iterator[str]:
     if table["split"].to_pylist() != [shard.sample.drawn_as(row)[0] for row in shard.rows]:
         yield "has rows of other splits than they were drawn for"
     if kind == "solved":
-        at_nodes = shard.about.solve.get("separation") == "nodes"
-        yield from row_faults(table, shard.n, shard.about.problem, at_nodes=at_nodes)
+        requirements = requirements_of(shard.about.solve)
+        yield from row_faults(table, shard.n, shard.about.problem, requirements)

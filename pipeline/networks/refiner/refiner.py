@@ -132,6 +132,11 @@ class Refiner:
         }
 
     @property
+    def unused(self) -> frozenset[str]:
+        """What encodes the swarms of the paper's networks, and what they alone have."""
+        return frozenset({"dropout", "interior", "target", "scaling", "collision_weight"})
+
+    @property
     def answers(self) -> Answer:
         """Controls, which meet the goal but for rounding."""
         return "controls"

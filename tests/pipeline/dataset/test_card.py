@@ -31,6 +31,7 @@ from pipeline.expert import Settings
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
+from pipeline.plan import Requirements
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/dataset.md").read_text(encoding="utf-8")
@@ -180,7 +181,7 @@ def test_the_commands_in_the_card_make_the_same_rows(tmp_path, monkeypatch):
     problem = Problem(mean_motion_at(612_345.6), 90.0, 9, 12.5, 0.02)
     one = Sample(family="tilt-split", seed=7, count=4, shares=(0.5, 0.25, 0.25), shard_rows=3)
     sample("data/first", {2: one, 5: replace(one, count=2, seed=8)}, problem, jobs=1)
-    solve("data/first", Settings(separation="nodes"), workers=ONE)
+    solve("data/first", Settings(), Requirements("nodes"), workers=ONE)
     write_card("data/first")
     block = body(tmp_path / "data/first").partition("```\nprolearn")[2].partition("```")[0]
     for line in f"prolearn{block}".strip().splitlines():

@@ -24,6 +24,7 @@ from pipeline.expert import Settings, solve_many
 from pipeline.expert import solve as solve_scenario
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.plan import Requirements
 from pipeline.scenario import draw
 from pipeline.storage.folder import Folder
 from pipeline.storage.layout import COPY, MANIFEST
@@ -134,7 +135,7 @@ def test_other_settings_are_refused_by_name_with_both_values(
 def test_another_way_to_solve_is_refused_by_name_with_both_values(solved, content):
     before = content(solved)
     with pytest.raises(InputError, match="separation = continuous, now it is nodes"):
-        solve(solved, Settings(separation="nodes"), workers=ONE)
+        solve(solved, Settings(), Requirements("nodes"), workers=ONE)
     assert content(solved) == before
 
 
@@ -176,10 +177,10 @@ def test_every_scenario_has_a_row_and_failures_reach_no_training(tmp_path):
 def breaking(error):
     """The expert, but for the second scenario."""
 
-    def breaks_down(scenarios, settings):
+    def breaks_down(scenarios, **told):
         if any(scenario.name.endswith("1") for scenario in scenarios):
             raise error
-        return solve_many(scenarios, settings=settings)
+        return solve_many(scenarios, **told)
 
     return breaks_down
 
@@ -310,7 +311,7 @@ def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved, conte
 
 def test_plans_of_other_settings_are_not_adopted(solved, tmp_path):
     sample(tmp_path / "other", {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
-    solve(tmp_path / "other", Settings(separation="nodes"), workers=ONE)
+    solve(tmp_path / "other", Settings(), Requirements("nodes"), workers=ONE)
     remove(solved)
     name = "n=2/part-00000.parquet"
     right = (solved / name).read_bytes()

@@ -14,6 +14,7 @@ import torch
 
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.format.schema import SOLVED_FIELDS, metadata
+from pipeline.dataset.format.solving import recorded
 from pipeline.dataset.reading.read import examples
 from pipeline.dataset.reading.stream import COPIES, ExampleStream, bytes_of_one, examples_within
 from pipeline.errors import InputError
@@ -22,6 +23,7 @@ from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.plan import AT_ALL_TIMES
 from pipeline.storage.layout import MANIFEST
 from pipeline.storage.shards import digest_of, encode
 from pipeline.training.data import Preparation, batches
@@ -34,7 +36,7 @@ def write_dataset(folder, n, one, problem=None):
     """A dataset of minimum-energy transfers, one in ten of them without a plan."""
     problem = problem or Problem()
     rng = np.random.default_rng(0)
-    meta = metadata(problem, one.origin() | asdict(Settings()), {})
+    meta = metadata(problem, one.origin() | recorded(Settings(), AT_ALL_TIMES), {})
     digests = {}
     for shard in range(one.shards):
         rows = one.rows(shard)
@@ -61,7 +63,7 @@ def write_dataset(folder, n, one, problem=None):
         "schema": "prolearn.dataset/2",
         "problem": asdict(problem),
         "samples": {str(n): asdict(one)},
-        "solve": asdict(Settings()),
+        "solve": recorded(Settings(), AT_ALL_TIMES),
         "made_with": {"sample": {}, "solve": {}},
         "shards": digests,
     }

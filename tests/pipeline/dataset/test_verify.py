@@ -17,6 +17,7 @@ from pipeline.dataset.stages.verify import verify
 from pipeline.expert import Settings
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.plan import AT_ALL_TIMES, Requirements
 from pipeline.storage.checked import write_checked
 from pipeline.storage.folder import open_folder
 from pipeline.storage.layout import COPY, MANIFEST
@@ -193,11 +194,11 @@ def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
     from pipeline.orbit.cw import cw_matrices
 
     sample(tmp_path, {10: Sample(count=8)}, Problem(), jobs=1)
-    solve(tmp_path, Settings(separation="nodes"), workers=ONE)
+    solve(tmp_path, Settings(), Requirements("nodes"), workers=ONE)
     table = solved_rows(tmp_path, 10)
     named = {
         int(fault.split()[0][-6:])
-        for fault in row_faults(table, 10, Problem(), at_nodes=False)
+        for fault in row_faults(table, 10, Problem(), AT_ALL_TIMES)
         if fault.endswith("comes too close")
     }
     problem, close = Problem(), set()

@@ -104,6 +104,41 @@ def test_the_code_is_known_by_its_source_files_and_their_names(tmp_path):
     assert code_digest(("orbit",), tmp_path) != first
 
 
+WRITTEN = '''"""A module."""
+
+def twice(x: float) -> float:
+    """Two times x."""
+    return 2 * x  # exactly
+
+class Empty:
+    """Nothing."""
+'''
+
+SAME = (
+    WRITTEN.replace("A module", "Another text"),
+    WRITTEN.replace("  # exactly", ""),
+    WRITTEN.replace("2 * x", "(2\n            * x)"),
+    WRITTEN.replace('    """Two times x."""\n', ""),
+)
+OTHER = (
+    WRITTEN.replace("2 * x", "x * 2"),
+    WRITTEN.replace("2 * x", "2.0 * x"),
+    WRITTEN.replace("return 2 * x", 'return f"{x}"'),
+    WRITTEN.replace("twice", "Twice"),
+    WRITTEN.replace("x: float", "x: float = None"),
+    WRITTEN.replace('"""Nothing."""', 'what = """Nothing."""'),
+)
+
+
+def test_the_code_is_known_by_what_it_does_and_not_by_what_is_said_of_it(tmp_path):
+    def digest(source):
+        (tmp_path / "a.py").write_text(source)
+        return code_digest(("a.py",), tmp_path)
+
+    assert {digest(source) for source in (WRITTEN, *SAME)} == {digest(WRITTEN)}
+    assert len({digest(source) for source in (WRITTEN, *OTHER)}) == 1 + len(OTHER)
+
+
 def test_code_that_decides_a_result_is_named_by_folders_modules_and_patterns(tmp_path):
     for part in ("first", "second"):
         (tmp_path / "experiments" / part).mkdir(parents=True)

@@ -10,16 +10,18 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from pipeline.experiments.experiment3.run import run_warmstarts
 from pipeline.experiments.trials import Entrant, run_trials
-from pipeline.expert import Settings, own_optima
+from pipeline.expert import own_optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
+from pipeline.plan import AT_ALL_TIMES, Requirements
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.scenario import draw
 
 PROBLEM = Problem()
 SCENARIOS = [draw("rings", 4, 8, k, PROBLEM) for k in range(12)]
-PLANNERS = (Expert(), Expert(Settings(separation="nodes"), "expert (nodes only)"), *BASELINES)
+NODES_ONLY = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
+PLANNERS = (Expert(), NODES_ONLY, *BASELINES)
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,7 @@ class Watched:
 
     threads: list[int]
     name: str = "watched"
+    requirements: Requirements = AT_ALL_TIMES
 
     def plan(self, scenarios):
         self.threads.append(max(pool["num_threads"] for pool in threadpool_info()))

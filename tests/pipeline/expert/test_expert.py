@@ -17,7 +17,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED
+from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, SOLVED, UNSOLVED, Requirements
 from pipeline.planners.expert import Expert
 from pipeline.planners.seeded import Seeded
 from pipeline.scenario import FAMILIES, Scenario, draw
@@ -56,8 +56,8 @@ def test_every_family_is_solved_safely(family):
 
 
 def test_at_nodes_only_plans_are_apart_at_the_nodes_and_closer_between():
-    settings = Settings(separation="nodes")
-    plans = [solve(draw("rings", 0, 10, k, PROBLEM), settings=settings) for k in range(10)]
+    asked = Requirements("nodes")
+    plans = [solve(draw("rings", 0, 10, k, PROBLEM), requirements=asked) for k in range(10)]
     assert all(plan.status == SOLVED for plan in plans)
     assert all(plan.certificate.node_collisions == 0 for plan in plans)
     assert any(closest_on_a_grid(plan, PROBLEM) < PROBLEM.collision_radius for plan in plans)
@@ -101,9 +101,9 @@ def test_every_seed_leads_to_a_safe_plan(name):
 @pytest.mark.parametrize("separation", ["continuous", "nodes"])
 def test_no_plan_is_dearer_than_a_seed_that_is_safe(separation):
     scenarios = [draw("rings", 3, 10, k, Problem()) for k in range(12)]
-    settings = replace(FIRST_SAFE, max_rounds=1, margin=3.0, separation=separation)
-    seeds = solve_many(scenarios, settings=Settings(separation=separation))
-    plans = solve_many(scenarios, [seed.states for seed in seeds], settings)
+    settings, asked = replace(FIRST_SAFE, max_rounds=1, margin=3.0), Requirements(separation)
+    seeds = solve_many(scenarios, requirements=asked)
+    plans = solve_many(scenarios, [seed.states for seed in seeds], settings, asked)
     assert all(plan.status == SOLVED for plan in plans)
     fuel = [[p.certificate.fuel for p in some] for some in (plans, seeds)]
     assert np.all(np.array(fuel[0]) <= np.array(fuel[1]) * (1 + 1e-9))
@@ -244,7 +244,7 @@ def test_stopping_at_the_first_safe_plan_takes_no_more_solves_and_no_less_fuel()
 
 
 def test_a_planner_before_the_expert_gives_the_seed_and_its_name():
-    nodes_only = Expert(Settings(separation="nodes"), "nodes")
+    nodes_only = Expert(name="nodes", requirements=Requirements("nodes"))
     scenarios = [draw("rings", 0, 10, k, PROBLEM) for k in range(5)]
     plans = Seeded(nodes_only).plan(scenarios)
     for plan in plans:
@@ -273,10 +273,11 @@ def test_a_plan_is_the_same_to_the_bit_alone_and_among_others():
         draw("rings", 5, n, index, PROBLEM) for n, count in sizes for index in range(count)
     ]
     seeds = [line_seed(s) if k % 3 else None for k, s in enumerate(scenarios)]
-    for settings in (Settings(), FIRST_SAFE, Settings(separation="nodes"), BEST):
-        many = solve_many(scenarios, seeds, settings)
+    ways = [(settings, AT_ALL_TIMES) for settings in (Settings(), FIRST_SAFE, BEST)]
+    for way in (*ways, (Settings(), Requirements("nodes"))):
+        many = solve_many(scenarios, seeds, *way)
         for scenario, seed, plan in zip(scenarios, seeds, many, strict=True):
-            alone = solve(scenario, seed, settings)
+            alone = solve(scenario, seed, *way)
             assert np.array_equal(plan.controls, alone.controls)
             assert np.array_equal(plan.states, alone.states)
             assert plan.certificate == alone.certificate

@@ -8,7 +8,7 @@ from judge import Case, closest_adrift
 from judge.adrift import distance_adrift
 
 from pipeline.errors import InputError
-from pipeline.expert import Settings, solve, solve_many
+from pipeline.expert import solve, solve_many
 from pipeline.expert.cuts import gaps, half_spaces_along
 from pipeline.expert.losses import loss_cuts
 from pipeline.expert.own import own_optima
@@ -16,9 +16,8 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.thrust_loss import loss_encounters
 from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Made, planned
+from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Made, Requirements, planned
 from pipeline.planners.baselines import BASELINES
-from pipeline.planners.named import check_passive_safety
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 PROBLEM = Problem()
@@ -41,7 +40,7 @@ def test_plans_stand_a_loss_of_thrust_where_it_is_asked(family):
     stood, n = 0, 3 if family == "dense" else 6
     for index in range(40):
         scenario = draw(family, 1, n, index, PROBLEM)
-        plan = solve(scenario, settings=Settings(passive_safety=1.0))
+        plan = solve(scenario, requirements=Requirements(passive_safety=1.0))
         if plan.status == INFEASIBLE:
             continue
         assert plan.status == SOLVED
@@ -63,7 +62,7 @@ def test_plans_that_are_not_asked_for_it_are_told_as_the_judge_finds_them():
         plan = solve(scenario)
         assert plan.status == SOLVED and plan.certificate.passive_safety is None
         made = Made(plan.controls, plan.certificate.fuel_lower_bound)
-        again = planned("expert", scenario, made, passive_safety=1.0)
+        again = planned("expert", scenario, made, Requirements(passive_safety=1.0))
         stands = adrift(plan).distance > PROBLEM.collision_radius
         assert again.status == (SOLVED if stands else UNSAFE)
         told.append(stands)
@@ -86,7 +85,7 @@ def test_a_craft_that_must_brake_before_another_does_not_aim_at_it():
     assert (hit.lost, hit.other) == (0, 1)
     assert hit.distance < PROBLEM.collision_radius
     assert hit.time == pytest.approx(95.0, abs=5.0)
-    plan = solve(BRAKES, settings=Settings(passive_safety=orbits))
+    plan = solve(BRAKES, requirements=Requirements(passive_safety=orbits))
     assert plan.status == SOLVED
     missed = closest_adrift(case, plan.states, plan.controls, orbits)
     assert missed.distance > PROBLEM.collision_radius
@@ -97,11 +96,11 @@ def test_a_loss_that_must_hit_is_infeasible_and_named():
     """Craft 1 is to go where craft 0 stays if it never gets any thrust."""
     scenario = Scenario(PROBLEM, still(0.0, 100.0), still(200.0, 10.0))
     assert solve(scenario).status == SOLVED
-    plan = solve(scenario, settings=Settings(passive_safety=1.0))
+    plan = solve(scenario, requirements=Requirements(passive_safety=1.0))
     assert plan.status == INFEASIBLE
     assert "craft 0, adrift from its start, comes within 10 m of craft 1" in plan.message
     assert "whatever is planned" in plan.message
-    short = solve(scenario, settings=Settings(passive_safety=0.2))
+    short = solve(scenario, requirements=Requirements(passive_safety=0.2))
     assert short.status == SOLVED, "the drift ends before craft 1 arrives"
     assert adrift(short, 0.2).distance > PROBLEM.collision_radius
 
@@ -109,7 +108,7 @@ def test_a_loss_that_must_hit_is_infeasible_and_named():
 def test_other_planners_are_judged_by_it():
     own = next(one for one in BASELINES if one.name == "own LP")
     assert own.plan([BRAKES])[0].status == SOLVED
-    (plan,) = replace(own, passive_safety=0.02).plan([BRAKES])
+    (plan,) = replace(own, requirements=Requirements(passive_safety=0.02)).plan([BRAKES])
     assert plan.status == UNSAFE
     assert "craft 0, adrift from node" in plan.message
     said, case = plan.certificate.passive_safety, replace(CASE, step=10.0, nodes=7)
@@ -119,11 +118,11 @@ def test_other_planners_are_judged_by_it():
 
 
 def test_scenarios_side_by_side_have_the_plans_they_have_alone():
-    settings = Settings(passive_safety=0.5)
+    asked = Requirements(passive_safety=0.5)
     scenarios = [draw("rings", 2, 6, k, PROBLEM) for k in range(5)]
-    together = solve_many(scenarios, settings=settings)
+    together = solve_many(scenarios, requirements=asked)
     for scenario, plan in zip(scenarios, together, strict=True):
-        alone = solve(scenario, settings=settings)
+        alone = solve(scenario, requirements=asked)
         assert alone.status == plan.status
         assert (alone.controls == plan.controls).all()
 
@@ -157,6 +156,5 @@ def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
 
 
 def test_separation_at_the_nodes_only_is_refused_with_it():
-    check_passive_safety(1.0, "continuous")
     with pytest.raises(InputError, match="leave one of the two out"):
-        check_passive_safety(1.0, "nodes")
+        Requirements("nodes", passive_safety=1.0)

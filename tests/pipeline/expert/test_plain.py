@@ -10,11 +10,12 @@ import pytest
 from scipy.optimize import linprog
 
 from pipeline.errors import InputError
-from pipeline.expert import Settings, solve
+from pipeline.expert import solve
 from pipeline.expert.plain import MARGIN, PlainScp
 from pipeline.expert.seeds import line_seed, own_seed
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
+from pipeline.plan import Requirements
 from pipeline.scenario import draw
 
 N = 10
@@ -117,9 +118,9 @@ def test_it_is_compiled_when_it_is_made_and_never_again(monkeypatch):
 
 
 def test_the_nearer_a_seed_is_to_the_optimum_the_fewer_solves_it_takes(scp):
-    at_nodes = Settings(separation="nodes")
+    asked = Requirements("nodes")
     seeds = [
-        lambda s: solve(s, settings=at_nodes).states,
+        lambda s: solve(s, requirements=asked).states,
         line_seed,
         lambda s: None,
     ]

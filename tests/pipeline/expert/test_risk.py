@@ -10,7 +10,7 @@ from trials import Errors, frequency, wilson
 from pipeline.expert import EFFORTS, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, RiskLimit
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Requirements, RiskLimit
 from pipeline.scenario import Scenario, draw
 
 PROBLEM = Problem()
@@ -22,7 +22,7 @@ TRIALS = 4000
 
 
 def limit(asked, errors=USUAL):
-    return RiskLimit(asked, *errors)
+    return Requirements(risk=RiskLimit(asked, *errors))
 
 
 def hits(plan, scenario, errors=USUAL):
@@ -71,7 +71,7 @@ def test_a_plan_that_is_safe_enough_is_left_as_it_is():
 def test_without_errors_nothing_changes():
     scenario = draw("rings", 0, 10, 4, PROBLEM, "valid")
     bare = solve(scenario)
-    plan = within_risk(scenario, bare, RiskLimit(1e-3))
+    plan = within_risk(scenario, bare, Requirements(risk=RiskLimit(1e-3)))
     assert plan.status == SOLVED
     assert (plan.controls == bare.controls).all()
 
@@ -123,7 +123,7 @@ def test_a_thrust_limit_that_leaves_no_room_for_safety_is_said():
     goal[1, 1] = -40.0
     scenario = Scenario(problem, start, goal)
     bare = solve(scenario)
-    plan = within_risk(scenario, bare, RiskLimit(1e-3, navigation_sigma=12.0))
+    plan = within_risk(scenario, bare, Requirements(risk=RiskLimit(1e-3, navigation_sigma=12.0)))
     assert bare.status == SOLVED
     assert plan.status == UNSOLVED
     assert "is bounded by" in plan.message

@@ -22,7 +22,7 @@ def subproblem(n, index, problem=None, penalty=0.1):
     own = own_optima(scenario.initial, scenario.goal, problem)
     states = fly(scenario.initial, own.controls, problem)
     moved = np.ones(n, dtype=bool)
-    cuts, _ = conflicts(states, own.controls, problem, 25.0, moved, at_nodes=False)
+    cuts, _ = conflicts(states, own.controls, problem, 25.0, moved)
     aimed = half_spaces(cuts, states, own.controls, problem, 15.0)
     miss = goal_miss(scenario.initial, scenario.goal, problem)
     return Subproblem(
@@ -128,7 +128,7 @@ def test_a_solution_is_as_far_apart_as_its_half_spaces_ask(solve):
     own = own_optima(scenario.initial, scenario.goal, problem)
     moved = np.ones(12, dtype=bool)
     aim = fly(scenario.initial, own.controls, problem)
-    cuts, _ = conflicts(aim, own.controls, problem, 25.0, moved, at_nodes=False)
+    cuts, _ = conflicts(aim, own.controls, problem, 25.0, moved)
     reached = np.linalg.norm(gaps(cuts, states, best.controls.reshape(12, -1, 3)), axis=1)
     assert len(cuts) > 0
     assert reached.min() >= 15.0 - 1e-5

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, Made, certify, gap_of, planned
+from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, Made, Requirements, certify, gap_of, planned
 from pipeline.plan.document import plan_document
 from pipeline.scenario import Scenario
 
@@ -86,7 +86,7 @@ def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
     plan = planned("one", scenario, Made(controls, 0.0))
     assert plan.status == UNSAFE
     assert "craft 0 and 1 come within 3" in plan.message
-    assert planned("one", scenario, Made(controls, 0.0), at_nodes=True).status == SOLVED
+    assert planned("one", scenario, Made(controls, 0.0), Requirements("nodes")).status == SOLVED
 
 
 def test_a_plan_beyond_the_thrust_limit_is_not_solved():

@@ -9,7 +9,7 @@ from judge import judge_plan
 from pipeline.errors import InputError
 from pipeline.expert import solve, within_risk
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Made, RiskLimit, planned
+from pipeline.plan import Made, Requirements, RiskLimit, planned
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.expert import Expert
 from pipeline.planners.interchangeable import Interchangeable
@@ -65,7 +65,7 @@ def test_a_plan_of_the_given_order_says_nothing_of_an_assignment(written):
 
 
 def test_a_risk_comes_back(tmp_path):
-    plan = within_risk(SCENARIO, solve(SCENARIO), RiskLimit(1e-3, 0.05, 1e-3))
+    plan = within_risk(SCENARIO, solve(SCENARIO), Requirements(risk=RiskLimit(1e-3, 0.05, 1e-3)))
     assert plan.certificate.risk.uncertainty.direction == 1e-3
     write_plan(tmp_path / "plan.json", plan, SCENARIO)
     assert read_plan(tmp_path / "plan.json")[0].certificate == plan.certificate

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judge import judge_plan
+from judged import judged
 
 from pipeline.expert import FIRST_SAFE, solve_many
 from pipeline.networks.architecture import find
@@ -112,3 +113,19 @@ def test_the_packaged_refiner_plans_right_after_installation():
     raw = named_planner("refiner", raw=True).plan(scenarios)
     gaps = [plan.certificate.optimality_gap for plan in raw]
     assert 0 <= np.mean(gaps) < 0.01
+
+
+def test_an_effort_beyond_the_first_betters_the_refiners_plans():
+    """By the judge's account of fuel, and no plan that the expert had to better is dearer."""
+    scenarios = drawn(8, 4, family="dense")
+    taken = named_planner("refiner").plan(scenarios)
+    for effort in ("default", "best"):
+        plans = named_planner("refiner", effort=effort).plan(scenarios)
+        reports = [judged(*pair) for pair in zip(scenarios, plans, strict=True)]
+        assert all(report.wrong == () for report in reports)
+        fuel = np.array([report.fuel for report in reports])
+        before = np.array([np.abs(plan.controls).sum() for plan in taken])
+        assert all(plan.status == SOLVED for plan in (*taken, *plans))
+        assert (fuel <= before * (1 + 1e-9)).all()
+        assert (fuel < before * (1 - 1e-4)).any()
+        assert {plan.planner for plan in plans} <= {"refiner + expert", "expert"}

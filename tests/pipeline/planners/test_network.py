@@ -13,7 +13,7 @@ from pipeline.networks.model import Model
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
-from pipeline.plan import SOLVED, UNSAFE
+from pipeline.plan import SOLVED, UNSAFE, Requirements
 from pipeline.planners.network import Flown, check_problem
 from pipeline.scenario import Scenario, draw
 
@@ -156,7 +156,8 @@ def test_a_plan_judged_at_the_nodes_alone_is_solved_where_craft_pass_between_the
     assert radius < gap
     between = replace(one, problem=replace(problem, collision_radius=float(radius)))
     assert planner(model).plan([between])[0].status == UNSAFE
-    assert replace(planner(model), at_nodes=True).plan([between])[0].status == SOLVED
+    at_nodes = replace(planner(model), requirements=Requirements("nodes"))
+    assert at_nodes.plan([between])[0].status == SOLVED
 
 
 def test_an_orbit_written_with_fewer_digits_is_still_the_same():

@@ -8,7 +8,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.expert import own_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED, Made, RiskLimit, planned
+from pipeline.plan import SOLVED, Made, Requirements, RiskLimit, planned
 from pipeline.scenario import draw
 from pipeline.show.judged import judged
 from pipeline.show.tables import certificate_rows, verdict
@@ -119,7 +119,7 @@ def test_a_proven_bound_is_never_rounded_up(plan):
 
 
 def test_a_risk_is_found_anew_and_a_false_one_named(plan):
-    limit = RiskLimit(0.01, navigation_sigma=0.2, thrust_sigma=0.01)
+    limit = Requirements(risk=RiskLimit(0.01, navigation_sigma=0.2, thrust_sigma=0.01))
     careful = within_risk(SCENARIO, plan, limit)
     shown = judged(careful, SCENARIO)
     assert (shown.faults, careful.status) == ((), SOLVED)
@@ -135,7 +135,7 @@ def test_a_risk_is_found_anew_and_a_false_one_named(plan):
 def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
     """The plan was made without asking for it, and its craft drift too close."""
     made = Made(plan.controls, plan.certificate.fuel_lower_bound)
-    asked = planned("expert", SCENARIO, made, passive_safety=1.0)
+    asked = planned("expert", SCENARIO, made, Requirements(passive_safety=1.0))
     assert asked.status == "unsafe"
     claim = replace(
         asked.certificate.passive_safety, min_separation=16.0, min_separation_bound=15.9

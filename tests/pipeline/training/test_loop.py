@@ -8,7 +8,7 @@ import torch
 
 from pipeline.dataset.reading.examples import Examples
 from pipeline.errors import InputError, ProlearnError
-from pipeline.networks.architecture import recipe_for
+from pipeline.networks.architecture import find, recipe_for, unused_fields
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, minimum_energy
@@ -191,3 +191,18 @@ def test_wrong_settings_are_refused():
 def test_a_loss_that_is_no_number_ends_the_run_with_advice():
     with pytest.raises(ProlearnError, match="lower the learning rate"):
         run(learning_rate=1e30, epochs=5)
+
+
+OTHERWISE = {"collision_weight": 5.0, "dropout": 0.3, "interior": "zeros"}
+
+
+@pytest.mark.parametrize("field", OTHERWISE)
+@pytest.mark.parametrize("arch", ["ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol", "refiner"])
+def test_fields_of_a_recipe_change_the_weights_unless_they_are_said_to_be_unused(arch, field):
+    near = replace(PROBLEM, collision_radius=100.0)
+    few, fewer = (replace(examples(*size), problem=near) for size in ((16, 0), (4, 1)))
+    told = {"crowded": 0, "dropout": 0.0}
+    plain = run(arch, "tuned", few, fewer, epochs=1, **told)
+    other = run(arch, "tuned", few, fewer, epochs=1, **(told | {field: OTHERWISE[field]}))
+    same = torch.equal(weights(plain), weights(other))
+    assert same == (field in unused_fields(find(arch)))
