@@ -18,6 +18,9 @@ PROVABLE = 1.01 * TOLERANCE
 """What a bound must exceed a distance by, m, so that any later bracket's bound exceeds it too:
 the width of a bracket, and rounding."""
 
+ROUNDING = 1e-14
+"""Share of the largest coordinate that a distance may be off by, with some room."""
+
 FEW, MOST_PAIRS = 128, 300_000
 """Craft of a swarm, and pairs in all, up to which comparing all with all takes less than a tree."""
 
@@ -78,6 +81,20 @@ class Swarms:
         first, second = zip(*(pairs(n) for n in self.sizes), strict=True)
         shift = np.repeat(self.starts, [len(one) for one in first])
         return np.concatenate(first) + shift, np.concatenate(second) + shift
+
+
+def rounding(states: Float[Array, "*batch 6"]) -> float:
+    """What rounding may take off a distance between craft that are at such states, m."""
+    return ROUNDING * float(np.abs(states[..., :3]).max())
+
+
+def least_of_each(
+    value: Float[Array, "k"], label: Int[Array, "k"]
+) -> tuple[Int[Array, "labels"], Int[Array, "labels"]]:
+    """The labels that occur, and where the least value of each is; what is no number is least."""
+    order = np.lexsort((np.nan_to_num(value, nan=-np.inf, posinf=np.inf), label))
+    occurring, first = np.unique(label[order], return_index=True)
+    return occurring, order[first]
 
 
 @lru_cache(maxsize=64)

@@ -139,11 +139,11 @@ def _fault(
     limit, used = problem.max_acceleration, float(np.abs(controls).max())
     if limit is not None and used > limit + LIMIT_TOLERANCE:
         return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
-    if is_safe(certificate, problem, at_nodes=at_nodes) or not certificate.min_separation_pair:
+    if is_safe(certificate, problem, at_nodes=at_nodes):
         return "" if is_passively_safe(certificate, problem) else _adrift(certificate, problem)
-    i, j = certificate.min_separation_pair
+    pair = " and ".join(map(str, certificate.min_separation_pair or ()))
     return (
-        f"craft {i} and {j} come within {certificate.min_separation:.6g} m of each other at "
+        f"craft {pair} come within {certificate.min_separation:.6g} m of each other at "
         f"{certificate.min_separation_time:.6g} s; collision_radius is "
         f"{problem.collision_radius:g} m"
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, Made, certify, gap_of, planned
 from pipeline.plan.document import plan_document
 from pipeline.scenario import Scenario
@@ -87,6 +87,21 @@ def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
     assert plan.status == UNSAFE
     assert "craft 0 and 1 come within 3" in plan.message
     assert planned("one", scenario, Made(controls, 0.0), at_nodes=True).status == SOLVED
+
+
+def test_craft_that_keep_too_close_all_the_way_are_never_solved():
+    """Ten metres apart from start to goal; what is proven of them is a matter of rounding."""
+    rng = np.random.default_rng(0)
+    for begin, shift in rng.uniform(-300, 300, size=(150, 2)):
+        initial = np.zeros((2, 6))
+        initial[:, 1] = begin, begin + 10
+        goal = initial + np.eye(6)[1] * shift
+        controls = minimum_energy(initial, goal, Problem())
+        scenario = Scenario(Problem(), initial, goal)
+        for at_nodes in (False, True):
+            plan = planned("one", scenario, Made(controls, 0.0), at_nodes=at_nodes)
+            assert (plan.status, plan.certificate.min_separation_pair) == (UNSAFE, (0, 1))
+            assert "craft 0 and 1 come within 10 m" in plan.message
 
 
 def test_a_plan_beyond_the_thrust_limit_is_not_solved():
