@@ -351,7 +351,7 @@ def _closest(
     start = adrift - flight.states[other, interval]
     A, B = piece.dynamics.step(piece.time_step)
     end = np.matvec(A, start) - np.matvec(B, held)
-    found = passes(start, end, -held, piece, reach[lost])
+    found = passes(start, end, -held, piece.dynamics, piece.time_step, reach[lost])
     closest = found.offset, found.distance, found.bound, found.free, found.pushed
     return *(part[found.which] for part in which), *closest
 

@@ -12,7 +12,7 @@ from pipeline.orbit.separation import least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.passive_safety import PassiveSafety, passive_safety
 from pipeline.plan.risk import Risk
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, shared_problem
 
 NO_FUEL = 1e-9
 """Fuel in m/s² that counts as none."""
@@ -73,7 +73,7 @@ def certify(
         bounds: lower bound on the fuel of each scenario, m/s², and how it is proven.
         orbits: of drift after a loss of thrust that are looked at, or None.
     """
-    problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
+    problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     used = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), swarms.starts)
     closest = least_separations(states, controls, problem, swarms)
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))

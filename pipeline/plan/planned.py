@@ -13,7 +13,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, shared_problem
 
 LIMIT_TOLERANCE = 1e-9
 """Acceleration in m/s² beyond the limit that counts as rounding."""
@@ -64,7 +64,7 @@ def planned_all(
     if not scenarios:
         return []
     started = perf_counter()
-    problem = scenarios[0].problem
+    problem = shared_problem(scenarios)
     controls = np.concatenate([one.controls for one in made])
     states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]

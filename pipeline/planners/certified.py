@@ -10,7 +10,7 @@ from pipeline.arrays import Array
 from pipeline.expert import own_optima
 from pipeline.expert.batch import Batch
 from pipeline.plan import Made, Plan, planned_all
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, shared_problem
 
 Ends = Float[Array, "b n 6"]
 """States of all craft at one end of some transfers, m and m/s."""
@@ -60,6 +60,7 @@ def certified_answers(
     """
     if not scenarios:
         return []
+    shared_problem(scenarios)
     started = time.perf_counter()
     initial = np.stack([scenario.initial for scenario in scenarios])
     goal = np.stack([scenario.goal for scenario in scenarios])

