@@ -76,8 +76,12 @@ def goal_miss(
 
 def control_units(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
     """Size of a typical control, m/s²: of each transfer, or to move by the collision radius."""
-    evasive = problem.collision_radius / problem.duration**2
-    return np.maximum(np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1), evasive)
+    return np.maximum(own_units(miss, problem), problem.evasive_control)
+
+
+def own_units(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
+    """Largest control of each craft's minimum-energy transfer, m/s², which no limit must exceed."""
+    return np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1)
 
 
 def control_limit(problem: Problem) -> float:
@@ -130,7 +134,9 @@ def _programs(miss: Float[Array, "n 6"], problem: Problem) -> Iterator[_Program]
     shrunk until |reachᵀy| ≤ 1 (linear programming duality).
     """
     reach, limit = transfer_maps(problem).reach[-1], problem.max_acceleration
-    for wanted, unit in zip(miss, control_units(miss, problem).tolist(), strict=True):
+    units = own_units(miss, problem)
+    units = np.where(units > problem.negligible_fuel, units, problem.evasive_control)
+    for wanted, unit in zip(miss, units.tolist(), strict=True):
         one = _single(reach, wanted[None], control_limit(problem), unit)
         # A new solver each time: one that has solved before rounds otherwise.
         found = new_solver(one, tolerance=BOUND_TOLERANCE).solve()

@@ -8,14 +8,12 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.passive_safety import PassiveSafety, passive_safety
 from pipeline.plan.risk import Risk
 from pipeline.scenario import Scenario, shared_problem
-
-NO_FUEL = 1e-9
-"""Fuel in m/s² that counts as none."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def certify(
             fuel=float(used[k]),
             delta_v=float(used[k]) * problem.time_step,
             fuel_lower_bound=bound,
-            optimality_gap=gap_of(float(used[k]), bound),
+            optimality_gap=gap_of(float(used[k]), bound, problem),
             node_collisions=int(collisions[k]),
             min_separation=None if apart.pair is None else apart.distance,
             min_separation_pair=apart.pair,
@@ -105,8 +103,8 @@ def certify(
     ]
 
 
-def gap_of(fuel_used: float, fuel_lower_bound: float) -> float:
+def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:
     """Fuel / bound - 1; 0 where neither is more than rounding, infinite where only one is."""
-    if fuel_lower_bound > NO_FUEL:
+    if fuel_lower_bound > problem.negligible_fuel:
         return fuel_used / fuel_lower_bound - 1
-    return 0.0 if fuel_used <= NO_FUEL else float("inf")
+    return 0.0 if fuel_used <= problem.negligible_fuel else float("inf")

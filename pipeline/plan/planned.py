@@ -15,9 +15,6 @@ from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.scenario import Scenario, shared_problem
 
-LIMIT_TOLERANCE = 1e-9
-"""Acceleration in m/s² beyond the limit that counts as rounding."""
-
 POSITION_TOLERANCE = 1e-6
 """Largest miss of a position that counts as rounding, m."""
 
@@ -136,8 +133,9 @@ def _fault(
     at_nodes: bool,
 ) -> str:
     """What is wrong with a plan, or nothing."""
-    limit, used = problem.max_acceleration, float(np.abs(controls).max())
-    if limit is not None and used > limit + LIMIT_TOLERANCE:
+    used = float(np.abs(controls).max())
+    if used > problem.most_control:
+        limit = problem.max_acceleration
         return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if is_safe(certificate, problem, at_nodes=at_nodes):
         return "" if is_passively_safe(certificate, problem) else _adrift(certificate, problem)

@@ -9,7 +9,6 @@ from itertools import islice
 import numpy as np
 
 from pipeline.plan import INFEASIBLE, SOLVED, Assignment, Certificate, Plan, gap_of
-from pipeline.plan.certificate import NO_FUEL
 from pipeline.planners.assignment import OwnCosts, Slots, own_costs, ranked
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
@@ -71,7 +70,7 @@ class Considered:
         None where that plan is safe and not dear, and none whose own optima cost more than it.
         """
         least = plan.certificate.fuel if plan.status == SOLVED else np.inf
-        if self.first is None or gap_of(least, self.costs.of(self.first)) <= DEAR:
+        if self.first is None or self._gap(least, self.costs.of(self.first)) <= DEAR:
             return []
         asked = dict.fromkeys([*self.best[1:], self.given])
         return [slots for slots in asked if slots != self.first and self.costs.of(slots) < least]
@@ -101,13 +100,16 @@ class Considered:
         return replace(
             certificate,
             fuel_lower_bound=bound,
-            optimality_gap=gap_of(certificate.fuel, bound),
+            optimality_gap=self._gap(certificate.fuel, bound),
             fuel_lower_bound_proof=f"{PROOF}: {self.costs.proof}",
         )
 
+    def _gap(self, fuel: float, bound: float) -> float:
+        return gap_of(fuel, bound, self.scenario.problem)
+
     def _assignment(self, slots: Slots, tried: int, plan: Plan) -> Assignment:
         given, fuel = self.costs.of(self.given), plan.certificate.fuel
-        known = np.isfinite(given) and given > NO_FUEL
+        known = np.isfinite(given) and given > self.scenario.problem.negligible_fuel
         ranks = [self.first] if slots == self.first else self.best
         return Assignment(
             slots=slots,

@@ -76,9 +76,25 @@ def test_a_plan_that_misses_any_component_of_its_goal_is_not_solved(component, m
 
 
 def test_a_gap_without_fuel_is_none_and_with_fuel_from_nothing_is_infinite():
-    assert gap_of(0.0, 0.0) == 0
-    assert gap_of(1.0, 0.0) == np.inf
-    assert gap_of(1.1, 1.0) == pytest.approx(0.1)
+    assert gap_of(0.0, 0.0, FREE) == 0
+    assert gap_of(1.0, 0.0, FREE) == np.inf
+    assert gap_of(1.1, 1.0, FREE) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("least", [1e-3, 1e-9, 1e-12])
+def test_the_gap_of_little_fuel_is_a_gap(least):
+    """Of a week's drift: 31 % is 31 %, however weak the thrusters."""
+    slow = Problem(time_step=60480.0)
+    assert gap_of(1.31 * least, least, slow) == pytest.approx(0.31)
+
+
+@pytest.mark.parametrize("limit", [1e-12, 1e-9, 1e-6, 1e-3, 1.0])
+def test_a_thrust_limit_is_kept_whatever_its_size(limit):
+    problem = replace(FREE, max_acceleration=limit)
+    for share, status in ((1.0, SOLVED), (1.01, UNSAFE)):
+        controls = np.full((1, 3, 3), share * limit)
+        scenario, _ = scenario_of([0] * 6, controls=controls, problem=problem)
+        assert planned("one", scenario, Made(controls, 0.0)).status == status
 
 
 def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
