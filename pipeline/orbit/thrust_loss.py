@@ -203,6 +203,35 @@ def unavoidable(
     return min(filter(None, met), key=lambda one: one.distance, default=None)
 
 
+def forced_goals(
+    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem, orbits: float
+) -> Bool[Array, "n n"]:
+    """Which goals craft may take, by craft and goal, where goals are not given out yet.
+
+    Who drifts from its start into one that drifts on from some goal must take that goal itself;
+    none may take any where two goals drift into each other.
+
+    Args:
+        initial: states at the first node, m and m/s.
+        goal: states at the last.
+        problem: dynamics, duration and collision radius.
+        orbits: how long a craft drifts.
+    """
+    n = len(goal)
+    allowed = np.ones((n, n), dtype=bool)
+    if _met_adrift(goal, problem, orbits, problem.nodes - 1, n) is not None:
+        return ~allowed
+    longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
+    if longer > 0:
+        A, _ = problem.dynamics.step(problem.duration)
+        flown, idle, drift = free_drift(np.concatenate([initial @ A.T, goal]), problem, longer)
+        found = close_approaches(flown, idle, drift, problem.collision_radius)
+        met = (found.distance <= problem.collision_radius) & (found.first < n) & (found.second >= n)
+        for craft, taken in zip(found.first[met], found.second[met] - n, strict=True):
+            allowed[craft] &= np.arange(n) == taken
+    return allowed
+
+
 def _met_adrift(
     states: Float[Array, "k 6"], problem: Problem, orbits: float, node: int, n: int
 ) -> LossSeparation | None:
