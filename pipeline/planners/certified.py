@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +10,8 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.expert import own_optima
 from pipeline.expert.batch import Batch
-from pipeline.plan import Made, Plan, planned_all
+from pipeline.expert.refuted import refuted
+from pipeline.plan import INFEASIBLE, Made, Plan, planned_all
 from pipeline.scenario import Scenario, shared_problem
 
 Ends = Float[Array, "b n 6"]
@@ -25,7 +27,7 @@ def certified(
     at_nodes: bool,
     passive_safety: float | None = None,
 ) -> list[Plan]:
-    """The plans of controls for scenarios of one problem.
+    """The plans of controls for scenarios of one problem; infeasible where none is proven to be.
 
     Args:
         planner: its name.
@@ -38,7 +40,11 @@ def certified(
     batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
     own = own_optima(batch.initial, batch.goal, batch.problem)
     made = [Made(controls[craft], *own.bound(craft), timing=timing) for craft in batch.craft]
-    return planned_all(planner, scenarios, made, at_nodes=at_nodes, passive_safety=passive_safety)
+    plans = planned_all(planner, scenarios, made, at_nodes=at_nodes, passive_safety=passive_safety)
+    return [
+        replace(plan, status=INFEASIBLE, message=why) if why else plan
+        for plan, why in zip(plans, refuted(batch, own), strict=True)
+    ]
 
 
 def certified_answers(

@@ -144,11 +144,10 @@ def test_what_refutes_one_assignment_is_not_said_of_all():
     assert judged(scenario, plan).wrong == ()
 
 
-@pytest.mark.parametrize("radius", [30.0, 60.0])
-def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted(radius):
+def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted():
     """All orders of three craft, each by the expert; they start and end on the same few orbits."""
-    problem, found = Problem(collision_radius=radius), set()
-    for index in range(6):
+    problem, found = Problem(collision_radius=60.0), set()
+    for index in range(8):
         ends = [draw("independent", 7, 3, k, Problem()) for k in (index, index + 50)]
         scenario = Scenario(problem, ends[0].initial, ends[1].initial)
         (plan,) = Interchangeable(Expert(ADRIFT)).plan([scenario])
