@@ -11,7 +11,7 @@ from pipeline.arrays import Array
 from pipeline.expert.own import control_units, goal_miss
 from pipeline.orbit.approaches import Swarms, side_by_side
 from pipeline.orbit.problem import Problem
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, shared_problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +24,10 @@ class Batch:
 
     scenarios: Sequence[Scenario]
 
-    @property
+    @cached_property
     def problem(self) -> Problem:
-        """The problem that they share."""
-        return self.scenarios[0].problem
+        """The problem that they share; refused where they do not."""
+        return shared_problem(self.scenarios)
 
     @cached_property
     def swarms(self) -> Swarms:

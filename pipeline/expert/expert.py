@@ -11,14 +11,25 @@ from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.losses import what_no_plan_can_help
 from pipeline.expert.own import OwnOptima, own_optima
+from pipeline.expert.refuted import refuted
 from pipeline.expert.scp import Search
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.expert.spread import Spread
 from pipeline.expert.standing import Found
 from pipeline.expert.starts import best_of_starts, until_settled
-from pipeline.orbit.transfer import project_to_flyable
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Made, Plan, Requirements, planned_all
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import has_one_plan, project_to_flyable
+from pipeline.plan import (
+    INFEASIBLE,
+    SOLVED,
+    UNSAFE,
+    UNSOLVED,
+    Made,
+    Plan,
+    Requirements,
+    planned_all,
+)
 from pipeline.scenario import Scenario
 
 
@@ -57,23 +68,31 @@ def nominal_plans(
         for one, craft in zip(found, batch.craft, strict=True)
     ]
     plans = planned_all("expert", scenarios, made, requirements)
-    told = zip(plans, found, batch.split(own.impossible), strict=True)
-    return [_explained(plan, one, impossible) for plan, one, impossible in told]
+    told = zip(plans, found, strict=True)
+    return [_explained(plan, one, batch.problem, requirements) for plan, one in told]
 
 
-def _explained(plan: Plan, found: Found, impossible: Bool[Array, "n"]) -> Plan:
+def _explained(plan: Plan, found: Found, problem: Problem, requirements: Requirements) -> Plan:
     """The plan with its status and the reason, where it is none to fly."""
-    if impossible.any():
-        k = int(impossible.argmax())
-        reason = f"craft {k} cannot reach its goal within max_acceleration, which is proven"
-        return replace(plan, status=INFEASIBLE, message=reason)
     if found.hopeless:
         return replace(plan, status=INFEASIBLE, message=found.obstacle)
+    if plan.status == UNSAFE and has_one_plan(problem) and _meet(plan, problem, requirements):
+        reason = f"no other controls reach the goals, and with these {plan.message}"
+        return replace(plan, status=INFEASIBLE, message=reason)
     if plan.status != SOLVED:
         tried = f"no safe plan after {found.convex_solves} convex solves"
         reasons = [tried, *filter(None, (found.obstacle, plan.message))]
         return replace(plan, status=UNSOLVED, message=": ".join(reasons))
     return plan
+
+
+def _meet(plan: Plan, problem: Problem, requirements: Requirements) -> bool:
+    """Whether craft do come within the collision radius, beyond what cannot be disproven."""
+    found, radius = plan.certificate, problem.collision_radius
+    if requirements.at_nodes:
+        return found.node_collisions > 0
+    adrift = None if found.passive_safety is None else found.passive_safety.min_separation
+    return any(one is not None and one <= radius for one in (found.min_separation, adrift))
 
 
 def _seed_controls(scenario: Scenario, seed: Seed | None) -> Float[Array, "n intervals 3"] | None:
@@ -93,7 +112,10 @@ def _search(
 ) -> list[Found]:
     """Search where every craft has a transfer of its own; the others are what they are."""
     parts = zip(batch.split(own.controls), batch.split(own.feasible), strict=True)
-    found = [_alone(*part) for part in parts]
+    found = [
+        replace(_alone(*part), obstacle=why, hopeless=True) if why else _alone(*part)
+        for part, why in zip(parts, refuted(batch, own), strict=True)
+    ]
     orbits = requirements.passive_safety
     if orbits is not None:
         found = [

@@ -11,11 +11,14 @@ from pipeline.expert.interior_point import OPTIMAL, new_solver
 from pipeline.expert.split import controls_of
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.least_fuel import least_fuel
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
 BOUND_TOLERANCE = 1e-8
 """Relative tolerance of the programs of single craft, and so of their lower bound."""
+
+SHORT = 1e-6
+"""Share of a change of state that may be rounding."""
 
 FARKAS_MARGIN = 1e-6
 """Relative margin by which a proof of impossibility must hold, beyond rounding."""
@@ -37,7 +40,7 @@ class OwnOptima:
         lower_bound: proven lower bound on the fuel of each craft, (n,), m/s².
         feasible: whether an optimum was found, (n,).
         impossible: whether it is proven that the craft cannot make the transfer within the
-            thrust limit, (n,); what is neither the solver failed at.
+            thrust limit, or with any thrust, (n,); what is neither the solver failed at.
         tabled: whether the bound is a vertex's of the table, (n,), or a program's.
         basis: basic variables without a thrust limit, as in ``Subproblem``, where they are known.
     """
@@ -76,8 +79,12 @@ def goal_miss(
 
 def control_units(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
     """Size of a typical control, m/s²: of each transfer, or to move by the collision radius."""
-    evasive = problem.collision_radius / problem.duration**2
-    return np.maximum(np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1), evasive)
+    return np.maximum(own_units(miss, problem), problem.evasive_control)
+
+
+def own_units(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
+    """Largest control of each craft's minimum-energy transfer, m/s², which no limit must exceed."""
+    return np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1)
 
 
 def control_limit(problem: Problem) -> float:
@@ -130,7 +137,9 @@ def _programs(miss: Float[Array, "n 6"], problem: Problem) -> Iterator[_Program]
     shrunk until |reachᵀy| ≤ 1 (linear programming duality).
     """
     reach, limit = transfer_maps(problem).reach[-1], problem.max_acceleration
-    for wanted, unit in zip(miss, control_units(miss, problem).tolist(), strict=True):
+    units = own_units(miss, problem)
+    units = np.where(units > problem.negligible_fuel, units, problem.evasive_control)
+    for wanted, unit in zip(miss, units.tolist(), strict=True):
         one = _single(reach, wanted[None], control_limit(problem), unit)
         # A new solver each time: one that has solved before rounds otherwise.
         found = new_solver(one, tolerance=BOUND_TOLERANCE).solve()
@@ -139,7 +148,8 @@ def _programs(miss: Float[Array, "n 6"], problem: Problem) -> Iterator[_Program]
             controls = controls_of(np.asarray(found.x), one).reshape(-1, 3)
             yield _Program(controls, _proven(y, wanted, reach, limit))
         else:
-            yield _Program(None, impossible=_refutes(y, wanted, reach, limit))
+            impossible = _refutes(y, wanted, reach, limit) or _unreachable(wanted, reach, problem)
+            yield _Program(None, impossible=impossible)
 
 
 def _single(
@@ -177,3 +187,16 @@ def _refutes(
         return False
     most = limit * float(np.abs(reach.T @ y).sum())
     return float(miss @ y) > most * (1 + FARKAS_MARGIN)
+
+
+def _unreachable(miss: Float[Array, "6"], reach: Float[Array, "6 m"], problem: Problem) -> bool:
+    """Whether no control that a thruster could give brings about a change of state.
+
+    As in ``_refutes``, along the directions in which controls as good as do nothing, as where two
+    of an orbit's intervals act alike.
+    """
+    scale = np.repeat([1.0, problem.duration], 3) / problem.duration**2  # all in m/s²
+    directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
+    changes = np.abs(directions @ miss)
+    most = RANGES["max_acceleration"][1] * np.abs(directions @ reach).sum(axis=1)
+    return bool((changes > most + SHORT * np.abs(miss * scale).max()).any())

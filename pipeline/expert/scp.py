@@ -317,7 +317,7 @@ class Search:
         self.aim_controls[craft] = self.controls[craft]
         self.aim_states[craft] = self.states[craft]
         self.accepted[craft] = True
-        gap = gap_of(fuel, float(self.own.lower_bound[craft].sum()))
+        gap = gap_of(fuel, float(self.own.lower_bound[craft].sum()), self.problem)
         self.active[craft] = not (
             settings.stop == "first-safe"
             or gap <= settings.gap_tolerance

@@ -63,7 +63,8 @@ def best_of_starts(
         left = [
             k
             for k, (found, bound) in enumerate(zip(best, bounds, strict=True))
-            if gap_of(float(np.abs(found.controls).sum()), bound) > settings.gap_tolerance
+            if gap_of(float(np.abs(found.controls).sum()), bound, batch.problem)
+            > settings.gap_tolerance
         ]
         if not left:
             break

@@ -11,7 +11,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations
 from pipeline.orbit.transfer import fly
 from pipeline.plan import Plan
-from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
 SomeControls = Float[Array, "K n left 3"]
 
@@ -45,7 +45,7 @@ class Choice:
         self._most = _fuel(self.controls) + allowance
         self.separation = self._separation(slice(None), self.controls)
         self.open = np.ones(len(estimate), dtype=bool)
-        self._to_goal = np.abs(self.controls - under_way).max(axis=(1, 2, 3)) <= LIMIT_TOLERANCE
+        self._to_goal = np.abs(under_way).max(axis=(1, 2, 3)) <= problem.most_control
 
     def offer(self, which: Int[Array, "k"], plans: Sequence[Plan], radius: float) -> None:
         """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
@@ -113,8 +113,7 @@ def _nodes(
 def _is_at_goal(plan: Plan, problem: Problem) -> bool:
     """Whether a plan, safe or not, meets the goal and keeps to the thrust limit."""
     missed = plan.certificate.goal_error, plan.certificate.goal_velocity_error
-    limit = np.inf if problem.max_acceleration is None else problem.max_acceleration
-    within = float(np.abs(plan.controls).max()) <= limit + LIMIT_TOLERANCE
+    within = float(np.abs(plan.controls).max()) <= problem.most_control
     return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
 
 

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
+from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
 TOLERANCE = 1e-4
@@ -17,6 +18,15 @@ TOLERANCE = 1e-4
 PROVABLE = 1.01 * TOLERANCE
 """What a bound must exceed a distance by, m, so that any later bracket's bound exceeds it too:
 the width of a bracket, and rounding."""
+
+ROUNDING = 1e-14
+"""Share of the largest coordinate that a distance may be off by, with some room."""
+
+MOST_PARTS = 64
+"""Parts of an interval that one search looks at; longer intervals are searched piece by piece."""
+
+AT_ONCE = 250
+"""Motions of which pieces are looked at, which bounds the memory that it takes."""
 
 FEW, MOST_PAIRS = 128, 300_000
 """Craft of a swarm, and pairs in all, up to which comparing all with all takes less than a tree."""
@@ -80,6 +90,20 @@ class Swarms:
         return np.concatenate(first) + shift, np.concatenate(second) + shift
 
 
+def rounding(states: Float[Array, "*batch 6"]) -> float:
+    """What rounding may take off a distance between craft that are at such states, m."""
+    return ROUNDING * float(np.abs(states[..., :3]).max())
+
+
+def least_of_each(
+    value: Float[Array, "k"], label: Int[Array, "k"]
+) -> tuple[Int[Array, "labels"], Int[Array, "labels"]]:
+    """The labels that occur, and where the least value of each is; what is no number is least."""
+    order = np.lexsort((np.nan_to_num(value, nan=-np.inf, posinf=np.inf), label))
+    occurring, first = np.unique(label[order], return_index=True)
+    return occurring, order[first]
+
+
 @lru_cache(maxsize=64)
 def pairs(n: int) -> tuple[Int[Array, "p"], Int[Array, "p"]]:
     """First and second craft of every pair i < j of n craft, not to be written to."""
@@ -133,7 +157,8 @@ def close_approaches(
     i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
     push = controls[i, k] - controls[j, k]
-    found = passes(start, end, push, problem, reach[i], tolerance)
+    h = problem.time_step
+    found = passes(start, end, push, problem.dynamics, h, reach[i], tolerance)
     i, j, k = i[found.which], j[found.which], k[found.which]
     closest = found.offset, found.distance, found.bound
     return Approaches(i, j, k, *closest, found.free, found.pushed)
@@ -164,7 +189,8 @@ def passes(
     start: Float[Array, "s 6"],
     end: Float[Array, "s 6"],
     push: Float[Array, "s 3"],
-    problem: Problem,
+    dynamics: Dynamics,
+    h: float,
     reach: Float[Array, "s"],
     tolerance: float = TOLERANCE,
 ) -> Passes:
@@ -174,18 +200,23 @@ def passes(
         start: relative states at the interval's start, m and m/s.
         end: at its end.
         push: relative controls, m/s².
-        problem: dynamics and length of the interval.
+        dynamics: how craft move.
+        h: length of the interval, s.
         reach: distance of interest of each, m.
         tolerance: width of the bracket [bound, distance], m.
     """
-    dynamics, h = problem.dynamics, problem.time_step
     remainder = h**4 / 384 * dynamics.most_fourth_derivative(start, push)
     near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= reach)
     if len(near) == 0:
         none, empty = np.zeros(0, dtype=int), np.zeros(0)
         return Passes(none, empty, empty, empty, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
     start, push, remainder, reach = start[near], push[near], remainder[near], reach[near]
-    when, bound = _closest_in_interval(start, push, problem, remainder, reach, tolerance)
+    when, bound = np.zeros((2, len(near)))
+    long = remainder > tolerance / 4 * MOST_PARTS**4
+    for which, search in ((~long, _closest_in_interval), (long, _closest_in_pieces)):
+        if which.any():
+            given = start[which], push[which], remainder[which], reach[which]
+            when[which], bound[which] = search(*given, dynamics, h, tolerance)
     keep = bound <= reach
     near, offset, bound = near[keep], when[keep] * h, bound[keep]
     A, B = dynamics.step(offset)
@@ -249,9 +280,10 @@ def _by_tree(
 def _closest_in_interval(
     start: Float[Array, "g 6"],
     push: Float[Array, "g 3"],
-    problem: Problem,
     remainder: Float[Array, "g"],
     reach: Float[Array, "g"],
+    dynamics: Dynamics,
+    h: float,
     tolerance: float,
 ) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
     """When a pair is closest, as a share of the interval, and a bound on how close.
@@ -264,22 +296,49 @@ def _closest_in_interval(
     row = np.repeat(np.arange(len(parts)), parts)
     part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
     many = parts[row]
-    A, B, first = _steps(problem, int(many.max()))
+    A, B, first = _steps(dynamics, h, int(many.max()))
     begin, end = (
         np.matvec(A[first[many] + at], start[row]) + np.matvec(B[first[many] + at], push[row])
         for at in (part, part + 1)
     )
-    curve = hermite_bezier(begin, end, problem.time_step / many)
+    curve = hermite_bezier(begin, end, h / many)
     stretch = part / many, 1.0 / many
     return branch_and_bound(curve, remainder[row] / many**4, row, stretch, reach, tolerance / 2)
 
 
+def _closest_in_pieces(
+    start: Float[Array, "g 6"],
+    push: Float[Array, "g 3"],
+    _: Float[Array, "g"],
+    reach: Float[Array, "g"],
+    dynamics: Dynamics,
+    h: float,
+    tolerance: float,
+) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
+    """As ``_closest_in_interval``, for intervals that would need too many parts.
+
+    They are cut into pieces, of which only those that may come within the distance are searched.
+    """
+    A, B = dynamics.step(h / MOST_PARTS * np.arange(MOST_PARTS + 1))
+    when, bound = np.zeros(len(start)), np.full(len(start), np.inf)
+    for some in np.array_split(np.arange(len(start)), 1 + len(start) // AT_ONCE):
+        row = np.repeat(some, MOST_PARTS)
+        states = np.matvec(A, start[some, None]) + np.matvec(B, push[some, None])
+        ends = states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6)
+        found = passes(*ends, push[row], dynamics, h / MOST_PARTS, reach[row], tolerance)
+        motion, piece = row[found.which], found.which % MOST_PARTS
+        np.minimum.at(bound, motion, found.bound)
+        which, k = least_of_each(found.distance, motion)
+        when[which] = piece[k] / MOST_PARTS + found.offset[k] / h
+    return when, bound
+
+
 @lru_cache(maxsize=64)
 def _steps(
-    problem: Problem, most: int
+    dynamics: Dynamics, h: float, most: int
 ) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"], Int[Array, "_"]]:
     """How a state moves to the ends of parts, for each number of parts, and where those begin."""
     share = np.concatenate([np.arange(parts + 1) / max(parts, 1) for parts in range(most + 1)])
-    A, B = problem.dynamics.step(problem.time_step * share)
+    A, B = dynamics.step(h * share)
     first = np.cumsum(np.arange(most + 1))
     return A, B, first

@@ -47,20 +47,25 @@ class Dispersion:
         i, j, k = first, second, interval
         return state[i, k] + state[j, k], burn[i, k] + burn[j, k]
 
-    def most_deviation(self, problem: Problem) -> Float[Array, "n intervals"]:
-        """A bound on the root mean square distance of a craft from its plan in each interval, m.
+    def most_acceleration(self, problem: Problem) -> Float[Array, "n intervals"]:
+        """A bound on the root mean square error of a craft's acceleration in each interval, m/s².
 
-        Between its ends a column of the map to positions is within h²/8 max|p̈| of its chord, and
-        the Frobenius norm, whose square is the mean square distance, obeys the triangle inequality.
+        The Frobenius norm, whose square is the mean square, obeys the triangle inequality.
         """
         n, T, _, J = self.state.shape
         columns = np.zeros((n, T - 1, J + 3, 6))
         columns[:, :, :J] = self.state[:, :-1].mT
         push = np.zeros((n, T - 1, J + 3, 3))
         push[:, :, J:] = self.burn.mT
-        h = problem.time_step
-        bend = norm(problem.dynamics.most_acceleration(columns, push, h)) * h**2 / 8
+        return norm(problem.dynamics.most_acceleration(columns, push, problem.time_step))
+
+    def most_deviation(self, problem: Problem) -> Float[Array, "n intervals"]:
+        """A bound on the root mean square distance of a craft from its plan in each interval, m.
+
+        Between its ends a column of the map to positions is within h²/8 max|p̈| of its chord.
+        """
         at_nodes = np.sqrt(np.square(self.state[:, :, :3]).sum(axis=(2, 3)))
+        bend = self.most_acceleration(problem) * problem.time_step**2 / 8
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
 
 

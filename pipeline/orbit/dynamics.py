@@ -15,6 +15,10 @@ class Dynamics(Protocol):
     of craft holds for differences of both, since the motion is linear.
     """
 
+    def __hash__(self) -> int:
+        """Dynamics are values, by which maps are kept."""
+        ...
+
     def step(
         self, time: float | Float[Array, "*batch"]
     ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:

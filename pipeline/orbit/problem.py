@@ -17,6 +17,12 @@ RANGES = {
 }
 """Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds."""
 
+LIMIT_ROUNDING = 1e-6
+"""Share of the limit on the control that counts as rounding."""
+
+NEGLIGIBLE = 1e-10
+"""Fuel that counts as none, in controls that move a craft by the collision radius."""
+
 MOST_NODES = 1000
 """Of which a plan of a few craft takes minutes and some GB."""
 
@@ -80,3 +86,19 @@ class Problem:
     def duration(self) -> float:
         """Length of the transfer, s."""
         return self.intervals * self.time_step
+
+    @property
+    def evasive_control(self) -> float:
+        """Size of a control that moves a craft by about the collision radius, m/s²."""
+        return self.collision_radius / self.duration**2
+
+    @property
+    def negligible_fuel(self) -> float:
+        """Fuel that is no more than rounding, m/s²."""
+        return NEGLIGIBLE * self.evasive_control
+
+    @property
+    def most_control(self) -> float:
+        """Largest component of a control within the limit, rounding included, m/s²."""
+        limit = self.max_acceleration
+        return np.inf if limit is None else limit * (1 + LIMIT_ROUNDING)

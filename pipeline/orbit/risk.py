@@ -1,55 +1,60 @@
 """A bound on the probability that any pair of a swarm ever comes within the collision radius.
 
-For a pair with the mean relative position d(t) n(t), n a unit vector, the distance is at least
-n·Δp, whatever Δp is. So a pair that comes within r has g(t) = n(t)·Δp(t) - r < 0 at some time: at
-the first already, or after a down-crossing of zero,
+A pair whose relative position is Δp is further apart than r where n·Δp > r, for any unit vector n.
+Let there be such a check X = n·Δp - r - η at each of some times, with the direction n in which the
+pair is likeliest to meet. Between two checks that hold it is further apart than r as well: with
+s from 0 to 1, on the straight line from one position to the next,
 
-    P(some ‖Δp(t)‖ < r) ≤ P(g(0) < 0) + E[down-crossings of 0 by g].
+    n(s)·Δp(s) = (1 - s) n₀·Δp₀ + s n₁·Δp₁ - s (1 - s) (n₁ - n₀)·(Δp₁ - Δp₀),
 
-g is Gaussian and smooth, with mean d - r, and it and its derivative are linear in finitely many
-Gaussian errors. So the expectation is the integral over time of Rice's formula in its form for
-processes that are not stationary (Cramér and Leadbetter 1967, "Stationary and Related Stochastic
-Processes", chapter 13.2), with z = (d - r)/σ the level in standard deviations of g,
+where n(s), the mean of both directions, is no longer than 1; and motion strays from that line by
+h²/8 max‖Δp̈‖ at most. The margin η is what both may take. So a pair that meets fails a check: the
+first already, or one after another that holds,
 
-    φ(z)/σ · E[max(-ġ, 0) | g = 0],
+    P(some ‖Δp‖ < r) ≤ P(X₀ < 0) + Σ P(Xₖ ≥ 0 > Xₖ₊₁),
 
-and pairs are summed (Boole's inequality). Where z ≥ K, nothing is integrated: by Cauchy-Schwarz
-|g - E g| ≤ σ(t)‖ξ‖ at all times at once, with ξ the pair's J independent standard normals, so that
-g can be below 0 there with a probability of at most P(χ²_J ≥ K²), once for all times.
+and pairs are summed (Boole's inequality). Checks are linear in Gaussian errors, so that each term
+is a probability of two Gaussian variables. Whatever the times are, it is a bound; where terms
+count, times are added until margins hardly do. In the limit the sum is the expected number of
+down-crossings (Rice's formula).
+
+How far errors may take η, and which times need no check since the pair is far apart, holds with a
+probability that is taken off at once for all times: by Cauchy-Schwarz a linear functional of the
+errors with the deviation σ is at most σ‖ξ‖, with ξ the pair's J independent standard normals, and
+‖ξ‖ < K but with the probability P(χ²_J ≥ K²).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.special import gammainccinv, ndtr
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
 from pipeline.orbit.bezier import dot, norm
 from pipeline.orbit.covariance import Dispersion, dispersion
+from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.uncertainty import Uncertainty
 
 FAR = 1e-12
-"""Probability that is granted to all pairs together while they are far apart."""
+"""Probability that errors are larger than all that is said here of them, of all pairs together."""
 
-ORDER = 8
-"""Points of the Gauss-Legendre rule on each panel."""
-
-ACCURACY = 1e-4
-"""Share of the sum by which halving all panels may still change it; that change is added."""
+ACCURACY = 0.02
+"""Share of the sum that margins may still make up, estimated from above."""
 
 COARSE = 1.0
 """Width of the bracket in which least separations of pairs that may be near are found, m."""
 
-TINY = 1e-100
-"""A length that stands for none, where one is divided by, m."""
+SHORTEST = 1e-9
+"""Share of an interval under which panels are not halved: what is safe by rounding alone."""
 
-MOST_HALVINGS = 40
-"""More than any panel takes; what is left then is added in full."""
+MOST_PANELS = 200_000
+"""Which bounds the memory that it takes."""
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(ORDER)
+ROUNDING = 1e-15
+"""Of the probability of a panel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,46 +77,116 @@ class CollisionRisk:
     total: float
 
 
+Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]
+"""Linear in the state at an interval's start and in the control."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Stretches:
-    """Pairs and intervals in which they may be near: means at the start, and covariances.
+    """Pairs and intervals in which they may be near, by pair and interval.
 
     Attributes:
+        problem: dynamics, time step and collision radius.
         pair: number of the pair.
+        interval: which.
         state: mean difference of states at the interval's start, m and m/s.
         push: mean difference of controls, m/s².
         covariances: of both.
         near: distance from which the pair is far, m.
-        scale: by how much a pair may move on a panel before that is halved unseen, m.
-        bend: bound on the relative acceleration, m/s².
+        bend: bound on the mean relative acceleration, m/s².
+        stray: bound on the relative acceleration along any direction, m/s².
+        normals: K.
     """
 
+    problem: Problem
     pair: Int[Array, "s"]
+    interval: Int[Array, "s"]
     state: Float[Array, "s 6"]
     push: Float[Array, "s 3"]
     covariances: tuple[Float[Array, "s 6 6"], Float[Array, "s 3 3"]]
     near: Float[Array, "s"]
-    scale: Float[Array, "s"]
     bend: Float[Array, "s"]
+    stray: Float[Array, "s"]
+    normals: float
+
+    def maps(self, share: Float[Array, "k"]) -> Maps:
+        """To relative positions at shares of the interval."""
+        free, pushed = self.problem.dynamics.step(share * self.problem.time_step)
+        return free[:, :3], pushed[:, :3]
+
+    def position(self, which: Int[Array, "k"], maps: Maps) -> Float[Array, "k 3"]:
+        """The mean, m."""
+        return np.matvec(maps[0], self.state[which]) + np.matvec(maps[1], self.push[which])
+
+    def covariance(self, which: Int[Array, "k"], one: Maps, other: Maps) -> Float[Array, "k"]:
+        """Of two linear functionals of the errors."""
+        state, push = self.covariances
+        found = dot(np.vecmat(one[0], state[which]), other[0])
+        return found + dot(np.vecmat(one[1], push[which]), other[1])
+
+    def directions(self, which: Int[Array, "k"], share: Float[Array, "k"]) -> Float[Array, "k 3"]:
+        """In which pairs are likeliest to meet, at shares of the interval."""
+        (free, pushed), (state, push) = self.maps(share), self.covariances
+        spread = free @ state[which] @ free.mT + pushed @ push[which] @ pushed.mT
+        mean = self.position(which, (free, pushed))
+        return likeliest_direction(mean, spread, self.problem.collision_radius)
+
+    def may_be_near(self, panels: "_Panels") -> Bool[Array, "q"]:
+        """Whether pairs may be near at some time of each panel."""
+        at, half = panels.stretch, panels.width * self.problem.time_step / 2
+        middle = (panels.begin + panels.width / 2) * self.problem.time_step
+        A, B = self.problem.dynamics.step(middle)
+        mean = np.matvec(A, self.state[at]) + np.matvec(B, self.push[at])
+        moved = (norm(mean[:, 3:]) + self.bend[at] * half) * half  # at most, from there
+        return norm(mean[:, :3]) - moved < self.near[at]
 
 
 @dataclass(frozen=True, eq=False)
 class _Panels:
-    """Parts of stretches: which stretch, when they begin since its start, how long they are, s."""
+    """Times between two checks, by stretch and time.
+
+    Attributes:
+        stretch: which.
+        begin: share of the interval at which each begins.
+        width: share of the interval that it is long.
+        first: direction of the check at its begin.
+        last: of the one at its end.
+    """
 
     stretch: Int[Array, "q"]
     begin: Float[Array, "q"]
     width: Float[Array, "q"]
+    first: Float[Array, "q 3"]
+    last: Float[Array, "q 3"]
 
-    def halves(self) -> "_Panels":
-        """Both halves of each, first all former ones."""
-        half = self.width / 2
-        begin = np.concatenate([self.begin, self.begin + half])
-        return _Panels(np.tile(self.stretch, 2), begin, np.tile(half, 2))
-
-    def where(self, keep: Array) -> "_Panels":
+    def where(self, keep: Bool[Array, "q"] | Int[Array, "j"]) -> "_Panels":
         """Some of them."""
-        return _Panels(self.stretch[keep], self.begin[keep], self.width[keep])
+        return _Panels(*(part[keep] for part in vars(self).values()))
+
+    def joined(self, stretches: _Stretches) -> Bool[Array, "q"]:
+        """Whether each begins with the check that the one before ends with."""
+        at, before = self.stretch[1:], self.stretch[:-1]
+        end = self.begin[:-1] + self.width[:-1]
+        inside = (at == before) & (self.begin[1:] == end)
+        across = stretches.pair[at] == stretches.pair[before]
+        across &= stretches.interval[at] == stretches.interval[before] + 1
+        return np.append(False, inside | (across & (self.begin[1:] == 0) & (end == 1)))[: len(self)]
+
+    def __len__(self) -> int:
+        """Number of panels."""
+        return len(self.stretch)
+
+    def halved(self, split: Bool[Array, "q"], stretches: _Stretches) -> "_Panels":
+        """Some of them in two halves, with a check between."""
+        parts = np.repeat(np.arange(len(self)), 1 + split)
+        second = np.append(False, parts[1:] == parts[:-1])
+        first = np.append(second[1:], False)
+        found, whole = self.where(parts), split[parts]
+        width = np.where(whole, found.width / 2, found.width)
+        begin = found.begin + np.where(second, width, 0.0)
+        between = stretches.directions(found.stretch[second], begin[second])
+        found.first[second] = found.last[first] = between
+        return _Panels(found.stretch, begin, width, found.first, found.last)
 
 
 def collision_risk(
@@ -128,19 +203,38 @@ def collision_risk(
         problem: dynamics, time step and collision radius.
         uncertainty: what is not known of the initial states, and not done as planned.
     """
-    radius, (i, j) = problem.collision_radius, pairs(len(states))
+    i, j = pairs(len(states))
     if len(i) == 0:
         return CollisionRisk(i, j, np.zeros(0), np.zeros(0), 0.0)
     spread = dispersion(controls, problem, uncertainty)
     stretches, broken = _stretches(states, controls, problem, spread)
-    start, end = (ndtr(-levels_at(node, i, j, states, spread, radius)) for node in (0, -1))
-    total = start.copy()
-    np.add.at(total, *_crossings(stretches, problem))
+    pair, chance = _chances(stretches)
+    total = np.zeros(len(i))
+    np.add.at(total, pair, chance)
     total[broken] = 1.0
     shown = np.flatnonzero(total > FAR / len(total))
-    each = np.minimum(total[shown], 1.0)
-    ends = np.minimum(np.maximum(start, end)[shown], each)
-    return CollisionRisk(i[shown], j[shown], each, ends, min(1.0, float(total.sum()) + FAR))
+    i, j, each = i[shown], j[shown], np.minimum(total[shown], 1.0)
+    ends = [_at_node(node, i, j, states, spread, problem.collision_radius) for node in (0, -1)]
+    rounding = FAR + ROUNDING * len(chance)
+    most = min(1.0, float(total.sum()) + rounding)
+    return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most)
+
+
+def _at_node(
+    node: int,
+    first: Int[Array, "k"],
+    second: Int[Array, "k"],
+    states: Float[Array, "n T 6"],
+    spread: Dispersion,
+    radius: float,
+) -> Float[Array, "k"]:
+    """Bound on the probability that pairs are within a distance, m, at a node."""
+    gap = states[first, node, :3] - states[second, node, :3]
+    covariance = spread.state_covariance[first, node] + spread.state_covariance[second, node]
+    normal = likeliest_direction(gap, covariance[:, :3, :3], radius)
+    variance = dot(np.vecmat(normal, covariance[:, :3, :3]), normal)
+    sigma = np.sqrt(np.maximum(variance, 0.0))
+    return ndtr((radius - dot(normal, gap)) / np.maximum(sigma, TINY))
 
 
 def levels_at(
@@ -171,25 +265,30 @@ def _stretches(
     A broken pair's risk is about one half at least, and counts as one.
     """
     n, _, _, normals = spread.state.shape
-    deviations = np.sqrt(2 * gammainccinv(normals / 2, FAR / (n * (n - 1) / 2)))  # K
-    radius, h = problem.collision_radius, problem.time_step
-    deviation = spread.most_deviation(problem)
-    within = radius + deviations * np.sqrt(2) * float(deviation.max())
+    most = float(np.sqrt(2 * gammainccinv(normals / 2, FAR / (n * (n - 1) / 2))))  # K
+    radius, deviation = problem.collision_radius, spread.most_deviation(problem)
+    within = radius + most * np.sqrt(2) * float(deviation.max())
     broken = _numbers(close_approaches(states, controls, problem, radius), n)
     found = close_approaches(states, controls, problem, within, tolerance=COARSE)
-    i, j, k = found.first, found.second, found.interval
-    number, sigma = _numbers(found, n), np.hypot(deviation[i, k], deviation[j, k])
-    keep = (found.bound < radius + deviations * sigma) & ~np.isin(number, broken)
-    i, j, k, number, sigma = (one[keep] for one in (i, j, k, number, sigma))
+    i, j, k, number = found.first, found.second, found.interval, _numbers(found, n)
+    near = radius + most * np.hypot(deviation[i, k], deviation[j, k])
+    keep = np.flatnonzero((found.bound < near) & ~np.isin(number, broken))
+    keep = keep[np.lexsort((k[keep], number[keep]))]
+    i, j, k, number, near = (one[keep] for one in (i, j, k, number, near))
     state, push = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
+    bend = problem.dynamics.most_acceleration(state, push, problem.time_step)
+    erring = spread.most_acceleration(problem)
     return _Stretches(
+        problem=problem,
         pair=number,
+        interval=k,
         state=state,
         push=push,
         covariances=spread.of_pairs(i, j, k),
-        near=radius + deviations * sigma,
-        scale=np.sqrt(radius * sigma),
-        bend=problem.dynamics.most_acceleration(state, push, h),
+        near=near,
+        bend=bend,
+        stray=bend + most * np.hypot(erring[i, k], erring[j, k]),
+        normals=most,
     ), broken
 
 
@@ -199,105 +298,59 @@ def _numbers(found: Approaches, n: int) -> Int[Array, "k"]:
     return i * (2 * n - i - 1) // 2 + j - i - 1
 
 
-def _near(stretches: _Stretches, problem: Problem) -> _Panels:
-    """Panels that hold all times at which pairs are near, each short against a pass."""
-    many, h = len(stretches.pair), problem.time_step
-    panels = _Panels(np.arange(many), np.zeros(many), np.full(many, h))
-    done: list[_Panels] = []
-    for _ in range(MOST_HALVINGS):
-        at, half = panels.stretch, panels.width / 2
-        A, B = problem.dynamics.step(panels.begin + half)
-        middle = np.matvec(A, stretches.state[at]) + np.matvec(B, stretches.push[at])
-        moved = (norm(middle[:, 3:]) + stretches.bend[at] * half) * half  # at most, from there
-        near = norm(middle[:, :3]) - moved < stretches.near[at]
-        short = 2 * moved <= stretches.scale[at]
-        done.append(panels.where(near & short))
-        panels = panels.where(near & ~short).halves()
-        if len(panels.stretch) == 0:
-            break
-    done.append(panels)
-    parts = ([getattr(one, name) for one in done] for name in ("stretch", "begin", "width"))
-    return _Panels(*map(np.concatenate, parts))
+def _chances(stretches: _Stretches) -> tuple[Int[Array, "q"], Float[Array, "q"]]:
+    """Pairs, and the probabilities that they fail a check after one that holds, or the first.
 
-
-def _crossings(
-    stretches: _Stretches, problem: Problem
-) -> tuple[Int[Array, "q"], Float[Array, "q"]]:
-    """Pairs, and expected down-crossings of g on parts of the time; what may be missed included.
-
-    Panels are halved until that changes the sum by no more than its share, and the changes of the
-    last halving are added. Those that all together hold no more than FAR stay whole, and count
-    twice.
+    Panels are halved where their margins may add to the sum more than their share of ACCURACY.
     """
-    panels = _near(stretches, problem)
-    coarse = _expected(panels, stretches, problem)
-    quiet = coarse * max(1, len(coarse)) <= FAR
-    pair, value, summed = [stretches.pair[panels.stretch[quiet]]], [2 * coarse[quiet]], 0.0
-    panels, coarse = panels.where(~quiet), coarse[~quiet]
-    for halving in range(MOST_HALVINGS):
-        many = len(coarse)
-        if many == 0:
-            break
-        halves = panels.halves()
-        fine = _expected(halves, stretches, problem)
-        both = fine[:many] + fine[many:]
-        change = np.abs(both - coarse)
-        settled = change <= ACCURACY * (summed + both.sum()) / many
-        if halving == MOST_HALVINGS - 1:
-            settled[:] = True
-        pair.append(stretches.pair[panels.stretch[settled]])
-        value.append((both + change)[settled])
-        summed += float(both[settled].sum())
-        rest = np.tile(~settled, 2)
-        panels, coarse = halves.where(rest), fine[rest]
-    return np.concatenate(pair), np.concatenate(value)
+    which = np.arange(len(stretches.pair))
+    begin, width = np.zeros(len(which)), np.ones(len(which))
+    ends = stretches.directions(which, begin), stretches.directions(which, width)
+    panels = _Panels(which, begin, width, *ends)
+    while True:
+        panels = panels.where(stretches.may_be_near(panels))
+        chance, excess = _failing(panels, stretches)
+        split = excess * len(panels) > ACCURACY * max(float(chance.sum()), FAR)
+        split &= (panels.width > SHORTEST) & (len(panels) < MOST_PANELS)
+        if not split.any():
+            return stretches.pair[panels.stretch], chance
+        panels = panels.halved(split, stretches)
 
 
-def _expected(panels: _Panels, stretches: _Stretches, problem: Problem) -> Float[Array, "q"]:
-    """Expected down-crossings of 0 by g on each panel, by Gauss and Legendre."""
-    at, width = panels.stretch, panels.width
-    offset = panels.begin[:, None] + width[:, None] * (1 + _POINTS) / 2
-    A, B = problem.dynamics.step(offset)
-    mean = np.matvec(A, stretches.state[at][:, None]) + np.matvec(B, stretches.push[at][:, None])
-    position, velocity = mean[..., :3], mean[..., 3:]
-    distance = norm(position)
-    n = position / distance[..., None]
-    slope = dot(n, velocity)
-    turn = (velocity - slope[..., None] * n) / distance[..., None]  # ṅ
-    errors = np.zeros((*offset.shape, 2, 6))  # of g: n·δp, and of its derivative: ṅ·δp + n·δv
-    errors[..., 0, :3] = errors[..., 1, 3:] = n
-    errors[..., 1, :3] = turn
-    covariance = np.zeros((*offset.shape, 2, 2))
-    for to, given in zip((A, B), stretches.covariances, strict=True):
-        row = errors @ to
-        covariance += row @ given[at][:, None] @ row.mT
-    rate = crossing_rate(distance - problem.collision_radius, slope, covariance)
-    return width / 2 * (rate @ _WEIGHTS)
+def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
+    """Of each panel the probability, and an estimate of how much of it is due to its margin."""
+    at, radius = panels.stretch, stretches.problem.collision_radius
+    width = panels.width * stretches.problem.time_step
+    here, there = stretches.maps(panels.begin), stretches.maps(panels.begin + panels.width)
+    start, end = stretches.position(at, here), stretches.position(at, there)
 
+    def along(normal: Float[Array, "q 3"], maps: Maps) -> Maps:
+        return np.vecmat(normal, maps[0]), np.vecmat(normal, maps[1])
 
-def crossing_rate(
-    mean: Float[Array, "*batch"],
-    slope: Float[Array, "*batch"],
-    covariance: Float[Array, "*batch 2 2"],
-) -> Float[Array, "*batch"]:
-    """Rice's formula: expected down-crossings of 0 by a smooth Gaussian process, 1/s.
+    def less(one: Maps, other: Maps) -> Maps:
+        return one[0] - other[0], one[1] - other[1]
 
-    Args:
-        mean: of the process, positive wherever it has no variance.
-        slope: mean of its derivative, per s.
-        covariance: of the process and its derivative.
-    """
-    variance, mixed = covariance[..., 0, 0], covariance[..., 0, 1]
-    known = np.where(variance > 0, variance, 1.0)
-    sigma = np.sqrt(known)
-    drift = slope - mixed / known * mean  # of the derivative, where the process is 0
-    rest = np.sqrt(np.maximum(covariance[..., 1, 1] - mixed**2 / known, 0.0))
-    ratio = np.divide(drift, rest, out=np.full_like(drift, np.inf), where=rest > 0)
-    # E[max(-ġ, 0)] of a normal variable with that mean and deviation.
-    down = rest * _density(ratio) + np.where(rest > 0, -drift * ndtr(-ratio), -drift.clip(max=0))
-    return np.where(variance > 0, _density(mean / sigma) / sigma * down, 0.0)
-
-
-def _density(z: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """Of the standard normal distribution."""
-    return np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+    turn = panels.last - panels.first
+    swing = along(turn, less(there, here))
+    erring = stretches.normals * np.sqrt(np.maximum(stretches.covariance(at, swing, swing), 0.0))
+    turning = np.maximum(dot(turn, end - start), 0.0) + erring
+    margin = stretches.stray[at] * width**2 / 8 + turning / 4
+    joined = panels.joined(stretches)
+    goes_on = np.append(joined[1:], False)[: len(joined)]
+    # Both panels beside a check want their margin kept.
+    margin_first = np.where(joined, np.maximum(margin, np.roll(margin, 1)), margin)
+    margin_last = np.where(goes_on, np.maximum(margin, np.roll(margin, -1)), margin)
+    first, last = along(panels.first, here), along(panels.last, there)
+    step = less(last, first)
+    variances = [np.maximum(stretches.covariance(at, one, one), 0.0) for one in (first, last, step)]
+    apart, apart_last = dot(panels.first, start) - radius, dot(panels.last, end) - radius
+    mean, mean_last = apart - margin_first, apart_last - margin_last
+    chance = falls_below(
+        mean, variances[0], mean_last - mean, stretches.covariance(at, first, step), variances[2]
+    )
+    sigma, sigma_last = (np.maximum(np.sqrt(one), TINY) for one in variances[:2])
+    chance += np.where(joined, 0.0, ndtr(-mean / sigma))
+    # A normal variable's tail at z grows by z times what z shrinks by, as a share.
+    share = [np.maximum(gap / s, 1.0) / s for gap, s in ((apart, sigma), (apart_last, sigma_last))]
+    beside = np.where(joined, np.roll(chance, 1), 0.0) + np.where(goes_on, np.roll(chance, -1), 0.0)
+    return chance, (chance + beside) * np.minimum(margin * np.maximum(*share), 1.0)

@@ -7,7 +7,15 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import FEW, Swarms, close_approaches, pairs, side_by_side
+from pipeline.orbit.approaches import (
+    FEW,
+    Swarms,
+    close_approaches,
+    least_of_each,
+    pairs,
+    rounding,
+    side_by_side,
+)
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 
@@ -43,13 +51,13 @@ def swarm_node_collisions(
 
 @dataclass(frozen=True)
 class Separation:
-    """The least separation of any pair at any time; infinite where there is no pair.
+    """The least separation of any pair at any time; infinite for a craft alone.
 
     Attributes:
         distance: the separation attained, m.
         bound: no pair is ever closer than this, m; at most TOLERANCE below ``distance``.
-        pair: the two craft, or None.
-        time: when, s since the start, or None.
+        pair: the two craft; None for a craft alone.
+        time: when, s since the start; None for a craft alone.
     """
 
     distance: float
@@ -71,26 +79,50 @@ def least_separations(
     problem: Problem,
     swarms: Swarms,
 ) -> list[Separation]:
-    """The least distance of any pair of each swarm at any time."""
+    """The least distance of any pair of each swarm at any time.
+
+    The least at the nodes bounds it from above, so that no other pair and time needs to be looked
+    at; and where rounding hides that pair from the search as well, it is the least.
+    """
     at_nodes = _least_at_nodes(states, swarms)
-    within = np.where(np.isfinite(at_nodes), at_nodes, 0.0)  # where there is no pair, none is found
+    within = np.nan_to_num(at_nodes, posinf=0.0)  # where there is no pair, none is found
     found = close_approaches(states, controls, problem, within, swarms=swarms)
     times = found.interval * problem.time_step + found.offset
     label, start = swarms.label[found.first], swarms.starts
     bound = np.full(len(at_nodes), np.inf)
     np.minimum.at(bound, label, found.bound)
-    order = np.lexsort((found.distance, label))
-    _, first = np.unique(label[order], return_index=True)
-    closest = dict(zip(label[order[first]].tolist(), order[first].tolist(), strict=True))
+    closest = dict(np.transpose(least_of_each(found.distance, label)).tolist())
     separations = []
     for swarm, one in enumerate(bound.tolist()):
         k = closest.get(swarm)
         if k is None:
-            separations.append(Separation(np.inf, np.inf, None, None))
+            craft = slice(start[swarm], start[swarm] + swarms.sizes[swarm])
+            separations.append(_closest_at_nodes(states[craft], problem))
             continue
         pair = int(found.first[k] - start[swarm]), int(found.second[k] - start[swarm])
         separations.append(Separation(float(found.distance[k]), one, pair, float(times[k])))
     return separations
+
+
+def _closest_at_nodes(states: Float[Array, "n T 6"], problem: Problem) -> Separation:
+    """The closest pair of a swarm at any node; its bound is lower by what rounding may hide."""
+    n, T, _ = states.shape
+    if n < 2:
+        return Separation(np.inf, np.inf, None, None)
+    if n <= FEW:
+        distances = node_distances(states)
+        k = int(distances.min(axis=1).argmin())
+        node, pair = int(distances[k].argmin()), [int(one[k]) for one in pairs(n)]
+        distance = float(distances[k, node])
+    else:
+        tree = _node_tree(states)
+        near, points = map(np.asarray, tree.query(tree.data, k=2))
+        point = int(near[:, 1].argmin())
+        distance, node = float(near[point, 1]), point % T
+        # The nearest is the craft itself, or one in the same place.
+        pair = sorted({point // T, *(points[point] // T).tolist()})
+    bound = distance - rounding(states)
+    return Separation(distance, bound, (pair[0], pair[1]), node * problem.time_step)
 
 
 def _least_at_nodes(states: Float[Array, "n T 6"], swarms: Swarms) -> Float[Array, "swarms"]:

@@ -13,7 +13,14 @@ from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import Swarms, close_approaches, passes, side_by_side
+from pipeline.orbit.approaches import (
+    Swarms,
+    close_approaches,
+    least_of_each,
+    passes,
+    rounding,
+    side_by_side,
+)
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.drift import free_drift
 from pipeline.orbit.problem import Problem
@@ -149,26 +156,25 @@ def least_after_loss(
     orbits: float,
     swarms: Swarms,
 ) -> list[LossSeparation | None]:
-    """The least distance of a craft adrift to another, of each swarm; None without a pair."""
-    within = _least_at_starts(_Flight.of(states, controls, problem, orbits), swarms)
+    """The least distance of a craft adrift to another, of each swarm; None for a craft alone.
+
+    As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
+    is the least where rounding hides it from the search.
+    """
+    closest = _closest_at_steps(_Flight.of(states, controls, problem, orbits), swarms)
+    within = np.array([0.0 if one is None else one.distance for one in closest])
     found = loss_encounters(states, controls, problem, orbits, within, swarms=swarms)
     time = found.interval * problem.time_step + found.offset
     label, begin = swarms.label[found.lost], swarms.starts
-    closest: list[LossSeparation | None] = []
-    for swarm, first in enumerate(begin.tolist()):
-        theirs = np.flatnonzero(label == swarm)
-        if len(theirs) == 0:
-            closest.append(None)
-            continue
-        k = theirs[found.distance[theirs].argmin()]
-        closest.append(
-            LossSeparation(
-                distance=float(found.distance[k]),
-                bound=float(found.bound[theirs].min()),
-                pair=(int(found.lost[k]) - first, int(found.other[k]) - first),
-                node=int(found.node[k]),
-                time=float(time[k]),
-            )
+    bound = np.full(len(closest), np.inf)
+    np.minimum.at(bound, label, found.bound)
+    for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
+        closest[swarm] = LossSeparation(
+            distance=float(found.distance[k]),
+            bound=float(bound[swarm]),
+            pair=(int(found.lost[k] - begin[swarm]), int(found.other[k] - begin[swarm])),
+            node=int(found.node[k]),
+            time=float(time[k]),
         )
     return closest
 
@@ -195,6 +201,35 @@ def unavoidable(
         both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
         met.append(_met_adrift(both, problem, longer, 0, len(goal)))
     return min(filter(None, met), key=lambda one: one.distance, default=None)
+
+
+def forced_goals(
+    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem, orbits: float
+) -> Bool[Array, "n n"]:
+    """Which goals craft may take, by craft and goal, where goals are not given out yet.
+
+    Who drifts from its start into one that drifts on from some goal must take that goal itself;
+    none may take any where two goals drift into each other.
+
+    Args:
+        initial: states at the first node, m and m/s.
+        goal: states at the last.
+        problem: dynamics, duration and collision radius.
+        orbits: how long a craft drifts.
+    """
+    n = len(goal)
+    allowed = np.ones((n, n), dtype=bool)
+    if _met_adrift(goal, problem, orbits, problem.nodes - 1, n) is not None:
+        return ~allowed
+    longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
+    if longer > 0:
+        A, _ = problem.dynamics.step(problem.duration)
+        flown, idle, drift = free_drift(np.concatenate([initial @ A.T, goal]), problem, longer)
+        found = close_approaches(flown, idle, drift, problem.collision_radius)
+        met = (found.distance <= problem.collision_radius) & (found.first < n) & (found.second >= n)
+        for craft, taken in zip(found.first[met], found.second[met] - n, strict=True):
+            allowed[craft] &= np.arange(n) == taken
+    return allowed
 
 
 def _met_adrift(
@@ -345,19 +380,29 @@ def _closest(
     start = adrift - flight.states[other, interval]
     A, B = piece.dynamics.step(piece.time_step)
     end = np.matvec(A, start) - np.matvec(B, held)
-    found = passes(start, end, -held, piece, reach[lost])
+    found = passes(start, end, -held, piece.dynamics, piece.time_step, reach[lost])
     closest = found.offset, found.distance, found.bound, found.free, found.pushed
     return *(part[found.which] for part in which), *closest
 
 
-def _least_at_starts(flight: _Flight, swarms: Swarms) -> Float[Array, "swarms"]:
-    """Least distance of a craft adrift to another at any step of a drift, m; 0 without a pair."""
-    least = np.full(len(swarms.sizes), np.inf)
+def _closest_at_steps(flight: _Flight, swarms: Swarms) -> list[LossSeparation | None]:
+    """The closest that a craft adrift is to another at any time step of a drift, of each swarm.
+
+    The bound is lower by what rounding may hide; None for a craft alone.
+    """
+    closest: list[LossSeparation | None] = [None] * len(swarms.sizes)
     since = np.arange(len(flight.drift))
     looked = _Looked(flight.problem, swarms, None)
+    slack = rounding(flight.states)
     for node in range(flight.problem.nodes):
         adrift = np.matvec(flight.drift, flight.states[:, node, None])[..., :3]
         for i, j, _ in looked.at(node, since):
-            apart = norm(adrift[i] - flight.states[j, node : node + len(since), :3]).min(axis=1)
-            np.minimum.at(least, swarms.label[i], apart)
-    return np.where(np.isfinite(least), least, 0.0)
+            apart = norm(adrift[i] - flight.states[j, node : node + len(since), :3])
+            least, label = apart.min(axis=1), swarms.label[i]
+            for swarm, k in np.transpose(least_of_each(least, label)).tolist():
+                distance, best, begin = float(least[k]), closest[swarm], swarms.starts[swarm]
+                if best is None or not best.distance <= distance:
+                    pair = int(i[k] - begin), int(j[k] - begin)
+                    time = float(node + apart[k].argmin()) * flight.problem.time_step
+                    closest[swarm] = LossSeparation(distance, distance - slack, pair, node, time)
+    return closest

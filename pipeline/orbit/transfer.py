@@ -15,6 +15,9 @@ COAST = 1e-7
 UNCHANGED = 1e-9
 """Change of a final state that is none, m; of velocities, m/s over the mean motion."""
 
+REGULAR = 1e9
+"""Condition up to which a map has an inverse, rounding considered."""
+
 
 @dataclass(frozen=True, eq=False)
 class TransferMaps:
@@ -52,6 +55,15 @@ def transfer_maps(problem: Problem) -> TransferMaps:
     fit = (np.tile(weight, T)[:, None] * reach.reshape(6 * T, m)) @ free
     project = free @ np.linalg.pinv(fit, rcond=1e-12) * np.tile(weight, T)
     return TransferMaps(drift, reach, to_goal, project)
+
+
+def has_one_plan(problem: Problem) -> bool:
+    """Whether any two states are joined by one sequence of controls alone.
+
+    Two intervals have six components, as many as a state, and act alike at special steps only.
+    """
+    reach = transfer_maps(problem).reach[-1] * _state_weight(problem)[:, None]
+    return reach.shape == (6, 6) and float(np.linalg.cond(reach)) < REGULAR
 
 
 def _state_weight(problem: Problem) -> Float[Array, "6"]:

@@ -16,10 +16,7 @@ from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.passive_safety import PassiveSafety, passive_safety
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.plan.risk import Risk, RiskLimit
-from pipeline.scenario import Scenario
-
-NO_FUEL = 1e-9
-"""Fuel in m/s² that counts as none."""
+from pipeline.scenario import Scenario, shared_problem
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,7 @@ def certify(
         bounds: lower bound on the fuel of each scenario, m/s², and how it is proven.
         requirements: what was asked; passive safety and risk are claimed only where they were.
     """
-    problem, swarms = scenarios[0].problem, side_by_side(tuple(s.n for s in scenarios))
+    problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     each = np.abs(controls).sum(axis=(1, 2))
     used = np.add.reduceat(each, swarms.starts)
     spent = [
@@ -106,7 +103,7 @@ def certify(
             fuel=float(used[k]),
             delta_v=float(used[k]) * problem.time_step,
             fuel_lower_bound=bound,
-            optimality_gap=gap_of(float(used[k]), bound),
+            optimality_gap=gap_of(float(used[k]), bound, problem),
             node_collisions=int(collisions[k]),
             min_separation=None if apart.pair is None else apart.distance,
             min_separation_pair=apart.pair,
@@ -139,8 +136,8 @@ def _risks(
     return [Risk(bound, limit.asked, errors, sigmas=0.0, fuel_without=None) for bound in bounds]
 
 
-def gap_of(fuel_used: float, fuel_lower_bound: float) -> float:
+def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:
     """Fuel / bound - 1; 0 where neither is more than rounding, infinite where only one is."""
-    if fuel_lower_bound > NO_FUEL:
+    if fuel_lower_bound > problem.negligible_fuel:
         return fuel_used / fuel_lower_bound - 1
-    return 0.0 if fuel_used <= NO_FUEL else float("inf")
+    return 0.0 if fuel_used <= problem.negligible_fuel else float("inf")

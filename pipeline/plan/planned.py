@@ -13,10 +13,7 @@ from pipeline.orbit.transfer import fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.scenario import Scenario
-
-LIMIT_TOLERANCE = 1e-9
-"""Acceleration in m/s² beyond the limit that counts as rounding."""
+from pipeline.scenario import Scenario, shared_problem
 
 POSITION_TOLERANCE = 1e-6
 """Largest miss of a position that counts as rounding, m."""
@@ -61,7 +58,7 @@ def planned_all(
     if not scenarios:
         return []
     started = perf_counter()
-    problem = scenarios[0].problem
+    problem = shared_problem(scenarios)
     controls = with_coasts(np.concatenate([one.controls for one in made]), problem)
     states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
@@ -144,18 +141,18 @@ def _fault(
 def _too_strong(controls: Float[Array, "n intervals 3"], problem: Problem) -> str:
     """By how much a plan breaks the thrust limit."""
     limit, used = problem.max_acceleration, float(np.abs(controls).max())
-    if limit is None or used <= limit + LIMIT_TOLERANCE:
+    if limit is None or used <= problem.most_control:
         return ""
     return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
 
 
 def _too_close(certificate: Certificate, problem: Problem, requirements: Requirements) -> str:
     """Who meets whom in flight."""
-    if is_safe(certificate, problem, requirements) or not certificate.min_separation_pair:
+    if is_safe(certificate, problem, requirements):
         return ""
-    i, j = certificate.min_separation_pair
+    pair = " and ".join(map(str, certificate.min_separation_pair or ()))
     return (
-        f"craft {i} and {j} come within {certificate.min_separation:.6g} m of each other at "
+        f"craft {pair} come within {certificate.min_separation:.6g} m of each other at "
         f"{certificate.min_separation_time:.6g} s; collision_radius is "
         f"{problem.collision_radius:g} m"
     )

@@ -5,7 +5,7 @@ over all assignments bounds the fuel of every plan, whoever goes where.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from itertools import count
 
@@ -21,6 +21,9 @@ from pipeline.scenario import Scenario
 
 BOTH = f"{TABLE}, or {PROGRAM} where that breaks the thrust limit"
 """How costs are proven of which some need a program."""
+
+ROUNDING = 1e-12
+"""Share of a cost by which its bound may be off."""
 
 Slots = tuple[int, ...]
 """Of each craft, the goal that it takes."""
@@ -84,28 +87,83 @@ def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
     After each, what is left is split: the k-th part keeps the choices of the craft before k and
     forbids that of craft k, and the best of each part is a linear assignment problem (K. G. Murty,
     "An Algorithm for Ranking all the Assignments in Order of Increasing Cost", Operations Research
-    16(3), 1968).
+    16(3), 1968). A part is solved only once no other can hold a cheaper assignment, by a bound on
+    its cost from the dual variables of the assignment that it was split from.
     """
-    parts: list[tuple[float, int, Slots, Float[Array, "n n"], int]] = []
     number = count()  # of equal ones the first found goes first
+    waiting = [(-np.inf, False, next(number), _Part((), 0, ()))]
+    while waiting:
+        _, solved, place, part = heappop(waiting)
+        if not solved:
+            best = part.best(costs)
+            if best is not None:
+                cost = float(costs[range(len(best)), best].sum())
+                heappush(waiting, (cost, True, place, replace(part, slots=best)))
+            continue
+        yield part.slots
+        bounds = part.bounds_without(costs)
+        for craft in range(part.kept, len(costs)):
+            if np.isfinite(bounds[craft]):
+                forbidden = tuple(one for one in part.forbidden if one[0] >= craft)
+                forbidden += ((craft, part.slots[craft]),)
+                left = _Part(part.slots, craft, forbidden)
+                heappush(waiting, (bounds[craft], False, next(number), left))
 
-    def add(part: Float[Array, "n n"], kept: int) -> None:
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Some of all assignments, in Murty's way.
+
+    Attributes:
+        slots: the best of the part, or of the one that it was split from.
+        kept: craft before this one keep their goals of ``slots``.
+        forbidden: goals that some of the others do not take, by craft and goal.
+    """
+
+    slots: Slots
+    kept: int
+    forbidden: tuple[tuple[int, int], ...]
+
+    def costs(self, costs: Float[Array, "n n"]) -> Float[Array, "_ _"]:
+        """Of the craft that are not kept and of all goals; infinite where one is not to be had."""
+        left = costs[self.kept :].copy()
+        left[:, list(self.slots[: self.kept])] = np.inf
+        for craft, goal in self.forbidden:
+            left[craft - self.kept, goal] = np.inf
+        return left
+
+    def best(self, costs: Float[Array, "n n"]) -> Slots | None:
+        """The assignment of least cost, or None where every one is infinite."""
         try:
-            craft, slots = linear_sum_assignment(part)
-        except ValueError:  # every assignment is infinite
-            return
-        cost = float(part[craft, slots].sum())
-        heappush(parts, (cost, next(number), tuple(slots.tolist()), part, kept))
+            _, slots = linear_sum_assignment(self.costs(costs))
+        except ValueError:
+            return None
+        return (*self.slots[: self.kept], *slots.tolist())
 
-    add(costs, 0)
-    while parts:
-        _, _, slots, part, kept = heappop(parts)
-        yield slots
-        part = part.copy()
-        for craft, slot in list(enumerate(slots))[kept:]:
-            without = part.copy()
-            without[craft, slot] = np.inf
-            add(without, craft)
-            own = part[craft, slot]
-            part[craft, :] = part[:, slot] = np.inf
-            part[craft, slot] = own
+    def bounds_without(self, costs: Float[Array, "n n"]) -> Float[Array, "n"]:
+        """No assignment of the part in which a craft takes another goal costs less than this.
+
+        That craft needs another goal, and its goal another craft; by the reduced costs, none of
+        which is negative, either adds the least that is left to it. Those of kept craft are not
+        to be used.
+        """
+        left, slots = self.costs(costs), np.array(self.slots[self.kept :])
+        own = np.arange(len(slots))
+        chosen = left[own, slots]
+        goal, step = np.zeros(left.shape[1]), left - chosen[:, None]
+        for _ in own:  # Bellman and Ford's method: prices of goals at which none wants another
+            lower = np.minimum(goal, (goal[slots, None] + step).min(axis=0))
+            if (lower >= goal).all():
+                break
+            goal = lower
+        reduced = step + (goal[slots, None] - goal)
+        reduced[own, slots] = np.inf
+        # A craft that is looked at may not use the goals of those before it, nor they its goal.
+        later = own[:, None] < own
+        among = np.maximum(reduced[:, slots], 0.0)
+        other_goal = np.where(later, among, np.inf).min(axis=1, initial=np.inf)
+        other_craft = np.where(later.T, among, np.inf).min(axis=0, initial=np.inf)
+        whole = float(costs[range(len(self.slots)), self.slots].sum())
+        bounds = np.full(len(self.slots), np.inf)
+        bounds[self.kept :] = (whole + other_goal + other_craft) * (1 - ROUNDING)
+        return bounds

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -9,8 +10,9 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.expert import own_optima
 from pipeline.expert.batch import Batch
-from pipeline.plan import Made, Plan, Requirements, planned_all
-from pipeline.scenario import Scenario
+from pipeline.expert.refuted import refuted
+from pipeline.plan import INFEASIBLE, Made, Plan, Requirements, planned_all
+from pipeline.scenario import Scenario, shared_problem
 
 Ends = Float[Array, "b n 6"]
 """States of all craft at one end of some transfers, m and m/s."""
@@ -23,7 +25,7 @@ def certified(
     seconds: float,
     requirements: Requirements,
 ) -> list[Plan]:
-    """The plans of controls for scenarios of one problem.
+    """The plans of controls for scenarios of one problem; infeasible where none is proven to be.
 
     Args:
         planner: its name.
@@ -35,7 +37,11 @@ def certified(
     batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
     own = own_optima(batch.initial, batch.goal, batch.problem)
     made = [Made(controls[craft], *own.bound(craft), timing=timing) for craft in batch.craft]
-    return planned_all(planner, scenarios, made, requirements)
+    plans = planned_all(planner, scenarios, made, requirements)
+    return [
+        replace(plan, status=INFEASIBLE, message=why) if why else plan
+        for plan, why in zip(plans, refuted(batch, own), strict=True)
+    ]
 
 
 def certified_answers(
@@ -54,6 +60,7 @@ def certified_answers(
     """
     if not scenarios:
         return []
+    shared_problem(scenarios)
     started = time.perf_counter()
     initial = np.stack([scenario.initial for scenario in scenarios])
     goal = np.stack([scenario.goal for scenario in scenarios])

@@ -7,9 +7,20 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from pipeline.plan import INFEASIBLE, SOLVED, Assignment, Certificate, Plan, Requirements, gap_of
-from pipeline.plan.certificate import NO_FUEL
+from pipeline.arrays import Array
+from pipeline.orbit.thrust_loss import forced_goals
+from pipeline.plan import (
+    INFEASIBLE,
+    SOLVED,
+    UNSOLVED,
+    Assignment,
+    Certificate,
+    Plan,
+    Requirements,
+    gap_of,
+)
 from pipeline.planners.assignment import OwnCosts, Slots, own_costs, ranked
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
@@ -32,6 +43,11 @@ IMPOSSIBLE = (
     "proven"
 )
 
+ADRIFT = (
+    "whichever goals they take, a craft adrift comes within collision_radius of another after the "
+    "plan, which is proven"
+)
+
 TIMES = ("plan", "certificate")
 """Stages that are timed of every assignment that is tried, s."""
 
@@ -44,11 +60,13 @@ class Considered:
         scenario: as it was given.
         costs: of every craft and goal.
         most: how many of the best assignments.
+        allowed: goals that craft may take, where it is proven that others are of no use, or None.
     """
 
     scenario: Scenario
     costs: OwnCosts
     most: int
+    allowed: Bool[Array, "n n"] | None = None
 
     @property
     def given(self) -> Slots:
@@ -56,14 +74,39 @@ class Considered:
         return tuple(range(self.scenario.n))
 
     @cached_property
-    def first(self) -> Slots | None:
+    def cheapest(self) -> Slots | None:
         """The assignment of least cost, or None where it is proven that none can be flown."""
         return next(ranked(self.costs.fuel), None)
 
     @cached_property
+    def first(self) -> Slots | None:
+        """The one of least cost among those that are allowed."""
+        return self.cheapest if self.allowed is None else next(ranked(self._costs), None)
+
+    @cached_property
     def best(self) -> list[Slots]:
         """The assignments of least cost, the least first; found only where they are asked for."""
-        return list(islice(ranked(self.costs.fuel), self.most))
+        return list(islice(ranked(self._costs), self.most))
+
+    @property
+    def _costs(self) -> Float[Array, "n n"]:
+        fuel = self.costs.fuel
+        return fuel if self.allowed is None else np.where(self.allowed, fuel, np.inf)
+
+    def _cost(self, slots: Slots) -> float:
+        return float(self._costs[range(self.scenario.n), slots].sum())
+
+    def narrowed(self, plan: Plan) -> "Considered":
+        """Without what cannot be passively safe, where that is why the plan of the first is none.
+
+        What refutes one assignment says little of the others: craft may drift into one goal each,
+        their own.
+        """
+        asked, problem = plan.certificate.passive_safety, self.scenario.problem
+        if self.first is None or plan.status != INFEASIBLE or asked is None:
+            return self
+        ends = self.scenario.initial, self.scenario.goal
+        return replace(self, allowed=forced_goals(*ends, problem, asked.orbits))
 
     def others(self, plan: Plan) -> list[Slots]:
         """What may be better than the plan of the first: the next best, and the given order.
@@ -71,10 +114,10 @@ class Considered:
         None where that plan is safe and not dear, and none whose own optima cost more than it.
         """
         least = plan.certificate.fuel if plan.status == SOLVED else np.inf
-        if self.first is None or gap_of(least, self.costs.of(self.first)) <= DEAR:
+        if self.first is None or self._gap(least, self.costs.of(self.first)) <= DEAR:
             return []
         asked = dict.fromkeys([*self.best[1:], self.given])
-        return [slots for slots in asked if slots != self.first and self.costs.of(slots) < least]
+        return [slots for slots in asked if slots != self.first and self._cost(slots) < least]
 
     def kept(self, tried: Mapping[Slots, Plan], seconds: float) -> Plan:
         """The cheapest safe plan, or else the first, with what is known of all assignments.
@@ -90,9 +133,14 @@ class Considered:
         timing["plan"] += seconds
         solves = sum(plan.convex_solves for plan in tried.values())
         plan = replace(tried[slots], timing=timing, convex_solves=solves)
-        if self.first is None:
+        if self.cheapest is None:
             return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE)
-        certificate = self._bounded(plan.certificate, self.costs.of(self.first))
+        if self.first is None:
+            plan = replace(plan, message=ADRIFT)
+        elif plan.status == INFEASIBLE and not self._all_refuted(tried):
+            reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
+            plan = replace(plan, status=UNSOLVED, message=reason)
+        certificate = self._bounded(plan.certificate, self.costs.of(self.cheapest))
         chosen = self._assignment(slots, len(tried), plan)
         return replace(plan, certificate=certificate, assignment=chosen)
 
@@ -101,13 +149,22 @@ class Considered:
         return replace(
             certificate,
             fuel_lower_bound=bound,
-            optimality_gap=gap_of(certificate.fuel, bound),
+            optimality_gap=self._gap(certificate.fuel, bound),
             fuel_lower_bound_proof=f"{PROOF}: {self.costs.proof}",
         )
 
+    def _all_refuted(self, tried: Mapping[Slots, Plan]) -> bool:
+        """Whether it is proven of every assignment that there is no plan for it."""
+        return len(self.best) < self.most and all(
+            plan.status == INFEASIBLE for plan in tried.values()
+        )
+
+    def _gap(self, fuel: float, bound: float) -> float:
+        return gap_of(fuel, bound, self.scenario.problem)
+
     def _assignment(self, slots: Slots, tried: int, plan: Plan) -> Assignment:
         given, fuel = self.costs.of(self.given), plan.certificate.fuel
-        known = np.isfinite(given) and given > NO_FUEL
+        known = np.isfinite(given) and given > self.scenario.problem.negligible_fuel
         ranks = [self.first] if slots == self.first else self.best
         return Assignment(
             slots=slots,
@@ -164,7 +221,17 @@ class Interchangeable:
         found = time.perf_counter()
         firsts = self._plans(looked, asked)
         planned = time.perf_counter()
-        others = [one.others(*plan.values()) for one, plan in zip(looked, firsts, strict=True)]
+        looked = [one.narrowed(*plan.values()) for one, plan in zip(looked, firsts, strict=True)]
+        again = [
+            [] if one.first is None or one.first in plan else [one.first]
+            for one, plan in zip(looked, firsts, strict=True)
+        ]
+        for plan, other in zip(firsts, self._plans(looked, again), strict=True):
+            plan.update(other)
+        others = [
+            one.others(plan[one.first]) if one.first in plan else []
+            for one, plan in zip(looked, firsts, strict=True)
+        ]
         seconds = (time.perf_counter() - planned + found - started) / len(scenarios)
         further = self._plans(looked, others)
         both = zip(looked, firsts, further, strict=True)

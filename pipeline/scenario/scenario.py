@@ -1,7 +1,7 @@
 """A scenario: the states that each craft starts from and must reach."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -93,3 +93,25 @@ class Scenario:
     def taking(self, slots: Sequence[int]) -> "Scenario":
         """The scenario in which each craft goes to the goal of that number here."""
         return replace(self, goal=self.goal[list(slots)])
+
+
+def shared_problem(scenarios: Sequence[Scenario]) -> Problem:
+    """The one problem of at least one scenario.
+
+    Raises:
+        InputError: where they have several.
+    """
+    problem = scenarios[0].problem
+    for k, scenario in enumerate(scenarios):
+        if scenario.problem is not problem and scenario.problem != problem:
+            differing = next(
+                field.name
+                for field in fields(problem)
+                if getattr(scenario.problem, field.name) != getattr(problem, field.name)
+            )
+            raise InputError(
+                f"scenarios 0 and {k} have {differing} {getattr(problem, differing)} and "
+                f"{getattr(scenario.problem, differing)}; expected scenarios of one problem: plan "
+                "each problem's scenarios by themselves."
+            )
+    return problem

@@ -19,7 +19,6 @@ from pipeline.plan import (
     is_safe,
     planned,
 )
-from pipeline.plan.certificate import NO_FUEL
 from pipeline.plan.planned import POSITION_TOLERANCE
 from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
@@ -75,7 +74,7 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
             f"The file's states are up to {off:.3g} m from where its controls lead; shown is "
             "where they lead"
         )
-    faults += _false_claims(said, found.certificate)
+    faults += _false_claims(said, found.certificate, scenario.problem)
     safe = is_safe(found.certificate, scenario.problem)
     safe &= is_passively_safe(found.certificate, scenario.problem)
     return Judged(plan, safe, tuple(fault.rstrip(".") + "." for fault in faults))
@@ -101,7 +100,7 @@ def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
         )
 
 
-def _false_claims(said: Certificate, found: Certificate) -> list[str]:
+def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> list[str]:
     """Where a file's certificate says other than its controls give, or more; NaN is other."""
     wrong = []
     for name, unit in (("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")):
@@ -124,7 +123,7 @@ def _false_claims(said: Certificate, found: Certificate) -> list[str]:
             theirs, ours = getattr(said.passive_safety, name), getattr(found.passive_safety, name)
             if None not in (theirs, ours) and not theirs <= ours + 2 * TOLERANCE:
                 wrong.append((f"passive_safety.{name}", theirs, ours, " m"))
-    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + NO_FUEL:
+    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
         wrong.append(("fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"))
     if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
         wrong.append(("risk.bound", said.risk.bound, found.risk.bound, ""))

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import close_approaches
+from pipeline.orbit.approaches import TOLERANCE, close_approaches
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_distances
 
@@ -42,10 +42,12 @@ def closest_pairs(
     n = len(states)
     if n < 2:
         return []
-    # As many pairs come within the last of the closest at nodes, and so the closest ones do.
+    # As many pairs come within the last of the closest at nodes, and so the closest ones do; a
+    # little more, so that none of those is lost to rounding.
     at_nodes = node_distances(states).min(axis=1)
     last = min(most, len(at_nodes)) - 1
-    found = close_approaches(states, controls, problem, float(np.partition(at_nodes, last)[last]))
+    within = float(np.partition(at_nodes, last)[last]) + TOLERANCE
+    found = close_approaches(states, controls, problem, within)
     order = np.argsort(found.distance, kind="stable")
     _, first = np.unique((found.first * n + found.second)[order], return_index=True)
     closest = order[np.sort(first)][:most]

@@ -23,7 +23,7 @@ from pipeline.scenario.document import write_scenario
 CLAIMS = {
     *("fuel", "delta_v", "fuel_lower_bound", "optimality_gap", "node_collisions"),
     *("min_separation", "min_separation_pair", "min_separation_time", "min_separation_bound"),
-    *("goal_error", "dynamics_error"),
+    *("goal_error", "dynamics_error", "craft_delta_v", "craft_delta_v_2norm"),
 }
 """The judge holds a plan to each; it may leave out none."""
 

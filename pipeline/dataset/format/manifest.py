@@ -18,7 +18,7 @@ from pydantic import (
 
 from pipeline.dataset.format.layout import OWNED, SCENARIOS
 from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import SCHEMA, metadata
+from pipeline.dataset.format.schema import FAMILY, SCHEMA, metadata
 from pipeline.dataset.format.solving import checked_record
 from pipeline.documents import first_fault
 from pipeline.errors import InputError
@@ -225,6 +225,8 @@ def _parsed(folder: Folder, name: str) -> Manifest:
         schema = document.pop("schema")
         if schema == SCHEMA:
             return TypeAdapter(Manifest).validate_python(document)
+        if not str(schema).startswith(FAMILY):
+            raise ValueError(f"its schema is {schema}")
     except (OSError, ValueError, KeyError, TypeError, InputError) as error:
         raise DamagedError(f"is damaged ({_fault(error)})") from error
     raise InputError(

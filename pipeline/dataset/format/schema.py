@@ -21,7 +21,10 @@ from pipeline.plan import SOLVED, Plan
 from pipeline.scenario import Scenario
 from pipeline.storage.shards import TIMED_KEY, metadata_of, told_by
 
-SCHEMA = "prolearn.dataset/2"
+FAMILY = "prolearn.dataset/"
+"""What the schema of every version begins with."""
+
+SCHEMA = f"{FAMILY}2"
 
 NUMBERS = pa.list_(pa.field("element", pa.float64(), nullable=False))
 

@@ -17,7 +17,7 @@ from pipeline.orbit.separation import least_separation, node_collisions
 from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import SOLVED, Requirements
-from pipeline.plan.planned import LIMIT_TOLERANCE, POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
 """Columns that every solved row has a value in."""
@@ -60,7 +60,7 @@ def _checks(
         yield "has arrays of another shape", np.arange(solved.num_rows) == 0
         return
     column: Callable[[str], Any] = lambda name: solved[name].to_numpy()  # noqa: E731
-    used, bound = fuel(controls), column("fuel_lower_bound")
+    used, bound, none = fuel(controls), column("fuel_lower_bound"), problem.negligible_fuel
     collisions = node_collisions(states, problem.collision_radius)
     yield "breaks the dynamics", _beyond(dynamics_defect(states, controls, problem))
     yield (
@@ -68,12 +68,12 @@ def _checks(
         _beyond(states[..., 0, :] - ends[0]) | _beyond(states[..., -1, :] - ends[1]),
     )
     yield "has another fuel than its controls", ~np.isclose(used, column("fuel"), rtol=1e-9, atol=0)
-    yield "needs less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - 1e-12)
-    yield "has another gap than its fuel", _wrong_gap(used, bound, column("optimality_gap"))
+    yield "needs less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - none)
+    yield "has another gap than its fuel", _wrong_gap(used, bound, column("optimality_gap"), none)
     yield "has other node collisions than its states", collisions != column("node_collisions")
     if problem.max_acceleration is not None:
-        most = problem.max_acceleration + LIMIT_TOLERANCE
-        yield "breaks the thrust limit", ~(np.abs(controls).max(axis=(1, 2, 3)) <= most)
+        within = np.abs(controls).max(axis=(1, 2, 3)) <= problem.most_control
+        yield "breaks the thrust limit", ~within
     if requirements.at_nodes:
         yield "comes too close at a node", collisions > 0
     if n > 1:
@@ -95,10 +95,10 @@ def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
 
 
 def _wrong_gap(
-    used: Float[Array, "N"], bound: Float[Array, "N"], claimed: Float[Array, "N"]
+    used: Float[Array, "N"], bound: Float[Array, "N"], claimed: Float[Array, "N"], none: float
 ) -> Rows:
     """Where there is fuel to speak of; without any the gap is a matter of definition."""
-    some = bound > 1e-9
+    some = bound > none
     gap = used / np.where(some, bound, 1.0) - 1
     return some & ~np.isclose(gap, claimed, rtol=0, atol=1e-9)
 

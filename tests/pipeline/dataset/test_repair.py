@@ -75,10 +75,13 @@ def test_a_missing_document_is_a_fault_and_made_again_without_solving(solved, co
     assert times == {p: p.stat().st_mtime_ns for p in solved.rglob("*.parquet")}
 
 
-def test_the_dataset_s_manifest_in_the_place_of_that_of_timings_is_a_fault(solved, content):
-    before = content(solved)
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_datasets_manifest_in_the_place_of_that_of_timings_is_a_fault(solved, content, swapped):
+    before, timed = content(solved), (solved / TIMED).read_bytes()
     (solved / TIMED).write_bytes((solved / MANIFEST).read_bytes())
-    assert TIMED in {fault.path for fault in faults(solved)}
+    if swapped:
+        (solved / MANIFEST).write_bytes(timed)
+    assert {TIMED, *([MANIFEST] * swapped)} <= {fault.path for fault in faults(solved)}
     repair(solved, workers=ONE)
     assert content(solved) == before
     assert faults(solved) == []

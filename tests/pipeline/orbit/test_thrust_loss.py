@@ -144,3 +144,16 @@ def test_goals_that_drift_into_each_other_are_in_the_way_whatever_is_planned():
 def test_what_is_no_length_of_a_drift_is_refused(orbits):
     with pytest.raises(InputError, match="expected a number above 0 and at most 100"):
         check_orbits(orbits)
+
+
+@given(gap=st.floats(1.0, 200.0), begin=st.floats(-500.0, 500.0))
+@settings(max_examples=60, deadline=None)
+def test_craft_at_rest_have_a_least_separation_adrift(gap, begin):
+    """They stay where they are, so that rounding alone decides when they are closest."""
+    problem = Problem(nodes=4)
+    states = np.repeat(still(begin, begin + gap)[:, None], 4, axis=1)
+    found = least(states, np.zeros((2, 3, 3)), problem, 0.3)
+    assert set(found.pair) == {0, 1}
+    assert found.distance == pytest.approx(gap, abs=1e-6)
+    assert gap - 2e-4 <= found.bound <= gap + 1e-6
+    assert 0 <= found.time - found.node * problem.time_step <= 0.3 * PERIOD

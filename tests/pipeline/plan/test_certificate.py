@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, Made, Requirements, certify, gap_of, planned
 from pipeline.plan.document import plan_document
 from pipeline.scenario import Scenario
@@ -76,9 +76,25 @@ def test_a_plan_that_misses_any_component_of_its_goal_is_not_solved(component, m
 
 
 def test_a_gap_without_fuel_is_none_and_with_fuel_from_nothing_is_infinite():
-    assert gap_of(0.0, 0.0) == 0
-    assert gap_of(1.0, 0.0) == np.inf
-    assert gap_of(1.1, 1.0) == pytest.approx(0.1)
+    assert gap_of(0.0, 0.0, FREE) == 0
+    assert gap_of(1.0, 0.0, FREE) == np.inf
+    assert gap_of(1.1, 1.0, FREE) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("least", [1e-3, 1e-9, 1e-12])
+def test_the_gap_of_little_fuel_is_a_gap(least):
+    """Of a week's drift: 31 % is 31 %, however weak the thrusters."""
+    slow = Problem(time_step=60480.0)
+    assert gap_of(1.31 * least, least, slow) == pytest.approx(0.31)
+
+
+@pytest.mark.parametrize("limit", [1e-12, 1e-9, 1e-6, 1e-3, 1.0])
+def test_a_thrust_limit_is_kept_whatever_its_size(limit):
+    problem = replace(FREE, max_acceleration=limit)
+    for share, status in ((1.0, SOLVED), (1.01, UNSAFE)):
+        controls = np.full((1, 3, 3), share * limit)
+        scenario, _ = scenario_of([0] * 6, controls=controls, problem=problem)
+        assert planned("one", scenario, Made(controls, 0.0)).status == status
 
 
 def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
@@ -87,6 +103,21 @@ def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
     assert plan.status == UNSAFE
     assert "craft 0 and 1 come within 3" in plan.message
     assert planned("one", scenario, Made(controls, 0.0), Requirements("nodes")).status == SOLVED
+
+
+def test_craft_that_keep_too_close_all_the_way_are_never_solved():
+    """Ten metres apart from start to goal; what is proven of them is a matter of rounding."""
+    rng = np.random.default_rng(0)
+    for begin, shift in rng.uniform(-300, 300, size=(150, 2)):
+        initial = np.zeros((2, 6))
+        initial[:, 1] = begin, begin + 10
+        goal = initial + np.eye(6)[1] * shift
+        controls = minimum_energy(initial, goal, Problem())
+        scenario = Scenario(Problem(), initial, goal)
+        for requirements in (Requirements(), Requirements("nodes")):
+            plan = planned("one", scenario, Made(controls, 0.0), requirements)
+            assert (plan.status, plan.certificate.min_separation_pair) == (UNSAFE, (0, 1))
+            assert "craft 0 and 1 come within 10 m" in plan.message
 
 
 def test_a_plan_beyond_the_thrust_limit_is_not_solved():

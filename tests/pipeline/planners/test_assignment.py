@@ -1,6 +1,7 @@
 """Who takes which goal: against every permutation, with each pair's fuel by scipy's linprog."""
 
-from itertools import permutations
+import tracemalloc
+from itertools import islice, permutations
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from judge import Case, least_fuel
 from judged import document
+from scipy.optimize import linear_sum_assignment
 
 from pipeline.orbit.problem import Problem
 from pipeline.planners.assignment import own_costs, ranked
@@ -73,3 +75,24 @@ def test_assignments_come_each_once_by_their_cost(entries):
     found = list(ranked(costs))
     assert len(found) == len(set(found)) and set(found) == possible.keys()
     assert [possible[order] for order in found] == sorted(possible.values())
+
+
+def test_the_best_of_three_hundred_are_found_in_little_memory():
+    """Distances of random points: their order, and the memory of a few matrices of their size."""
+    rng = np.random.default_rng(0)
+    here, there = rng.normal(size=(2, 300, 3))
+    costs = np.linalg.norm(here[:, None] - there[None], axis=-1)
+    tracemalloc.start()
+    found = list(islice(ranked(costs), 8))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 40 * costs.nbytes
+    paid = [costs[range(300), slots].sum() for slots in found]
+    assert paid == sorted(paid) and len(set(found)) == 8
+    assert paid[0] == costs[linear_sum_assignment(costs)].sum()
+    # No two craft of the best that swap their goals come before the last that was found.
+    i, j = np.triu_indices(300, 1)
+    one, other = (np.array(found[0])[k] for k in (i, j))
+    swaps = costs[i, other] + costs[j, one] - costs[i, one] - costs[j, other]
+    cheap = paid[0] + swaps[paid[0] + swaps < paid[-1] - 1e-9]
+    assert np.isclose(cheap[:, None], paid, rtol=1e-12).any(axis=1).all()

@@ -8,14 +8,15 @@ import pytest
 from judge import Case, judge_plan, least_fuel
 from judged import document
 
-from pipeline.expert import solve
+from pipeline.expert import Settings, solve
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import pro_states
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE
-from pipeline.planners.assignment import own_costs
+from pipeline.planners.assignment import own_costs, ranked
 from pipeline.planners.expert import Expert
 from pipeline.planners.interchangeable import DEAR, Interchangeable
 from pipeline.planners.named import named_planner
-from pipeline.scenario import draw
+from pipeline.scenario import Scenario, draw
 
 
 def valid(family, n, index, problem=None):
@@ -126,3 +127,45 @@ def test_goals_in_the_best_order_already_stay_where_they_are():
     assert again.assignment.slots == (0, 1, 2, 3, 4)
     assert again.assignment.saving == pytest.approx(0, abs=1e-2)
     assert again.certificate.fuel == pytest.approx(plan.certificate.fuel)
+
+
+ADRIFT = Settings(passive_safety=1.0)
+
+
+def test_what_refutes_one_assignment_is_not_said_of_all():
+    """The cheapest is in its own way after a loss of thrust; the judge finds another's plan sound,
+    with the bound of all."""
+    scenario = draw("independent", 7, 5, 0, Problem())
+    (plan,) = Interchangeable(Expert(ADRIFT)).plan([scenario])
+    assert solve(
+        scenario.taking(next(ranked(own_costs(scenario).fuel))), settings=ADRIFT
+    ).status == (INFEASIBLE)
+    assert plan.status == SOLVED
+    assert judged(scenario, plan).wrong == ()
+
+
+def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted():
+    """All orders of three craft, each by the expert; they start and end on the same few orbits."""
+    problem, found = Problem(collision_radius=60.0), set()
+    for index in range(8):
+        ends = [draw("independent", 7, 3, k, Problem()) for k in (index, index + 50)]
+        scenario = Scenario(problem, ends[0].initial, ends[1].initial)
+        (plan,) = Interchangeable(Expert(ADRIFT)).plan([scenario])
+        truth = [
+            solve(scenario.taking(order), settings=ADRIFT).status
+            for order in permutations(range(3))
+        ]
+        assert (plan.status == SOLVED) == (SOLVED in truth)
+        assert (plan.status == INFEASIBLE) == (set(truth) == {INFEASIBLE})
+        found.add(plan.status)
+    assert len(found) > 1
+
+
+def test_a_craft_in_the_way_of_two_goals_is_in_the_way_whoever_takes_them():
+    """It stays where it starts, and each of two goals is 10 m beside it."""
+    e = Problem().mean_motion
+    initial = pro_states(1e-9, 0.0, np.zeros(3), 0.0, e, np.array([0.0, 300.0, 600.0]))
+    goal = pro_states(1e-9, 0.0, np.zeros(3), 0.0, e, np.array([10.0, -10.0, 900.0]))
+    (plan,) = Interchangeable(Expert(ADRIFT)).plan([Scenario(Problem(), initial, goal)])
+    assert plan.status == INFEASIBLE
+    assert "whichever goals they take, a craft adrift" in plan.message

@@ -187,6 +187,12 @@ def _untrue(flight: _Flight, states: np.ndarray, said: Mapping) -> Iterator[str]
                 yield f"{name} is said to be {claim} where there is none"
         elif claim is None or not range_[0] <= claim <= range_[1]:
             yield f"{name} is said to be {claim}, found {range_[0]:.9g} to {range_[1]:.9g}"
+    for name, order in (("craft_delta_v", 1), ("craft_delta_v_2norm", 2)):
+        spent = problem.step * np.linalg.norm(flight.controls, ord=order, axis=2).sum(axis=1)
+        if name in said and not (
+            len(said[name]) == len(spent) and np.allclose(said[name], spent, rtol=1e-9, atol=1e-12)
+        ):
+            yield f"{name} is not what the controls spend"
     pair, time = said.get("min_separation_pair"), said.get("min_separation_time")
     if pair is not None and time is not None:
         found = distance_at(problem, flight.states, flight.controls, tuple(pair), time)
