@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import (
     FEW,
+    TOLERANCE,
     Swarms,
     close_approaches,
     least_of_each,
@@ -55,7 +56,7 @@ class Separation:
 
     Attributes:
         distance: the separation attained, m.
-        bound: no pair is ever closer than this, m; at most TOLERANCE below ``distance``.
+        bound: no pair is ever closer than this, m; at most a bracket below ``distance``.
         pair: the two craft; None for a craft alone.
         time: when, s since the start; None for a craft alone.
     """
@@ -78,15 +79,16 @@ def least_separations(
     controls: Float[Array, "n intervals 3"],
     problem: Problem,
     swarms: Swarms,
+    tolerance: float = TOLERANCE,
 ) -> list[Separation]:
-    """The least distance of any pair of each swarm at any time.
+    """The least distance of any pair of each swarm at any time, in brackets so wide, m.
 
     The least at the nodes bounds it from above, so that no other pair and time needs to be looked
     at; and where rounding hides that pair from the search as well, it is the least.
     """
     at_nodes = _least_at_nodes(states, swarms)
     within = np.nan_to_num(at_nodes, posinf=0.0)  # where there is no pair, none is found
-    found = close_approaches(states, controls, problem, within, swarms=swarms)
+    found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
     times = found.interval * problem.time_step + found.offset
     label, start = swarms.label[found.first], swarms.starts
     bound = np.full(len(at_nodes), np.inf)

@@ -18,6 +18,9 @@ from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.plan.risk import Risk, RiskLimit
 from pipeline.scenario import Scenario, shared_problem
 
+FINE = 1e-9
+"""Width in m of the bracket of a least separation that is as good as the collision radius."""
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -87,6 +90,11 @@ def certify(
         for of in (each, norm(controls).sum(axis=1))
     ]
     closest = least_separations(states, controls, problem, swarms)
+    for k, apart in enumerate(closest):
+        if apart.bound <= problem.collision_radius < apart.distance:  # undecided
+            craft = np.flatnonzero(swarms.label == k)
+            alone = states[craft], controls[craft], problem, side_by_side((len(craft),))
+            closest[k] = least_separations(*alone, tolerance=FINE)[0]
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, swarms.starts)
     defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))

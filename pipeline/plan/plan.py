@@ -17,8 +17,9 @@ UNSAFE = "unsafe"
 """Flies to the goal, but does not satisfy all that is required; the message says what."""
 
 INFEASIBLE = "infeasible"
-"""Proven: some craft cannot reach its goal within the thrust limit, or is in the way of another
-after a loss of thrust, whatever is planned; the message says which."""
+"""Proven: some craft cannot reach its goal, a pair is too close at an end, the only controls there
+are bring craft together, or a craft is in the way of another after a loss of thrust, whatever is
+planned; the message says which."""
 
 UNSOLVED = "unsolved"
 """The planner has no safe plan and no proof that there is none; the message says why."""

@@ -1,17 +1,19 @@
 """What is said to have no plan has none, and what certainly has none is said to."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from judge import judge_plan
+from judged import document
 
-from pipeline.expert import Settings, solve
+from pipeline.expert import solve
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.plan import INFEASIBLE, SOLVED
+from pipeline.plan import INFEASIBLE, SOLVED, Requirements
 from pipeline.planners.named import NAMES, named_planner
-from pipeline.scenario import Scenario, draw
+from pipeline.scenario import Scenario, check, draw
 
 MOTION = Problem().mean_motion
 
@@ -41,7 +43,7 @@ def test_with_two_intervals_the_only_controls_are_the_answer(separation):
         if separation == "nodes":
             flown = flown[[0, 1000, -1]]
         least = np.linalg.norm(flown[:, i] - flown[:, j], axis=-1).min()
-        plan = solve(scenario, settings=Settings(separation=separation))
+        plan = solve(scenario, requirements=Requirements(separation))
         assert plan.status == (SOLVED if least > 15 else INFEASIBLE)
         found.append(plan.status)
     assert set(found) == {SOLVED, INFEASIBLE}
@@ -60,7 +62,7 @@ def test_a_pair_that_is_too_close_at_an_end_has_no_plan(name, end, separation):
     scenario = draw("rings", 5, 4, 0, Problem())
     states = getattr(scenario, end).copy()
     states[2] = states[1] + [0, 14.9, 0, 0, 0, 0]
-    planner = named_planner(name, separation=separation)
+    planner = named_planner(name, requirements=Requirements(separation))
     (plan,) = planner.plan([replace(scenario, **{end: states})])
     assert plan.status == INFEASIBLE
     where = {"initial": "start", "goal": "goal"}[end]
@@ -84,3 +86,18 @@ def test_a_craft_that_its_thrust_limit_keeps_from_its_goal_has_no_plan(name):
     (plan,) = named_planner(name).plan([scenario])
     assert plan.status == INFEASIBLE
     assert "cannot reach its goal within max_acceleration" in plan.message
+
+
+@pytest.mark.parametrize("beyond", [1e-7, 1e-6, 1e-4])
+@pytest.mark.parametrize("end", ["initial", "goal"])
+def test_ends_that_are_barely_apart_are_fine_and_solved(beyond, end):
+    scenario = draw("rings", 5, 4, 0, Problem())
+    states = getattr(scenario, end).copy()
+    states[2] = states[1] + [0, 15 + beyond, 0, 0, 0, 0]
+    scenario = replace(scenario, **{end: states})
+    check(scenario)
+    plan = solve(scenario)
+    assert plan.status == SOLVED
+    report = judge_plan(document(scenario), asdict(plan))
+    assert 15 < report.min_separation <= 15 + beyond + 1e-9
+    assert 15 < plan.certificate.min_separation_bound <= 15 + beyond + 1e-9

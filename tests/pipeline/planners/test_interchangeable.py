@@ -8,10 +8,10 @@ import pytest
 from judge import Case, judge_plan, least_fuel
 from judged import document
 
-from pipeline.expert import Settings, solve
+from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE
+from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
 from pipeline.planners.assignment import own_costs, ranked
 from pipeline.planners.expert import Expert
 from pipeline.planners.interchangeable import DEAR, Interchangeable
@@ -129,16 +129,16 @@ def test_goals_in_the_best_order_already_stay_where_they_are():
     assert again.certificate.fuel == pytest.approx(plan.certificate.fuel)
 
 
-ADRIFT = Settings(passive_safety=1.0)
+ADRIFT = Requirements(passive_safety=1.0)
 
 
 def test_what_refutes_one_assignment_is_not_said_of_all():
     """The cheapest is in its own way after a loss of thrust; the judge finds another's plan sound,
     with the bound of all."""
     scenario = draw("independent", 7, 5, 0, Problem())
-    (plan,) = Interchangeable(Expert(ADRIFT)).plan([scenario])
+    (plan,) = Interchangeable(Expert(requirements=ADRIFT)).plan([scenario])
     assert solve(
-        scenario.taking(next(ranked(own_costs(scenario).fuel))), settings=ADRIFT
+        scenario.taking(next(ranked(own_costs(scenario).fuel))), requirements=ADRIFT
     ).status == (INFEASIBLE)
     assert plan.status == SOLVED
     assert judged(scenario, plan).wrong == ()
@@ -150,9 +150,9 @@ def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted():
     for index in range(8):
         ends = [draw("independent", 7, 3, k, Problem()) for k in (index, index + 50)]
         scenario = Scenario(problem, ends[0].initial, ends[1].initial)
-        (plan,) = Interchangeable(Expert(ADRIFT)).plan([scenario])
+        (plan,) = Interchangeable(Expert(requirements=ADRIFT)).plan([scenario])
         truth = [
-            solve(scenario.taking(order), settings=ADRIFT).status
+            solve(scenario.taking(order), requirements=ADRIFT).status
             for order in permutations(range(3))
         ]
         assert (plan.status == SOLVED) == (SOLVED in truth)
@@ -166,6 +166,8 @@ def test_a_craft_in_the_way_of_two_goals_is_in_the_way_whoever_takes_them():
     e = Problem().mean_motion
     initial = pro_states(1e-9, 0.0, np.zeros(3), 0.0, e, np.array([0.0, 300.0, 600.0]))
     goal = pro_states(1e-9, 0.0, np.zeros(3), 0.0, e, np.array([10.0, -10.0, 900.0]))
-    (plan,) = Interchangeable(Expert(ADRIFT)).plan([Scenario(Problem(), initial, goal)])
+    (plan,) = Interchangeable(Expert(requirements=ADRIFT)).plan(
+        [Scenario(Problem(), initial, goal)]
+    )
     assert plan.status == INFEASIBLE
     assert "whichever goals they take, a craft adrift" in plan.message

@@ -76,7 +76,7 @@ def test_a_trajectory_that_can_be_flown_is_flown_as_predicted():
 def test_a_plan_is_solved_only_where_its_separation_is_proven():
     apart = planner().plan([crossing(1e-3)])[0].certificate.min_separation
     assert planner().plan([crossing(0.9 * apart)])[0].status == SOLVED
-    unsafe = planner().plan([crossing(1.1 * apart)])[0]
+    unsafe = planner().plan([crossing((apart + 100) / 2)])[0]  # at their ends they are 100 m apart
     assert unsafe.status == UNSAFE
     assert "craft 0 and 1" in unsafe.message
 
