@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import torch
 from judge import Case, closest_adrift, judge_plan
 from judged import document
 from trials import Errors, frequency, wilson
@@ -45,6 +46,7 @@ def untrained(name):
     """A network before training, for swarms of this size."""
     found = find(name)
     encoding = Encoding(SWARM.problem, SWARM.n, "line", "states", (1.0,) * 6, (1.0,) * 6)
+    torch.manual_seed(0)
     network = found.network(found.config, encoding, 0.0)
     return Model(name, found.config, "paper", encoding, network)
 

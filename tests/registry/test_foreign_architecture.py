@@ -98,6 +98,6 @@ def test_one_that_learns_without_plans_is_trained_searched_promoted_and_planned_
     assert "Evaluated; MLflow run" in said
     assert re.search(r"2 trials .*; best \d\S* of best_valid_loss on validation data", said)
     raw, safe = (json.loads((folder / f"{name}.json").read_text()) for name in ("raw", "safe"))
-    assert raw["planner"] == "gentle:tuned"
+    assert raw["planner"] == "gentle/1"
     assert safe["status"] == "solved"
     assert python(PREDICT, "gentle").split() == ["predicted"]

@@ -14,7 +14,7 @@ from judge.motion import Case, after, exact_step
 PARTS = 12
 """Grid steps in a time step."""
 
-NEAR = 3.0
+NEAR = 20.0
 """Arcs whose least grid point is within this of the least of all are refined, m."""
 
 
