@@ -31,7 +31,7 @@ Paths = Float[Array, "n k 3"]
 
 
 def ring(size: float, tilt: float, first_phase: float) -> Float[Array, "3 6"]:
-    """States of three craft on a ring: metres and degrees."""
+    """States of three equally spaced craft on a ring; size in m, angles in degrees."""
     phase = np.radians(first_phase + np.array([0.0, 120.0, 240.0]))
     return pro_states(size, float(np.radians(tilt)), phase, 0.0, Problem().mean_motion)
 
@@ -117,7 +117,7 @@ def draw_distances(
 
 
 def main() -> None:
-    """Plan the swarm with both planners and draw them."""
+    """Write the picture."""
     OUT.parent.mkdir(exist_ok=True)
     transfer_figure(swarm()).savefig(OUT, dpi=200)
 

@@ -80,7 +80,7 @@ def _writing(store: "Store") -> Iterator[tuple[str, str]]:
 
 
 def _place(uri: str) -> tuple[Path, str]:
-    """Folder and prefix of the lock files of a store: beside a database, else on this machine."""
+    """Where lock files are: beside an SQLite store, else in this machine's temporary folder."""
     if uri.startswith("sqlite:"):
         path = database_path(uri).resolve()
         return path.parent / "mlruns" / ".running", f"{path.name}-"

@@ -50,7 +50,11 @@ class TrainingSettings:
 
     @property
     def followed(self) -> Recipe:
-        """The recipe with its changes; InputError for a name, value or field that cannot be."""
+        """The recipe with the fields that options change.
+
+        Raises:
+            InputError: for an unknown recipe, or a field or value that the architecture refuses.
+        """
         return changed_recipe(self.arch, self.recipe, self.changes)
 
 

@@ -39,7 +39,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.uncertainty import Uncertainty
 
 FAR = 1e-12
-"""Probability that errors are larger than all that is said here of them, of all pairs together."""
+"""Probability, over all pairs, that deviations exceed the size up to which they are looked at."""
 
 ACCURACY = 0.02
 """Share of the sum that margins may still make up, estimated from above."""

@@ -36,7 +36,7 @@ def runs(folder: Path) -> list[tuple[str, str]]:
 
 
 def left(folder: Path) -> list[object]:
-    """Lock files, and tags of writers."""
+    """Lock files of runs that are left in a store, and its tags that name a run's process."""
     with closing(sqlite3.connect(folder / "mlflow.db")) as database:
         tags = database.execute("SELECT key FROM tags WHERE key LIKE 'writer.%'").fetchall()
     return [*(folder / "mlruns" / ".running").iterdir(), *tags]

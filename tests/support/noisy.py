@@ -1,4 +1,4 @@
-"""Networks of which it is known how well they do."""
+"""Networks whose error on validation data is chosen by the test."""
 
 import torch
 

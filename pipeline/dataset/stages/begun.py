@@ -12,7 +12,7 @@ SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scip
 """Code of ours and packages that the bytes of scenarios depend on."""
 
 PLANNING = ("orbit", "scenario", "plan", "expert")
-"""Packages whose code the bytes of plans depend on."""
+"""Packages of ours that decide a plan to the last bit."""
 
 
 def solved_by(settings: Settings) -> DecidedBy:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from dataclasses import replace
 
 import pyarrow.parquet as pq
@@ -51,3 +52,12 @@ def test_the_snippets_read_a_folder_of_any_name(card):
     names = {}
     exec(snippet, names)
     assert len(names["rows"]) == 13
+
+
+def test_the_commands_are_commands_of_ours_whatever_they_quote(card):
+    (block,) = re.findall(r"```\n(prolearn.*?)\n```", card, re.DOTALL)
+    sample, again, solve = map(shlex.split, block.splitlines())
+    for command in (sample, again):
+        assert command[:2] == ["prolearn", "sample"]
+        assert command[command.index("--out") + 1] == "data/again"
+    assert solve[:3] == ["prolearn", "solve", "data/again"]
