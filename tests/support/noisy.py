@@ -1,4 +1,4 @@
-"""Networks whose error on validation data is chosen by the test."""
+"""Networks whose fuel is known to rise with the noise that is put on their answers."""
 
 import torch
 
