@@ -23,8 +23,7 @@ from benchmarks.quality import quality
 from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import Model, load
-from pipeline.networks.refiner.other_rounds import own_rounds
-from pipeline.networks.refiner.packaged import packaged
+from pipeline.networks.refiner.packaged import TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Plan
 from pipeline.planners.baselines import BASELINES
@@ -32,6 +31,8 @@ from pipeline.planners.ladder import ONE_SOLVE, Ladder
 from pipeline.planners.network import Flown
 from pipeline.planners.rule import Rule
 from pipeline.scenario import Scenario, draw
+
+Trained = Model | TrainedRefiner
 
 SEED = 2022
 BATCHES = {"rings": {10: 500, 30: 150, 100: 16}, "dense": {10: 150}}
@@ -63,10 +64,11 @@ def main(
     write_json(out / "ladder.json", rows)
 
 
-def _rungs(network: Model, family: str, n: int, count: int, split: str) -> list[Row]:
+def _rungs(network: Trained, family: str, n: int, count: int, split: str) -> list[Row]:
     """A line for each planner, on scenarios of one size."""
     scenarios = [draw(family, SEED, n, k, Problem(), split) for k in range(count)]
-    flown, rounds = Flown(network, "network"), own_rounds(network) or 0
+    flown = Flown(network, "network")
+    rounds = network.rounds if isinstance(network, TrainedRefiner) else network.config["rounds"]
     own = next(baseline for baseline in BASELINES if baseline.name == "own LP")
     rungs: dict[str, Plans] = {
         "own optima": own.plan,
@@ -98,7 +100,7 @@ def _one_solve(flown: Flown, scenarios: Sequence[Scenario]) -> list[Plan]:
     return solve_many(scenarios, seeds, ONE_SOLVE)
 
 
-def _answer(network: Model, scenarios: Sequence[Scenario]) -> list[Plan]:
+def _answer(network: Trained, scenarios: Sequence[Scenario]) -> list[Plan]:
     """What the network alone takes, without a certificate."""
     initial, goal = (np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal"))
     network.answer(initial, goal, scenarios[0].problem.collision_radius)

@@ -17,8 +17,7 @@ from pipeline.exhibits.style import styles
 from pipeline.experiments.trainings.figure import curves_figure
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
-from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.ablations import for_comparison
+from pipeline.networks.recipes import Recipe, for_comparison
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained

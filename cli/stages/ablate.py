@@ -11,8 +11,9 @@ from pipeline.errors import InputError
 from pipeline.experiments.ablations.run import run_ablations
 from pipeline.experiments.answer import FREE
 from pipeline.experiments.trials import Entrant
-from pipeline.networks.refiner.ablations import REFINER, SHORT, TUNED
-from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
+from pipeline.networks.recipes import REFINER, SHORT
+from pipeline.networks.refiner.ablations import TUNED
+from pipeline.networks.refiner.refiner import own_rounds, with_rounds
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.network import Flown
 from pipeline.planners.rule import Rule

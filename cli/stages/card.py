@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from pipeline.markdown import Markdown, code, formatted, table
 from pipeline.networks.model import Model
-from pipeline.networks.onnx_check import TOLERANCE
-from pipeline.networks.onnx_export import Exported
+from pipeline.networks.onnx_export import TOLERANCE, Exported
 from pipeline.templates import template
 from registry.version import ModelVersion
 

@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.compare import compare
 from pipeline.experiments.trials import Entrant, run_trials
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import for_comparison
+from pipeline.networks.recipes import for_comparison
 from pipeline.planners.network import Flown
 from pipeline.storage.folder import Where
 from registry.models import champion_of, crown, load, resolve, settle

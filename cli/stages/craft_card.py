@@ -5,12 +5,10 @@ from collections.abc import Mapping, Sequence
 from cli.stages.card import by_size, training
 from pipeline.markdown import Markdown, code, table
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.best import STEADY
+from pipeline.networks.refiner.model import SAFE, STEADY
 from pipeline.networks.refiner.on_board.check import TOLERANCE
 from pipeline.networks.refiner.on_board.export import ExportedCraft
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
-from pipeline.networks.refiner.on_board.values import value
-from pipeline.networks.refiner.rounds import SAFE
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, value
 from pipeline.templates import template
 from registry.version import ModelVersion
 

@@ -8,7 +8,7 @@ from pipeline.dataset.format.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import Entrant
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import for_comparison
+from pipeline.networks.recipes import for_comparison
 from pipeline.plan import Requirements
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert

@@ -13,7 +13,7 @@ from pipeline.files import write_text
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import Exported
 from pipeline.networks.onnx_export import export as export_onnx
-from pipeline.networks.refiner.ablations import REFINER
+from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
 from registry.model_metrics import model_metric_by_size
 from registry.models import load

@@ -12,20 +12,61 @@ Then ``mine`` can be trained, saved, loaded, evaluated and planned with like the
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-from jaxtyping import Float
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
 from torch import Tensor, nn
 
+from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.catalogue import entry_point
+from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import RECIPES, Recipe
-from pipeline.networks.swarms import Batch, Swarms
+from pipeline.orbit.problem import Problem
 
-Answer = Literal["states", "controls"]
+Batch = Mapping[str, Tensor]
+"""What an architecture has prepared for some swarms; the first axis of each tensor is theirs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swarms:
+    """Some swarms of one size on one orbit and time grid, in float64 on the CPU.
+
+    Attributes:
+        problem: orbit and time grid.
+        initial: m and m/s.
+        goal: m and m/s.
+        collision_radius: of each swarm, m; it need not be the problem's.
+        states: the expert's node states; not numbers where it has not planned, or None.
+    """
+
+    problem: Problem
+    initial: Float64[Tensor, "b n 6"]
+    goal: Float64[Tensor, "b n 6"]
+    collision_radius: Float64[Tensor, "b"]
+    states: Float64[Tensor, "b n T 6"] | None = None
+
+
+def swarms(
+    problem: Problem,
+    initial: Float[Array, "b n 6"],
+    goal: Float[Array, "b n 6"],
+    states: Float[Array, "b n T 6"] | None = None,
+) -> Swarms:
+    """Swarms that share a problem, its collision radius included, without copies of the arrays."""
+    radius = torch.full((len(initial),), problem.collision_radius, dtype=torch.float64)
+    labels = None if states is None else _tensor(states)
+    return Swarms(problem, _tensor(initial), _tensor(goal), radius, labels)
+
+
+def _tensor(values: Float[Array, "..."]) -> Float64[Tensor, "..."]:
+    """The same numbers, in the same memory where torch can share it."""
+    return torch.from_numpy(np.require(values, np.float64, ["C", "W"]))
 
 
 @runtime_checkable

@@ -1,5 +1,6 @@
 """How states become what a network reads and answers, and back."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,36 @@ from torch import Tensor
 from pipeline.arrays import Array
 from pipeline.dataset.reading.examples import ExampleSource
 from pipeline.errors import InputError
-from pipeline.networks.interior import INTERIORS
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, minimum_energy, straight_line
+
+Ends = Float[Array, "*batch 6"]
+Trajectories = Float[Array, "*batch T 6"]
+
+
+def line(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+    """The straight line from initial to goal state, in m and m/s."""
+    return straight_line(initial, goal, problem.nodes)
+
+
+def zeros(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+    """Nothing but the first and last state of each craft."""
+    states = np.zeros((*initial.shape[:-1], problem.nodes, 6))
+    states[..., 0, :], states[..., -1, :] = initial, goal
+    return states
+
+
+def least_energy(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+    """Each craft's own transfer of minimum energy, in closed form."""
+    return fly(initial, minimum_energy(initial, goal, problem), problem)
+
+
+INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
+    "line": line,
+    "zeros": zeros,
+    "minimum-energy": least_energy,
+}
+"""By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
 
 STATES = "states"
 """The answer is the trajectory itself, as in the paper."""

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.layers import hidden_layers
+from pipeline.networks.feedforward import hidden_layers
 from pipeline.networks.supervised import Supervised
 
 STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}

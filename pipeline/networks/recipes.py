@@ -97,3 +97,13 @@ RECIPES: Mapping[str, Recipe] = {
     ),
 }
 """By name; an architecture may depart from them, or add its own (``Architecture.recipes``)."""
+
+REFINER = "refiner"
+"""Name of the architecture of prolearn's own; it stands here so that torch need not be loaded."""
+
+SHORT, NO_THIRD, UNCROWDED, LABELLED = "short", "no-third", "uncrowded", "labelled"
+
+
+def for_comparison(arch: str, recipe: str) -> bool:
+    """Whether a recipe is there to be compared with, and not to plan with."""
+    return arch == REFINER and recipe in (SHORT, NO_THIRD, UNCROWDED, LABELLED)

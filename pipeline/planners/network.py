@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.networks.model import Model
+from pipeline.networks.document import TrainedNetwork
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
@@ -32,7 +32,7 @@ class Flown:
         requirements: what its plans are judged by; the network knows the collision radius alone.
     """
 
-    model: Model
+    model: TrainedNetwork
     name: str
     requirements: Requirements = AT_ALL_TIMES
 
@@ -57,7 +57,7 @@ class Flown:
         return certified_answers(self.name, scenarios, answer, self.requirements)
 
 
-def check_problem(model: Model, problem: Problem, where: str) -> None:
+def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model was trained on.
 
     The collision radius and the limit on the control may differ: no network knows the limit,
@@ -80,7 +80,7 @@ def check_problem(model: Model, problem: Problem, where: str) -> None:
         )
 
 
-def _fault(model: Model, problem: Problem) -> str | None:
+def _fault(model: TrainedNetwork, problem: Problem) -> str | None:
     """The first field in which a problem differs from that of the training, as networks see it."""
     for field in ("nodes", "time_step", "mean_motion"):
         if not isclose(getattr(problem, field), getattr(model.problem, field), rel_tol=SAME):

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.networks.refiner.ablations import NULL_SPACE, RULE
-from pipeline.networks.refiner.null_space import LEAST_CHANGE
-from pipeline.networks.refiner.other_rounds import by_rule
-from pipeline.networks.refiner.program import LEAST_FUEL
+from pipeline.networks.refiner.ablations import LEAST_CHANGE, NULL_SPACE, RULE, by_rule
+from pipeline.networks.refiner.programs import LEAST_FUEL
 from pipeline.orbit.transfer import meet_goal
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.planners.certified import Ends, certified_answers

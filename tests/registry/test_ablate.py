@@ -22,7 +22,7 @@ from pipeline.errors import InputError
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import NO_THIRD
-from pipeline.networks.refiner.other_rounds import with_rounds
+from pipeline.networks.refiner.refiner import with_rounds
 from pipeline.orbit.problem import Problem
 from pipeline.planners.network import Flown
 from pipeline.scenario import Scenario, draw

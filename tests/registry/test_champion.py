@@ -11,7 +11,7 @@ from cli.stages.champion import challenge, flown_metrics, promote, validation_tr
 from cli.stages.train import TrainingSettings, train_model
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import REFINER, SHORT
+from pipeline.networks.recipes import REFINER, SHORT
 from registry.models import list_versions, resolve
 from registry.version import ModelVersion
 

@@ -154,7 +154,7 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
 def test_a_file_that_does_not_answer_as_torch_is_not_written(
     folder: Path, ff1: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.networks.onnx_check.TOLERANCE", 1e-12)
+    monkeypatch.setattr("pipeline.networks.onnx_export.TOLERANCE", 1e-12)
     done = CliRunner().invoke(app, ["models", "export", "ff1", "--out", "x.onnx"])
     assert done.exit_code == 1
     assert "differs from torch's" in done.output

@@ -9,7 +9,7 @@ from cli.stages.tune import Tuned, tune
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.supervised import Supervised
 from pipeline.progress import Progress
-from pipeline.training import sources
+from pipeline.training import data as sources
 from registry.models import list_versions
 from registry.store import connect
 

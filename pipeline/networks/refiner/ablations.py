@@ -1,30 +1,141 @@
-"""What the refiner can be trained without, so that it shows what each idea in it is worth.
+"""What the refiner is compared with: recipes that lack one thing each, and rounds without trades.
 
-Every ablation is the tuned recipe but for one thing and for its epochs, of which it has fewer;
-``short`` has as few and lacks nothing, so it is what ablations are compared with.
+Every such recipe is the tuned one but for one thing and for its epochs, of which it has fewer;
+``short`` has as few and lacks nothing, so it is what the others are compared with.
 """
 
-REFINER = "refiner"
-"""The architecture's name."""
+from typing import no_type_check
 
-TUNED, SHORT = "tuned", "short"
+import numpy as np
+from jaxtyping import Float, Int
+from numba import njit
 
-NO_THIRD, UNCROWDED, LABELLED = "no-third", "uncrowded", "labelled"
+from pipeline.arrays import Array
+from pipeline.networks.document import Ends, portions
+from pipeline.networks.recipes import LABELLED as LABELLED
+from pipeline.networks.recipes import NO_THIRD as NO_THIRD
+from pipeline.networks.recipes import REFINER as REFINER
+from pipeline.networks.recipes import SHORT as SHORT
+from pipeline.networks.recipes import UNCROWDED as UNCROWDED
+from pipeline.networks.refiner.geometry import Grid
+from pipeline.networks.refiner.model import answer
+from pipeline.networks.refiner.programs import (
+    LARGEST_DUAL,
+    LEAST_FUEL,
+    Decoupled,
+    Programs,
+    Sides,
+)
+from pipeline.orbit.problem import Problem
+
+TUNED = "tuned"
 
 RULE, NULL_SPACE = "rule", "rule, null space"
-"""Planners without a network: the rule alone, and with steps in the null space."""
+"""Planners without a network: rounds without trades, and the same with steps in the null space."""
 
 EPOCHS = 6
 """Of ``short`` and of every ablation."""
 
 ABLATIONS = (NO_THIRD, UNCROWDED)
-"""Recipes that lack one thing: what a side hears from the other sides of both craft, and crowded
-swarms to learn from. ``labelled`` lacks nothing, and learns from the expert's plans beside."""
+"""Recipes that lack one thing: messages, and crowded swarms to learn from. ``labelled`` lacks
+nothing, and learns from the expert's plans beside."""
 
 UNSAFE = 0.1
 """What an unsafe swarm counts as in the score, as fuel over the lower bound."""
 
+STEADY = 1e-10
+"""Change of all duals under which they are found."""
 
-def for_comparison(arch: str, recipe: str) -> bool:
-    """Whether a recipe is there to be compared with, and not to plan with."""
-    return arch == REFINER and recipe in (SHORT, *ABLATIONS, LABELLED)
+MOST_SWEEPS = 1000
+"""Times that all duals of a craft are gone through at most."""
+
+NO_GAIN = 1e-12
+"""|F g|² under which a plane cannot be moved."""
+
+
+def by_rule(
+    initial: Ends, goal: Ends, problem: Problem, rounds: int, programs: Programs = LEAST_FUEL
+) -> Float[Array, "N n _ 3"]:
+    """Controls after some rounds without trades, m/s².
+
+    Args:
+        initial: initial states of N swarms, m and m/s.
+        goal: their goal states.
+        problem: orbit, time grid and collision radius.
+        rounds: how many; after none each craft keeps its decoupled optimum.
+        programs: what each craft solves.
+    """
+    radius = np.full(len(initial), problem.collision_radius)
+    found = [
+        answer(None, rounds, problem, initial[k], goal[k], radius[k], programs)
+        for k in portions(initial, goal, problem.nodes)
+    ]
+    return np.concatenate(found)
+
+
+# Least change in place of least fuel: a craft that keeps to its side of some planes departs from
+# its decoupled optimum u₀ as little as it can, by the sum of squares, while R u = b still holds:
+#
+#     min ½‖u - u₀‖² + Λ Σ max(0, d - g·u)   subject to   R u = b.
+#
+# With F, which takes from controls what changes the final state, that is u = u₀ + F Σ λ g. The
+# duals λ in [0, Λ] are found one after the other until none changes: C. Hildreth, "A quadratic
+# programming procedure", Naval Research Logistics Quarterly 4, 1957.
+
+
+def _first_duals(
+    _: Decoupled, craft: Int[Array, "k"], gain: Float[Array, "k m"], grid: Grid
+) -> Float[Array, "k"]:
+    """What giving way costs at the margin after a unit, 1 / |F g|²; at first it is free."""
+    return 1 / np.maximum(np.square(gain @ grid.free).sum(axis=1), NO_GAIN)
+
+
+def _optima(
+    own: Decoupled, sides: Sides, gain: Float[Array, "L m"], asked: Float[Array, "L 2"], grid: Grid
+) -> tuple[Float[Array, "C m"], Float[Array, "L 2"]]:
+    controls, dual = own.controls[sides.craft], np.zeros_like(asked)
+    free = gain @ grid.free
+    _solve_all(sides.start, sides.order, gain, free, asked, LARGEST_DUAL, controls, dual)
+    return controls, dual
+
+
+LEAST_CHANGE = Programs(_first_duals, _optima)
+"""The program above."""
+
+
+@no_type_check
+@njit(cache=True)
+def _solve_all(start, order, gain, free, asked, dearest, controls, dual):
+    """The optimum of each of C programs; sides are those of ``simplex.solve_all``.
+
+    Args:
+        start: where the sides of each craft begin in ``order``, (C + 1,).
+        order: sides of planes, (S,).
+        gain: rows of planes for the first craft of each, (L, m).
+        free: F times these, (L, m).
+        asked: what is asked of either craft, (L, 2).
+        dearest: cost of what is missing at a plane.
+        controls: decoupled optima, which become the result, (C, m).
+        dual: zeros, which become the result, (L, 2).
+    """
+    for c in range(len(start) - 1):
+        mine, u = order[start[c] : start[c + 1]], controls[c]
+        for _ in range(MOST_SWEEPS):
+            most = 0.0
+            for side in mine:
+                plane, second = side >> 1, side & 1
+                sign = -1.0 if second else 1.0
+                g, f = gain[plane], free[plane]
+                left, length = asked[plane, second], 0.0
+                for k in range(len(u)):
+                    left -= sign * g[k] * u[k]
+                    length += g[k] * f[k]
+                if length > NO_GAIN:
+                    before = dual[plane, second]
+                    now = min(max(before + left / length, 0.0), dearest)
+                    dual[plane, second] = now
+                    for k in range(len(u)):
+                        u[k] += sign * (now - before) * f[k]
+                    most = max(most, abs(now - before))
+            if most < STEADY:
+                break

@@ -7,7 +7,7 @@ from judged import judged
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
+from pipeline.networks.refiner.refiner import own_rounds, with_rounds
 from pipeline.orbit.problem import Problem
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.network import Flown

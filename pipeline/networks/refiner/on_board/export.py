@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from torch.export import Dim
 
@@ -13,10 +13,17 @@ from pipeline.files import published
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import traced, write
 from pipeline.networks.refiner.ablations import REFINER
-from pipeline.networks.refiner.bargain import Bargain
-from pipeline.networks.refiner.on_board.check import Checked, check
-from pipeline.networks.refiner.on_board.steps import STEPS, Step, outputs, takes, told_each_round
-from pipeline.networks.refiner.on_board.values import sizes_of, value
+from pipeline.networks.refiner.on_board.check import CraftCheck, check
+from pipeline.networks.refiner.on_board.steps import (
+    STEPS,
+    Step,
+    outputs,
+    sizes_of,
+    takes,
+    told_each_round,
+    value,
+)
+from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.scratch import scratch_folder
 
 SCHEMA = "prolearn.onnx.craft/1"
@@ -41,7 +48,7 @@ class ExportedCraft:
     kib: Mapping[str, float]
     sha256: Mapping[str, str]
     told: Mapping[str, int]
-    checked: Checked
+    checked: CraftCheck
 
 
 def export_craft(
@@ -61,7 +68,8 @@ def export_craft(
     """
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")
-    network = cast("Bargain", model.network)
+    network = model.network
+    assert isinstance(network, MessagePassing), "a refiner's"
     with scratch_folder() as temporary:
         made = {name: temporary / f"{name}.onnx" for name in STEPS}
         for name, step in STEPS.items():

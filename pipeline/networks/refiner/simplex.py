@@ -137,7 +137,7 @@ def row(i, m, p, gain, mine, left, body, value, side, basic, other):
 
 @no_type_check
 @njit(cache=True)
-def first_prices(tableau, basis, others, costs, crafts, gain, price):
+def costs_of_first(tableau, basis, others, costs, crafts, gain, price):
     """What the first unit along a row costs at the own optimum: the dual simplex ratio.
 
     Args:
