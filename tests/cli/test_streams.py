@@ -11,10 +11,10 @@ import pytest
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
 
-def test_a_pipe_from_scenario_to_plan_to_page_and_table(tmp_path):
+def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
     def through(*arguments, given=""):
         done = subprocess.run(
-            [*PROGRAM, *arguments], input=given, capture_output=True, text=True, cwd=tmp_path
+            [*forked.command, *arguments], input=given, capture_output=True, text=True, cwd=tmp_path
         )
         assert done.returncode == 0, done.stderr
         return done.stdout

@@ -1,6 +1,7 @@
 """The pages that show how to work are run from top to bottom, and the site is built."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -23,7 +24,7 @@ PATIENCE = 300.0
 @pytest.fixture
 def shell(forked):
     """Run the lines of a block in the folder of the test; each must succeed."""
-    prolearn = f'prolearn() {{ {forked.command} "$@"; }}'
+    prolearn = f'prolearn() {{ {shlex.join(forked.command)} "$@"; }}'
 
     def run(example):
         script = f"set -e\n{prolearn}\n{example.parsed}"

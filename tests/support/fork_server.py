@@ -18,16 +18,27 @@ import tempfile
 import threading
 import traceback
 
+LATE = (
+    "cli.main",
+    "alembic.command",
+    "alembic.config",
+    "git",
+    "matplotlib.pyplot",
+    "matplotlib.backends.backend_svg",
+    "mlflow.pyfunc",
+    "mlflow.store.model_registry.sqlalchemy_store",
+    "mlflow.store.tracking.sqlalchemy_store",
+    "optuna",
+    "sqlalchemy.dialects.sqlite",
+    "torch._dynamo",
+    "torch.profiler",
+)
 PACKET = 1 << 17  # bytes, above what an environment takes
 
 
 def main(path: str) -> None:
     """Serve until stdin ends, which is when the process that started this one does."""
-    import cli.main
-    import cli.stages
-
-    for module in pkgutil.iter_modules(cli.stages.__path__, "cli.stages."):
-        importlib.import_module(module.name)
+    import_everything()
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
         listener.bind(path)
         listener.listen()
@@ -39,6 +50,16 @@ def main(path: str) -> None:
                 listener.close()
                 answer(connection)
             connection.close()
+
+
+def import_everything() -> None:
+    """Import what commands import, and what libraries import at their first use."""
+    import cli.stages
+
+    for module in pkgutil.iter_modules(cli.stages.__path__, "cli.stages."):
+        importlib.import_module(module.name)
+    for name in LATE:
+        importlib.import_module(name)
 
 
 def answer(connection: socket.socket) -> None:

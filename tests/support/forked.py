@@ -5,7 +5,6 @@ swarm; so they are made once. What a command does from its first line on is the 
 """
 
 import os
-import shlex
 import signal
 import subprocess
 import sys
@@ -44,9 +43,9 @@ class Forked:
         self._folder.cleanup()
 
     @property
-    def command(self) -> str:
-        """``prolearn`` as words for a shell."""
-        return shlex.join([sys.executable, "-S", "-E", fork_client.__file__, self._socket])
+    def command(self) -> list[str]:
+        """``prolearn`` as a program and its first arguments, which a signal does not reach."""
+        return [sys.executable, "-S", "-E", fork_client.__file__, self._socket]
 
     def run(
         self,
@@ -61,7 +60,7 @@ class Forked:
         While it runs, ``meanwhile`` is called with its process id.
         """
         with (
-            open(os.devnull) as nothing,
+            Path(os.devnull).open() as nothing,
             tempfile.TemporaryFile("w+") as out,
             tempfile.TemporaryFile("w+") as err,
         ):
