@@ -46,6 +46,7 @@ def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn,
     assert words in done.stderr
 
 
+@pytest.mark.system
 def test_who_interrupts_plan_is_told_how_many_plans_there_are(prolearn, tmp_path):
     prolearn("scenario", "new", "short.json", "--n", "2")
     prolearn("scenario", "new", "long.json", "--n", "4", "--nodes", "1000")  # a minute and more

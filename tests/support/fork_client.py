@@ -1,4 +1,4 @@
-"""``prolearn``, run by the server of ``forked``: ``python -S -E fork_client.py SOCKET ARGUMENT...``"""
+"""``prolearn`` run by the fork server: ``python -S -E fork_client.py SOCKET ARGUMENT...``"""
 
 import json
 import os
@@ -13,7 +13,7 @@ def ask(path, streams, arguments=(), code="", folder=None, environment=os.enviro
     asked = {
         "arguments": list(arguments),
         "code": code,
-        "folder": str(folder or os.getcwd()),
+        "folder": str(folder or os.getcwd()),  # noqa: PTH109 (pathlib is slow to import)
         "environment": dict(environment),
     }
     socket.send_fds(connection, [json.dumps(asked).encode()], streams)
