@@ -1,43 +1,38 @@
-"""What trials of a transfer come to: how likely craft come close, where they end, what it costs."""
+"""Summary of trials: how often craft come close, how far from their goals they end, and Δv."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.exhibits.intervals import Interval, wilson
 
 HIGH = 0.95
-"""The quantile that is told beside the median."""
+"""The quantile of fields whose names end in ``high``."""
 
 
 @dataclass(frozen=True)
 class Summary:
     """Trials of one loop in numbers; what depends on pairs is None for a single craft.
 
+    Separations and errors are in m, velocities and Δv of all craft in m/s. Errors at the goal are
+    those of the craft furthest from its goal. Fields of replanning are None in the open loop.
+
     Attributes:
         loop: how they were flown.
-        planner: who planned anew, or None.
-        margin: asked for beyond r_col when planning anew, m; None where nobody planned anew.
+        planner: that replanned.
+        margin: asked for beyond r_col, m.
         trials: how many.
         within_radius: share in which a pair came within r_col.
-        within_radius_interval: Wilson's of that share.
+        within_radius_interval: Wilson's interval of that share.
         within_size: share in which a pair came within the physical size.
-        within_size_interval: Wilson's of that share.
-        least_separation: of all trials, m.
-        separation_median: of the least separation of each, m.
-        goal_error_median: of the craft furthest from its goal, m.
-        goal_error_high: that quantile HIGH of trials stay below, m.
-        goal_velocity_error_median: likewise of velocities, m/s.
-        goal_velocity_error_high: m/s.
-        delta_v_median: of all craft, m/s.
-        delta_v_high: m/s.
-        missed_burns: in a trial, on average.
-        unsafe_replans: nodes of a trial, on average, at which the plan flown was not safe from
-            the estimate; None where nobody planned anew.
-        replan_seconds: median time of a plan; None where nobody planned anew.
+        within_size_interval: Wilson's interval of that share.
+        least_separation: of all trials.
+        separation_median: of the least separation of each trial.
+        missed_burns: mean number in a trial.
+        unsafe_replans: mean number of nodes at which the plan flown was not safe from the estimate.
+        replan_seconds: median time of a plan.
     """
 
     loop: str
@@ -74,42 +69,26 @@ def summarize(
         radius: r_col, m.
         size: physical size, m: the distance of two craft's centres at which they may touch.
     """
-    column = {name: rows[name].to_numpy() for name in ("goal_error", "goal_velocity_error")}
-    apart = rows["min_separation"].to_numpy()
     alone = rows["min_separation"].null_count > 0
-    within, within_interval = _share(apart, radius, alone=alone)
-    touching, touching_interval = _share(apart, size, alone=alone)
+    apart = np.zeros(0) if alone else rows["min_separation"].to_numpy()
+    found: dict[str, Any] = {}
+    for name, distance in (("within_radius", radius), ("within_size", size)):
+        share = None if alone else float((apart <= distance).mean())
+        found[name] = share
+        found[f"{name}_interval"] = None if share is None else wilson(share, len(apart))
+    for name in ("goal_error", "goal_velocity_error", "delta_v"):
+        median, high = np.quantile(rows[name].to_numpy(), [0.5, HIGH]).tolist()
+        found |= {f"{name}_median": median, f"{name}_high": high}
     taken = rows["replan_seconds"].combine_chunks().flatten().to_numpy()
-    goal, velocity = (np.quantile(values, [0.5, HIGH]) for values in column.values())
-    used = np.quantile(rows["delta_v"].to_numpy(), [0.5, HIGH])
     return Summary(
         loop=loop,
         planner=planner,
         margin=margin if planner else None,
         trials=rows.num_rows,
-        within_radius=within,
-        within_radius_interval=within_interval,
-        within_size=touching,
-        within_size_interval=touching_interval,
         least_separation=None if alone else float(apart.min()),
         separation_median=None if alone else float(np.median(apart)),
-        goal_error_median=float(goal[0]),
-        goal_error_high=float(goal[1]),
-        goal_velocity_error_median=float(velocity[0]),
-        goal_velocity_error_high=float(velocity[1]),
-        delta_v_median=float(used[0]),
-        delta_v_high=float(used[1]),
         missed_burns=float(rows["missed_burns"].to_numpy().mean()),
         unsafe_replans=float(rows["unsafe_replans"].to_numpy().mean()) if planner else None,
         replan_seconds=float(np.median(taken)) if len(taken) else None,
+        **found,
     )
-
-
-def _share(
-    apart: Float[Array, "K"], distance: float, *, alone: bool
-) -> tuple[float | None, Interval | None]:
-    """The share of trials that come within a distance, and its interval."""
-    if alone:
-        return None, None
-    share = float((apart <= distance).mean())
-    return share, wilson(share, len(apart))

@@ -1,4 +1,4 @@
-"""One writer of a dataset folder at a time."""
+"""One writer of a folder of shards at a time."""
 
 import os
 import re
@@ -12,8 +12,8 @@ from filelock import FileLock, Timeout
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import unfinished
+from pipeline.storage import LOCK, PLACES, WRITER, WRITTEN
 from pipeline.storage.folder import Folder
-from pipeline.storage.layout import LOCK, PLACES, WRITER, WRITTEN
 
 
 @contextmanager
@@ -21,12 +21,12 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     """Hold a folder for writing, and remove the unfinished files of killed writers.
 
     The lock is the operating system's, so it ends with its holder, however that ends. Object
-    stores have none: there two runs both finish, with identical bytes.
+    stores have none: two runs there both finish, with identical bytes.
 
     Args:
         folder: to be held.
-        owned: pattern of the names of its shards and of other files that its writers make. An
-            unfinished file of any other name is somebody else's, and stays.
+        owned: pattern of the names of its shards and of other files that its writers make;
+            unfinished files of other names are somebody else's, and stay.
 
     Raises:
         InputError: where another process holds it.
@@ -38,8 +38,10 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     with _locked(folder, folder.local):
         for name in _unfinished(folder.local, re.compile(f"{WRITTEN}|{owned}")):
             folder.remove(name)
+        now = datetime.now().astimezone().isoformat(timespec="seconds")
+        writer = f"process {os.getpid()} on {socket.gethostname()}, since {now}"
         try:
-            folder.publish(WRITER, _whoami().encode())
+            folder.publish(WRITER, writer.encode())
             yield
         finally:
             with suppress(ProlearnError):
@@ -47,38 +49,27 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
 
 
 def _unfinished(folder: Path, owned: re.Pattern[str]) -> list[str]:
-    """Names of unfinished files that a writer of this folder has left."""
     found = []
     for path in (path for place in PLACES for path in folder.glob(f"{place}.*.tmp")):
-        meant = unfinished(path)
-        name = meant and meant.relative_to(folder).as_posix()
+        target = unfinished(path)
+        name = target and target.relative_to(folder).as_posix()
         if name and owned.fullmatch(name) and path.is_file():
             found.append(path.relative_to(folder).as_posix())
     return found
 
 
 def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
-    """The lock of a folder, held until this context is left."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         return FileLock(path / LOCK, timeout=0).acquire()
     except Timeout as error:
+        holder = "another process"
+        with suppress(OSError):
+            holder = folder.read(WRITER).decode()
         raise InputError(
-            f"{folder} is being written by {_holder(folder)}; wait for it or give another folder."
+            f"{folder} is being written by {holder}; wait for it or give another folder."
         ) from error
     except (OSError, NotImplementedError) as error:
         raise ProlearnError(
             f"{folder} cannot be written to ({error}); give a folder that can."
         ) from error
-
-
-def _holder(folder: Folder) -> str:
-    try:
-        return folder.read(WRITER).decode()
-    except OSError:
-        return "another process"
-
-
-def _whoami() -> str:
-    now = datetime.now().astimezone().isoformat(timespec="seconds")
-    return f"process {os.getpid()} on {socket.gethostname()}, since {now}"

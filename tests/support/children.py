@@ -49,6 +49,7 @@ class Children:
             text=True,
             bufsize=1,
             start_new_session=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )
         return self
 

@@ -19,9 +19,9 @@ from pipeline.experiments.experiment5.rows import (
 )
 from pipeline.experiments.experiment5.run import run_flights, worlds_of
 from pipeline.experiments.trials import Entrant
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, radius_at
+from pipeline.parallel.workers import Workers
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.scenario import draw

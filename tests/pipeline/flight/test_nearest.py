@@ -5,10 +5,9 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.expert import own_optima
-from pipeline.flight.flight import fly_controls
+from pipeline.flight.effects import fly_controls
 from pipeline.flight.nearest import nearer, nearest, pieces_for
-from pipeline.flight.nonlinear import NonlinearWorld
-from pipeline.flight.world import LinearWorld
+from pipeline.flight.world import LinearWorld, NonlinearWorld
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.elements import Elements
 from pipeline.orbit.problem import Problem

@@ -1,7 +1,16 @@
-"""The manifest of a dataset folder: what it is meant to hold, and the digest of every shard."""
+"""The manifest of a dataset folder: what it is meant to hold, and the SHA-256 of every shard.
+
+Beside what any folder of shards has (pipeline/storage), a dataset holds
+
+    FOLDER/n=10/part-00000.parquet               solved instances
+    FOLDER/_scenarios/n=10/part-00000.parquet    the scenarios they come from
+    FOLDER/README.md                             the card, for people and dataset hubs
+    FOLDER/.git/, FOLDER/.gitattributes, ...     of tools that keep the folder; left alone
+"""
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
@@ -16,33 +25,81 @@ from pydantic import (
     WrapValidator,
 )
 
-from pipeline.dataset.format.layout import OWNED, SCENARIOS
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import FAMILY, SCHEMA, metadata
-from pipeline.dataset.format.solving import checked_record
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.schema import FAMILY, SCHEMA, metadata
 from pipeline.documents import first_fault
 from pipeline.errors import InputError
+from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
+from pipeline.plan import Requirements
 from pipeline.progress import Progress
 from pipeline.scenario.families import scenario_id
-from pipeline.storage.checked import read_checked
+from pipeline.storage import COPY, DAMAGED, FOREIGN, LOCK, MANIFEST, TIMINGS, WRITTEN
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.layout import COPY, MANIFEST, TIMINGS
-from pipeline.storage.ledger import Ledger, written
+from pipeline.storage.ledger import Ledger, open_ledger, read_checked
 from pipeline.storage.shards import Size
+
+CARD = "README.md"
+SCENARIOS = "_scenarios/"
+
+SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")
+"""Names of shards."""
+
+OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"
+"""Pattern of the files that a dataset's writers make."""
+
+BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
+"""Files that a dataset may hold beside its shards."""
+
+TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
+"""Files and folders directly inside the folder of a dataset."""
 
 MOST_SHARDS = 200_000
 """In a folder; their list alone takes a second to make."""
 
+REQUIRED = ("separation", "passive_safety")
+"""Requirements that are recorded, beside the settings of the expert."""
+
+
+def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
+    """The manifest's record of how plans are made: settings of the expert and requirements.
+
+    Raises:
+        InputError: where a risk is asked for, which no column of a dataset shows.
+    """
+    if requirements.risk is not None:
+        raise InputError(
+            "a risk is asked for of a dataset, whose plans are flown without errors; expected "
+            "requirements without one."
+        )
+    return asdict(settings) | {name: getattr(requirements, name) for name in REQUIRED}
+
+
+def settings_of(record: Mapping[str, Any]) -> Settings:
+    """The settings of the expert in a record."""
+    return Settings(**{k: v for k, v in record.items() if k not in REQUIRED})
+
+
+def requirements_of(record: Mapping[str, Any]) -> Requirements:
+    """The requirements of plans in a record; ValueError where no plan can satisfy them."""
+    given = {name: record[name] for name in REQUIRED if name in record}
+    return TypeAdapter(Requirements).validate_python(given) and Requirements(**given)
+
+
+def _checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    try:
+        TypeAdapter(Settings).validate_python(given)
+        settings_of(given), requirements_of(given)
+    except ValidationError as error:
+        raise ValueError(first_fault(error)) from None
+    except TypeError as error:  # an unknown name
+        raise ValueError(str(error)) from None
+    return given
+
 
 @dataclass(frozen=True)
 class MadeWith:
-    """Versions by name.
-
-    Attributes:
-        sample: those that the scenarios were drawn with.
-        solve: those that they are solved with, or nothing before the first solve.
-    """
+    """Versions by name: of the sampling, and of the solving, once that has begun."""
 
     sample: Mapping[str, str]
     solve: Mapping[str, str]
@@ -55,10 +112,9 @@ class Manifest:
     Attributes:
         problem: the problem that all its instances share.
         samples: how each swarm size is drawn.
-        solve: settings of the expert and what its plans must satisfy, or nothing before the first
-            solve.
+        solve: record of how plans are made, or nothing before the first solve.
         made_with: versions that it was made with.
-        shards: SHA-256 digest of each finished shard, by path inside the folder.
+        shards: SHA-256 of each finished shard, by path inside the folder.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -66,12 +122,11 @@ class Manifest:
     # As written: an integer stays one, since the metadata of shards repeats it to the letter.
     problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
     samples: Mapping[PositiveInt, Sample]
-    solve: Annotated[Mapping[str, Any], AfterValidator(checked_record)]
+    solve: Annotated[Mapping[str, Any], AfterValidator(_checked_record)]
     made_with: MadeWith
     shards: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        """Refuse more shards than can be kept count of."""
         shards = sum(sample.shards for sample in self.samples.values())
         if shards > MOST_SHARDS:
             raise InputError(
@@ -80,14 +135,14 @@ class Manifest:
             )
 
     def fields(self) -> dict[str, Any]:
-        """What its file has, JSON-ready."""
+        """Fields of its file, JSON-ready."""
         fields = {"schema": SCHEMA, **asdict(self)}
         for part in ("samples", "shards"):
             fields[part] = dict(sorted(fields[part].items()))
         return fields
 
     def expected(self) -> "list[Shard]":
-        """All that it is meant to hold, in order."""
+        """All shards that it is meant to hold, in order."""
         about = replace(self, shards={})
         sizes = sorted(self.samples.items())
         return [Shard(about, n, k) for n, one in sizes for k in range(one.shards)]
@@ -104,7 +159,7 @@ class Shard:
     """Some rows of a dataset, with all that decides what they are.
 
     Attributes:
-        about: the manifest without its digests, which a worker has no use for.
+        about: the manifest without its digests, which a worker does not need.
         n: swarm size.
         number: which of that size's shards.
     """
@@ -176,7 +231,7 @@ def read_manifest(where: Where | Folder) -> Manifest:
 
 
 def is_begun(folder: Folder) -> bool:
-    """Whether a dataset has been begun in a folder, be its manifest lost but for a copy."""
+    """Whether a dataset has been begun in a folder, even if only the manifest's copy is left."""
     if folder.exists(MANIFEST):
         return True
     try:
@@ -213,6 +268,13 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
     )
 
 
+def dataset_ledger(
+    folder: Folder, begin: Callable[[], Manifest], progress: Progress
+) -> AbstractContextManager[Ledger[Manifest]]:
+    """The ledger of a dataset that is held for writing; arguments as of ``open_ledger``."""
+    return open_ledger(folder, OWNED, begin, progress)
+
+
 class DamagedError(Exception):
     """A manifest that is missing or cannot be what was written, and why."""
 
@@ -228,21 +290,11 @@ def _parsed(folder: Folder, name: str) -> Manifest:
         if not str(schema).startswith(FAMILY):
             raise ValueError(f"its schema is {schema}")
     except (OSError, ValueError, KeyError, TypeError, InputError) as error:
-        raise DamagedError(f"is damaged ({_fault(error)})") from error
+        fault = repr(error) if isinstance(error, KeyError) else str(error).rstrip(".")
+        if isinstance(error, ValidationError):
+            fault = first_fault(error)
+        raise DamagedError(f"is damaged ({fault})") from error
     raise InputError(
         f"{folder} has schema {schema}, of another version of prolearn; expected {SCHEMA}: make "
         "the dataset anew in another folder, or remove this one."
     )
-
-
-def under_way(
-    folder: Folder, begun: Callable[[], Manifest], progress: Progress
-) -> AbstractContextManager[Ledger[Manifest]]:
-    """The ledger of a dataset that is held for writing; arguments as of ``written``."""
-    return written(folder, OWNED, begun, progress)
-
-
-def _fault(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        return first_fault(error)
-    return repr(error) if isinstance(error, KeyError) else str(error).rstrip(".")

@@ -1,15 +1,19 @@
-"""The front matter of a card: what dataset hubs and the ``datasets`` library read, as YAML."""
+"""The front matter of a dataset's card: what hubs and the ``datasets`` library read, as YAML."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
 import pyarrow as pa
 import yaml
 
-from pipeline.dataset.card.contents import Contents, File
-from pipeline.dataset.card.splits import files_by_split
-from pipeline.dataset.format.schema import SOLVED_FIELDS
+from pipeline.dataset.manifest import Shard
+from pipeline.dataset.schema import SOLVED_FIELDS
+from pipeline.scenario import SPLITS
+
+HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))
+"""Names of our splits on hubs."""
 
 DEFAULT = "default"
 """The configuration that is loaded where none is named: all swarm sizes."""
@@ -30,16 +34,56 @@ TAGS = [
 ]
 
 
-def front_matter(contents: Contents, title: str, licence: str) -> str:
+@dataclass(frozen=True)
+class File:
+    """A shard, as a reader gets it.
+
+    Attributes:
+        shard: that it holds.
+        rows: number of rows.
+        stored: its size, bytes.
+        in_memory: size of its rows as an Arrow table, bytes.
+    """
+
+    shard: Shard
+    rows: int
+    stored: int
+    in_memory: int
+
+
+def files_by_split(files: Sequence[File]) -> dict[str, list[File]]:
+    """Files by the hub's name of the split of their rows; hubs give a file to one split alone.
+
+    Splits that have a file in common go together, under their names joined, such as
+    ``validation_test``: so a split is there whole, or not by itself.
+    """
+    held = {file.shard.solved: file.shard.sample.splits_of(file.shard.number) for file in files}
+    found: dict[str, list[File]] = {}
+    for group in _partition(held.values()):
+        name = "_".join(HUB_NAMES[split] for split in SPLITS if split in group)
+        found[name] = [file for file in files if held[file.shard.solved] <= group]
+    return found
+
+
+def _partition(sets: Iterable[set[str]]) -> list[set[str]]:
+    """The finest partition of the splits in which each set lies in one part, in order."""
+    parts: list[set[str]] = []
+    for one in sets:
+        apart = [part for part in parts if not part & one]
+        parts = [*apart, one.union(*(part for part in parts if part & one))]
+    return sorted(parts, key=lambda part: min(map(SPLITS.index, part)))
+
+
+def front_matter(files: Sequence[File], title: str, licence: str) -> str:
     """The front matter as YAML, without the lines of dashes around it."""
-    files = contents.files
+    rows = sum(file.rows for file in files)
     return yaml.safe_dump(
         {
             "license": licence,
             "pretty_name": title,
             "task_categories": ["robotics"],
             "tags": TAGS,
-            "size_categories": [_size(len(contents.rows))],
+            "size_categories": [next((k for k, below in SIZES.items() if rows < below), LARGEST)],
             "configs": [_config(name, some) for name, some in _configurations(files).items()],
             "dataset_info": [_info(files)],
         },
@@ -47,10 +91,6 @@ def front_matter(contents: Contents, title: str, licence: str) -> str:
         allow_unicode=True,
         width=100,
     )
-
-
-def _size(rows: int) -> str:
-    return next((name for name, below in SIZES.items() if rows < below), LARGEST)
 
 
 def _configurations(files: Sequence[File]) -> Mapping[str, Sequence[File]]:
@@ -95,11 +135,8 @@ def _info(files: Sequence[File]) -> Mapping[str, Any]:
 
 
 def _feature(field: pa.Field) -> Mapping[str, str]:
-    if pa.types.is_list(field.type):
-        return {"name": field.name, "list": _dtype(field.type.value_type)}
-    return {"name": field.name, "dtype": _dtype(field.type)}
-
-
-def _dtype(kind: pa.DataType) -> str:
-    """As hubs call it: Arrow's name, but for float64."""
-    return "float64" if pa.types.is_float64(kind) else str(kind)
+    """Types as hubs call them: Arrow's name, but for float64, which Arrow calls double."""
+    key, kind = "dtype", field.type
+    if pa.types.is_list(kind):
+        key, kind = "list", kind.value_type
+    return {"name": field.name, key: "float64" if pa.types.is_float64(kind) else str(kind)}

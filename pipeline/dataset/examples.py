@@ -1,4 +1,4 @@
-"""What a network learns from: scenarios as arrays, with the expert's plans where there are any."""
+"""Training examples: scenarios as arrays, with the expert's plans where there are any."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ class ExampleSource(Protocol):
 
     @property
     def n(self) -> int:
-        """Number of spacecraft in each instance."""
+        """Number of spacecraft in each example."""
         ...
 
     @property
     def buffer(self) -> int | None:
-        """Instances that may be held at once, or None where all of them are in memory."""
+        """Examples that may be held at once, or None where all of them are in memory."""
         ...
 
     @property
@@ -39,45 +39,36 @@ class ExampleSource(Protocol):
         ...
 
     def __len__(self) -> int:
-        """Number of instances."""
+        """Number of examples."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Scenarios of one problem and one swarm size, solved unless nobody needs their plans.
+    """Examples in memory, which are one part; an ``ExampleSource``.
 
     Attributes:
         problem: the problem that they share.
-        initial: initial states (N, n, 6), m and m/s.
-        goal: goal states (N, n, 6).
-        states: the expert's node states (N, n, T, 6); not numbers where it has not planned, or
-            None.
+        initial: initial states, m and m/s.
+        goal: goal states, m and m/s.
+        states: the expert's node states, m and m/s; NaN where it has no plan, None where nobody
+            needs them.
     """
 
     problem: Problem
     initial: Float[Array, "N n 6"]
     goal: Float[Array, "N n 6"]
     states: Float[Array, "N n T 6"] | None = None
+    buffer = None
+    part_count = 1
 
     def __len__(self) -> int:
-        """Number of instances."""
         return len(self.initial)
 
     @property
     def n(self) -> int:
-        """Number of spacecraft in each instance."""
+        """Number of spacecraft in each example."""
         return self.initial.shape[1]
-
-    @property
-    def buffer(self) -> None:
-        """All are in memory."""
-        return
-
-    @property
-    def part_count(self) -> int:
-        """All are one part."""
-        return 1
 
     def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
         """Themselves."""

@@ -19,7 +19,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Plan
 from pipeline.scenario import Scenario
-from pipeline.storage.shards import TIMED_KEY, metadata_of, told_by
+from pipeline.storage.shards import TIMED_KEY, metadata_of, read_metadata
 
 FAMILY = "prolearn.dataset/"
 """What the schema of every version begins with."""
@@ -57,15 +57,35 @@ TIMING_FIELDS = [
     *(pa.field(stage, pa.float64()) for stage in ("own_optima", "search", "plan", "certificate")),
 ]
 
+SHAPES = {"initial": "n·6", "goal": "n·6", "states": "n·T·6", "controls": "n·(T-1)·3"}
+"""Shapes of the lists of doubles."""
 
-def timing_schema(digest: str) -> pa.Schema:
-    """The schema of the timings of a solved shard with a digest."""
-    return pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest})
+MEANINGS = {
+    "scenario_id": ("", "family, seed, n, split and index in it"),
+    "n_spacecraft": ("", "n"),
+    "family": ("", "`rings`, ..."),
+    "split": ("", "`train`, `valid` or `test`"),
+    "initial": ("m, m/s", "x y z vx vy vz of each craft at the first node"),
+    "goal": ("m, m/s", "the same at the last node"),
+    "status": ("", "`solved`, or why not: `infeasible` (proven), `unsolved`, `unsafe`"),
+    "states": ("m, m/s", "x y z vx vy vz of each craft at each node"),
+    "controls": (
+        "m/s²",
+        "x y z of each craft's thrust acceleration, constant over each interval",
+    ),
+    "fuel": ("m/s²", "Σ‖u‖₁ over craft and intervals; times Δt it is Δv in m/s"),
+    "fuel_lower_bound": ("m/s²", "proven: no transfer, safe or not, needs less"),
+    "optimality_gap": ("", "fuel / fuel_lower_bound - 1"),
+    "node_collisions": ("", "pairs and nodes within the collision radius"),
+    "min_separation": ("m", "least distance of any pair at any time"),
+    "convex_solves": ("", "convex programs that the plan took"),
+}
+"""Unit and meaning of each column, in Markdown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a scenario.
+    """The expert's result for a scenario.
 
     Attributes:
         status: as in a plan.
@@ -78,6 +98,11 @@ class Outcome:
     plan: Plan | None = None
 
 
+def column_type(field: pa.Field) -> str:
+    """Arrow's name of a column's type, or the shape of its lists."""
+    return f"list of {SHAPES[field.name]} doubles" if field.name in SHAPES else str(field.type)
+
+
 def metadata(
     problem: Problem, settings: Mapping[str, Any], made_with: Mapping[str, str]
 ) -> dict[bytes, bytes]:
@@ -88,14 +113,10 @@ def metadata(
 
 
 def problem_of(table: pa.Table) -> Problem:
-    """The problem that a shard's metadata describes.
-
-    Raises:
-        InputError: where it describes none.
-    """
-    told = told_by(table)
+    """The problem that a shard's metadata describes; InputError where it describes none."""
+    about = read_metadata(table)
     try:
-        fields = {name: told[name] for name in Problem.__dataclass_fields__}
+        fields = {name: about[name] for name in Problem.__dataclass_fields__}
         return TypeAdapter(Problem).validate_python(fields) and Problem(**fields)
     except (KeyError, ValidationError) as error:
         raise InputError("its metadata describe no problem") from error
@@ -105,14 +126,24 @@ def scenario_table(
     scenarios: Sequence[Scenario], splits: Sequence[str], meta: Mapping[bytes, bytes]
 ) -> pa.Table:
     """Scenarios as a table of SCENARIO_FIELDS."""
-    rows = [_scenario_row(s, split) for s, split in zip(scenarios, splits, strict=True)]
+    rows = [
+        {
+            "scenario_id": scenario.name,
+            "n_spacecraft": scenario.n,
+            "family": scenario.family,
+            "split": split,
+            "initial": scenario.initial.ravel(),
+            "goal": scenario.goal.ravel(),
+        }
+        for scenario, split in zip(scenarios, splits, strict=True)
+    ]
     return pa.Table.from_pylist(rows, pa.schema(SCENARIO_FIELDS, metadata=dict(meta)))
 
 
 def solved_table(
     scenarios: pa.Table, outcomes: Sequence[Outcome], meta: Mapping[bytes, bytes]
 ) -> pa.Table:
-    """A table of SOLVED_FIELDS: scenarios with what became of them."""
+    """A table of SOLVED_FIELDS: scenarios with their outcomes."""
     found = pa.Table.from_pylist(
         [_outcome_row(one) for one in outcomes], pa.schema(SOLVED_FIELDS[len(SCENARIO_FIELDS) :])
     )
@@ -121,44 +152,37 @@ def solved_table(
 
 
 def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome], digest: str) -> pa.Table:
-    """A table of TIMING_FIELDS, which lies beside the data since no two runs agree on it.
+    """A table of TIMING_FIELDS, kept beside the data since no two runs agree on it.
 
     Args:
         scenarios: of the shard.
-        outcomes: what became of them.
+        outcomes: of its scenarios.
         digest: of the solved shard.
     """
+    names = scenarios["scenario_id"].to_pylist()
     rows = [
-        {
-            "scenario_id": name,
-            "message": one.message or None,
-            **(one.plan.timing if one.plan else {}),
-        }
-        for name, one in zip(scenarios["scenario_id"].to_pylist(), outcomes, strict=True)
+        {"scenario_id": k, "message": one.message or None, **(one.plan.timing if one.plan else {})}
+        for k, one in zip(names, outcomes, strict=True)
     ]
-    return pa.Table.from_pylist(rows, timing_schema(digest))
+    return pa.Table.from_pylist(rows, pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest}))
 
 
 def same_scenarios(table: pa.Table, scenarios: pa.Table) -> bool:
     """Whether a table's rows are those scenarios, in that order."""
     names = [field.name for field in SCENARIO_FIELDS]
-    return set(names) <= set(table.column_names) and table.select(names).equals(
-        scenarios.select(names)
-    )
+    known = set(names) <= set(table.column_names)
+    return known and table.select(names).equals(scenarios.select(names))
 
 
 def scenarios_of(table: pa.Table) -> list[Scenario]:
     """The scenarios in the rows of a table."""
     problem = problem_of(table)
-    families, names = table["family"].to_pylist(), table["scenario_id"].to_pylist()
     ends = [
         [np.reshape(row.values.to_numpy(), (-1, 6)) for row in table[end]]
         for end in ("initial", "goal")
     ]
-    return [
-        Scenario(problem, initial, goal, family, name)
-        for initial, goal, family, name in zip(*ends, families, names, strict=True)
-    ]
+    names = table["family"].to_pylist(), table["scenario_id"].to_pylist()
+    return [Scenario(problem, *row) for row in zip(*ends, *names, strict=True)]
 
 
 def stacked(table: pa.Table, column: str, *shape: int) -> Float[Array, "rows ..."]:
@@ -166,17 +190,6 @@ def stacked(table: pa.Table, column: str, *shape: int) -> Float[Array, "rows ...
     flat = table[column].combine_chunks()
     values = np.array(flat.flatten())  # a copy, since Arrow's memory is read-only
     return values.reshape(table.num_rows, *shape)
-
-
-def _scenario_row(scenario: Scenario, split: str) -> dict[str, Any]:
-    return {
-        "scenario_id": scenario.name,
-        "n_spacecraft": scenario.n,
-        "family": scenario.family,
-        "split": split,
-        "initial": scenario.initial.ravel(),
-        "goal": scenario.goal.ravel(),
-    }
 
 
 def _outcome_row(outcome: Outcome) -> dict[str, Any]:
