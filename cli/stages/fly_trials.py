@@ -11,10 +11,9 @@ from pipeline.exhibits.blocks import write_csv
 from pipeline.exhibits.style import save
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.figure import trials_figure
 from pipeline.flight.loops import flight_loops
 from pipeline.flight.montecarlo import MonteCarlo, fly_all, portion_of
-from pipeline.flight.summary import Summary, summarize
+from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers
 from pipeline.plan import Plan

@@ -12,7 +12,7 @@ from pipeline.dataset.front_matter import File, files_by_split, front_matter
 from pipeline.dataset.manifest import CARD, Manifest, read_manifest, recorded, requirements_of
 from pipeline.dataset.reading import read_solved, refuse_unsolved
 from pipeline.dataset.samples import PRESETS, Sample
-from pipeline.dataset.schema import MEANINGS, SOLVED_FIELDS, column_type
+from pipeline.dataset.schema import COLUMNS, Column
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.markdown import Markdown, code, formatted, table, verbatim
@@ -51,16 +51,13 @@ def write_card(
     replace: bool = False,
     progress: Progress = SILENT,
 ) -> str:
-    """Write the card of a solved dataset into its folder.
+    """Write the card of a solved dataset into its folder: Markdown with front matter.
 
     Args:
         where: the dataset.
         licence: of the data, by its identifier, such as "mit" or "cc-by-4.0".
         replace: also where there is a README.md that says something else.
-        progress: told how far it is.
-
-    Returns:
-        The card, Markdown with front matter.
+        progress: of reading.
 
     Raises:
         InputError: where the folder holds no dataset, it is not wholly solved, a shard is damaged,
@@ -92,7 +89,6 @@ def _card(folder: Folder, licence: str, progress: Progress) -> str:
     quoted = json.dumps(name, ensure_ascii=False)
     title = f"Certified transfers of spacecraft swarms, n = {ranges(sorted(manifest.samples))}"
     joined = [code(split) for split in files_by_split(files) if "_" in split]
-    units = ((code(f.name), column_type(f), *MEANINGS[f.name]) for f in SOLVED_FIELDS)
     body = template("pipeline/dataset/card.md.jinja").render(
         title=title,
         quoted=verbatim(quoted),
@@ -105,14 +101,16 @@ def _card(folder: Folder, licence: str, progress: Progress) -> str:
         mebibytes=sum(file.stored for file in files) / 2**20,
         joined=Markdown(", ".join(joined)),
         solved=SOLVED,
-        columns=table(
-            ("column", "type", "unit", "meaning"),
-            [(name, kind, unit, Markdown(meaning)) for name, kind, unit, meaning in units],
-        ),
+        columns=table(("column", "type", "unit", "meaning"), map(_column, COLUMNS)),
         **_origin(manifest),
         **_quality(rows),
     )
     return f"---\n{front_matter(files, title, licence)}---\n\n{body}"
+
+
+def _column(column: Column) -> tuple[Markdown, str, str, Markdown]:
+    kind = f"list of {column.shape} doubles" if column.shape else str(column.type)
+    return code(column.name), kind, column.unit, Markdown(column.meaning)
 
 
 def _contents(

@@ -12,7 +12,7 @@ from pipeline.orbit.problem import Problem
 
 @runtime_checkable
 class ExampleSource(Protocol):
-    """Examples of one problem and one swarm size, in memory or read part by part."""
+    """Examples of one problem and swarm size, in memory or read part by part."""
 
     @property
     def problem(self) -> Problem:

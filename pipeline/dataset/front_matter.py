@@ -36,14 +36,7 @@ TAGS = [
 
 @dataclass(frozen=True)
 class File:
-    """A shard, as a reader gets it.
-
-    Attributes:
-        shard: that it holds.
-        rows: number of rows.
-        stored: its size, bytes.
-        in_memory: size of its rows as an Arrow table, bytes.
-    """
+    """The file of a shard, with its number of rows and its bytes on disk and as an Arrow table."""
 
     shard: Shard
     rows: int

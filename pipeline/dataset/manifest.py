@@ -11,8 +11,7 @@ Beside what any folder of shards has (pipeline/storage), a dataset holds
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
@@ -32,11 +31,10 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
-from pipeline.progress import Progress
 from pipeline.scenario.families import scenario_id
 from pipeline.storage import COPY, DAMAGED, FOREIGN, LOCK, MANIFEST, TIMINGS, WRITTEN
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger, open_ledger, read_checked
+from pipeline.storage.ledger import read_checked
 from pipeline.storage.shards import Size
 
 CARD = "README.md"
@@ -62,11 +60,7 @@ REQUIRED = ("separation", "passive_safety")
 
 
 def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
-    """The manifest's record of how plans are made: settings of the expert and requirements.
-
-    Raises:
-        InputError: where a risk is asked for, which no column of a dataset shows.
-    """
+    """How plans are made, for the manifest; InputError for a risk, which no column shows."""
     if requirements.risk is not None:
         raise InputError(
             "a risk is asked for of a dataset, whose plans are flown without errors; expected "
@@ -214,12 +208,7 @@ class Shard:
 
 
 def read_manifest(where: Where | Folder) -> Manifest:
-    """The manifest of a dataset.
-
-    Raises:
-        InputError: where the folder is missing, empty or holds no dataset, or the manifest is
-            damaged.
-    """
+    """The manifest of a dataset; InputError where it is damaged or there is no dataset."""
     folder = open_folder(where)
     manifest, fault = manifest_or_copy(folder)
     if fault:
@@ -231,7 +220,7 @@ def read_manifest(where: Where | Folder) -> Manifest:
 
 
 def is_begun(folder: Folder) -> bool:
-    """Whether a dataset has been begun in a folder, even if only the manifest's copy is left."""
+    """Whether a folder has a dataset's manifest, or only its copy."""
     if folder.exists(MANIFEST):
         return True
     try:
@@ -241,11 +230,7 @@ def is_begun(folder: Folder) -> bool:
 
 
 def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
-    """The manifest, or its copy where it is not sound, and then what is wrong with it.
-
-    Raises:
-        InputError: where the folder is missing, empty or holds no dataset, or both are damaged.
-    """
+    """The manifest, or its copy where it is damaged and the fault; InputError where both are."""
     try:
         return _parsed(folder, MANIFEST), ""
     except DamagedError as error:
@@ -266,13 +251,6 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
         f"{folder} {what}; expected a dataset folder: make one with "
         f"`prolearn dataset --preset demo --out {folder}`."
     )
-
-
-def dataset_ledger(
-    folder: Folder, begin: Callable[[], Manifest], progress: Progress
-) -> AbstractContextManager[Ledger[Manifest]]:
-    """The ledger of a dataset that is held for writing; arguments as of ``open_ledger``."""
-    return open_ledger(folder, OWNED, begin, progress)
 
 
 class DamagedError(Exception):

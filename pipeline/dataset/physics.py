@@ -59,14 +59,7 @@ def _is_sound(table: pa.Table) -> bool:
 def row_faults(
     table: pa.Table, n: int, problem: Problem, requirements: Requirements
 ) -> Iterator[str]:
-    """Every row of a solved shard of swarm size n whose claims are wrong, with the reason.
-
-    Args:
-        table: rows.
-        n: swarm size.
-        problem: that they are meant to solve.
-        requirements: that their plans are meant to satisfy.
-    """
+    """Every row of a solved shard of swarm size n whose claims are wrong, with the reason."""
     names = table["scenario_id"].to_pylist()
     is_solved = pc.equal(table["status"], SOLVED)
     planned = np.array([table[c].is_valid().to_numpy() for c in PLANNED])

@@ -45,12 +45,7 @@ def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard])
 def read_solved(
     folder: Folder, manifest: Manifest, shard: Shard, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """The rows of a solved shard, or some of their columns.
-
-    Raises:
-        InputError: where it cannot be read, has another digest than the manifest gives it, or was
-            made with other settings than the manifest has.
-    """
+    """The rows of a solved shard, or some of their columns; InputError where it is damaged."""
     name = shard.solved
     try:
         table = read_shard(folder, name, manifest.shards[name], shard.most, columns)
@@ -67,13 +62,9 @@ def read_solved(
 def solved_rows(
     where: Where | Folder, n: int, split: str | None = None, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Rows of one swarm size, in order of their index.
+    """Rows of one swarm size and a split, or all, in order of their index.
 
-    Args:
-        where: a solved dataset.
-        n: swarm size.
-        split: "train", "valid" or "test", or all.
-        columns: columns to read besides ``split`` and ``status``, or all.
+    Of columns, those asked for, ``split`` and ``status`` are read, or all.
 
     Raises:
         InputError: where there is no dataset, the size is not in it, it is not solved, or a
@@ -89,11 +80,7 @@ def solved_rows(
 
 
 def examples(where: Where | Folder, n: int, split: str) -> Examples:
-    """Solved instances of a split as arrays; the others are left out.
-
-    Raises:
-        InputError: as in ``solved_rows``, or where no instance of the split is solved.
-    """
+    """Solved instances of a split as arrays; InputError also where none is solved."""
     found = _examples(solved_rows(where, n, split, LEARNED), n)
     if len(found) == 0:
         raise _no_examples(where, n, split)
@@ -108,8 +95,8 @@ class ExampleStream:
         folder: a solved dataset.
         manifest: of it.
         n: number of spacecraft in each instance.
-        split: "train", "valid" or "test".
-        shards: those that hold them; each is a part.
+        split: that they are of.
+        shards: that hold them; each is a part.
         count: number of instances.
         buffer: instances that may be held at once, beside the shard that is being read.
     """
@@ -148,11 +135,7 @@ def examples_within(
 ) -> ExampleSource:
     """Solved instances of a split: loaded once where they fit into memory, else streamed.
 
-    Args:
-        where: a solved dataset; instances that are not solved are left out.
-        n: swarm size.
-        split: "train", "valid" or "test".
-        memory: bytes that they may take, encoding included.
+    ``memory`` is in bytes, encoding included.
 
     Raises:
         InputError: as in ``examples``, or where memory is no positive number.

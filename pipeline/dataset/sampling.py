@@ -6,13 +6,14 @@ are refused.
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from functools import partial
 
 from pipeline.dataset.manifest import (
+    OWNED,
     TOP,
     MadeWith,
     Manifest,
     Shard,
-    dataset_ledger,
     is_begun,
     read_manifest,
 )
@@ -25,7 +26,7 @@ from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import draw
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import NewShard, write_shards
+from pipeline.storage.ledger import NewShard, open_ledger, write_shards
 from pipeline.storage.shards import encode
 
 SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scipy", "pyarrow")
@@ -40,14 +41,9 @@ def sample(
     jobs: int = -1,
     progress: Progress = SILENT,
 ) -> Manifest:
-    """Draw the scenarios of each swarm size into a folder; shards that are there are kept.
+    """Draw samples, by swarm size, into a new folder or one begun with the same settings.
 
-    Args:
-        where: dataset folder, new or begun with the same settings.
-        samples: how to draw, by swarm size.
-        problem: the problem of all scenarios.
-        jobs: processes.
-        progress: told how far it is.
+    Shards that are there are kept.
 
     Raises:
         InputError: for settings that cannot be sampled or differ from those of the folder.
@@ -58,7 +54,8 @@ def sample(
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
     _refuse_foreign(folder)
-    with dataset_ledger(folder, lambda: _begin(folder, samples, problem), progress) as ledger:
+    begin = partial(_begin, folder, samples, problem)
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
         lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
         write_shards(ledger, draw_shard, lost, workers, progress)
     return ledger.manifest

@@ -26,81 +26,80 @@ FAMILY = "prolearn.dataset/"
 
 SCHEMA = f"{FAMILY}2"
 
-NUMBERS = pa.list_(pa.field("element", pa.float64(), nullable=False))
 
-SCENARIO_FIELDS = [
-    pa.field("scenario_id", pa.string(), nullable=False),
-    pa.field("n_spacecraft", pa.int32(), nullable=False),
-    pa.field("family", pa.string(), nullable=False),
-    pa.field("split", pa.string(), nullable=False),
-    pa.field("initial", NUMBERS, nullable=False),
-    pa.field("goal", NUMBERS, nullable=False),
-]
+@dataclass(frozen=True)
+class Column:
+    """A column of the data.
 
-SOLVED_FIELDS = [
-    *SCENARIO_FIELDS,
-    pa.field("status", pa.string(), nullable=False),
-    pa.field("states", NUMBERS),
-    pa.field("controls", NUMBERS),
-    pa.field("fuel", pa.float64()),
-    pa.field("fuel_lower_bound", pa.float64()),
-    pa.field("optimality_gap", pa.float64()),
-    pa.field("node_collisions", pa.int32()),
-    pa.field("min_separation", pa.float64()),
-    pa.field("convex_solves", pa.int32()),
-]
-"""What depends on a plan is null where there is none."""
+    Attributes:
+        name: in the file.
+        type: of its values.
+        meaning: in Markdown.
+        unit: of its numbers, or nothing.
+        shape: of its lists of doubles, in row-major order.
+        nullable: since it depends on a plan, which may not exist.
+    """
+
+    name: str
+    type: pa.DataType
+    meaning: str
+    unit: str = ""
+    shape: str = ""
+    nullable: bool = False
+
+    @property
+    def field(self) -> pa.Field:
+        """In Arrow's schema."""
+        return pa.field(self.name, self.type, nullable=self.nullable)
+
+
+TEXT, INTEGER, REAL = pa.string(), pa.int32(), pa.float64()
+LIST = pa.list_(pa.field("element", REAL, nullable=False))
+
+SCENARIO_COLUMNS = (
+    Column("scenario_id", TEXT, "family, seed, n, split and index in it"),
+    Column("n_spacecraft", INTEGER, "n"),
+    Column("family", TEXT, "`rings`, ..."),
+    Column("split", TEXT, "`train`, `valid` or `test`"),
+    Column("initial", LIST, "x y z vx vy vz of each craft at the first node", "m, m/s", "n·6"),
+    Column("goal", LIST, "the same at the last node", "m, m/s", "n·6"),
+)
+STATES = "x y z vx vy vz of each craft at each node"
+CONTROLS = "x y z of each craft's thrust acceleration, constant over each interval"
+FUEL = "Σ‖u‖₁ over craft and intervals; times Δt it is Δv in m/s"
+BOUND = "proven: no transfer, safe or not, needs less"
+PLAN_COLUMNS = (
+    Column("status", TEXT, "`solved`, or why not: `infeasible` (proven), `unsolved`, `unsafe`"),
+    Column("states", LIST, STATES, "m, m/s", "n·T·6", nullable=True),
+    Column("controls", LIST, CONTROLS, "m/s²", "n·(T-1)·3", nullable=True),
+    Column("fuel", REAL, FUEL, "m/s²", nullable=True),
+    Column("fuel_lower_bound", REAL, BOUND, "m/s²", nullable=True),
+    Column("optimality_gap", REAL, "fuel / fuel_lower_bound - 1", nullable=True),
+    Column(
+        "node_collisions", INTEGER, "pairs and nodes within the collision radius", nullable=True
+    ),
+    Column("min_separation", REAL, "least distance of any pair at any time", "m", nullable=True),
+    Column("convex_solves", INTEGER, "convex programs that the plan took", nullable=True),
+)
+COLUMNS = (*SCENARIO_COLUMNS, *PLAN_COLUMNS)
+
+SCENARIO_FIELDS = [column.field for column in SCENARIO_COLUMNS]
+SOLVED_FIELDS = [column.field for column in COLUMNS]
 
 TIMING_FIELDS = [
-    pa.field("scenario_id", pa.string(), nullable=False),
-    pa.field("message", pa.string()),
-    *(pa.field(stage, pa.float64()) for stage in ("own_optima", "search", "plan", "certificate")),
+    pa.field("scenario_id", TEXT, nullable=False),
+    pa.field("message", TEXT),
+    *(pa.field(stage, REAL) for stage in ("own_optima", "search", "plan", "certificate")),
 ]
-
-SHAPES = {"initial": "n·6", "goal": "n·6", "states": "n·T·6", "controls": "n·(T-1)·3"}
-"""Shapes of the lists of doubles."""
-
-MEANINGS = {
-    "scenario_id": ("", "family, seed, n, split and index in it"),
-    "n_spacecraft": ("", "n"),
-    "family": ("", "`rings`, ..."),
-    "split": ("", "`train`, `valid` or `test`"),
-    "initial": ("m, m/s", "x y z vx vy vz of each craft at the first node"),
-    "goal": ("m, m/s", "the same at the last node"),
-    "status": ("", "`solved`, or why not: `infeasible` (proven), `unsolved`, `unsafe`"),
-    "states": ("m, m/s", "x y z vx vy vz of each craft at each node"),
-    "controls": (
-        "m/s²",
-        "x y z of each craft's thrust acceleration, constant over each interval",
-    ),
-    "fuel": ("m/s²", "Σ‖u‖₁ over craft and intervals; times Δt it is Δv in m/s"),
-    "fuel_lower_bound": ("m/s²", "proven: no transfer, safe or not, needs less"),
-    "optimality_gap": ("", "fuel / fuel_lower_bound - 1"),
-    "node_collisions": ("", "pairs and nodes within the collision radius"),
-    "min_separation": ("m", "least distance of any pair at any time"),
-    "convex_solves": ("", "convex programs that the plan took"),
-}
-"""Unit and meaning of each column, in Markdown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The expert's result for a scenario.
-
-    Attributes:
-        status: as in a plan.
-        message: why there is no plan, or nothing.
-        plan: the plan, unless the expert failed before it had any.
-    """
+    """The expert's result for a scenario: a plan's status, and a plan or why there is none."""
 
     status: str
     message: str = ""
     plan: Plan | None = None
-
-
-def column_type(field: pa.Field) -> str:
-    """Arrow's name of a column's type, or the shape of its lists."""
-    return f"list of {SHAPES[field.name]} doubles" if field.name in SHAPES else str(field.type)
 
 
 def metadata(
@@ -144,21 +143,14 @@ def solved_table(
     scenarios: pa.Table, outcomes: Sequence[Outcome], meta: Mapping[bytes, bytes]
 ) -> pa.Table:
     """A table of SOLVED_FIELDS: scenarios with their outcomes."""
-    found = pa.Table.from_pylist(
-        [_outcome_row(one) for one in outcomes], pa.schema(SOLVED_FIELDS[len(SCENARIO_FIELDS) :])
-    )
+    schema = pa.schema([column.field for column in PLAN_COLUMNS])
+    found = pa.Table.from_pylist([_outcome_row(one) for one in outcomes], schema)
     columns = [*scenarios.columns, *found.columns]
     return pa.Table.from_arrays(columns, schema=pa.schema(SOLVED_FIELDS, metadata=dict(meta)))
 
 
 def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome], digest: str) -> pa.Table:
-    """A table of TIMING_FIELDS, kept beside the data since no two runs agree on it.
-
-    Args:
-        scenarios: of the shard.
-        outcomes: of its scenarios.
-        digest: of the solved shard.
-    """
+    """Timings of the solved shard with a digest, kept apart since no two runs agree on them."""
     names = scenarios["scenario_id"].to_pylist()
     rows = [
         {"scenario_id": k, "message": one.message or None, **(one.plan.timing if one.plan else {})}

@@ -2,14 +2,15 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pyarrow as pa
 
 from pipeline.dataset.manifest import (
+    OWNED,
     Manifest,
     Shard,
-    dataset_ledger,
     read_manifest,
     recorded,
     requirements_of,
@@ -30,7 +31,7 @@ from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger, NewShard, write_shards
+from pipeline.storage.ledger import Ledger, NewShard, open_ledger, write_shards
 from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
 PLANNING = ("orbit", "scenario", "plan", "expert")
@@ -61,14 +62,7 @@ def solve(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> Manifest:
-    """Solve what is not solved yet; damaged shards are done again.
-
-    Args:
-        where: a sampled dataset.
-        settings: of the expert.
-        requirements: what the plans must satisfy.
-        workers: what to solve it with; all cores of this machine by default.
-        progress: told how far it is.
+    """Solve what is not solved yet of a sampled dataset; damaged shards are done again.
 
     Raises:
         InputError: where the folder holds no dataset, another process writes to it, or it was
@@ -77,8 +71,8 @@ def solve(
     """
     folder = open_folder(where)
     read_manifest(folder)  # before the lock, which would make a folder
-    begin = lambda: _begin(folder, settings, requirements)  # noqa: E731
-    with dataset_ledger(folder, begin, progress) as ledger:
+    begin = partial(_begin, folder, settings, requirements)
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
         complete(ledger, workers or Workers(), progress)
     return ledger.manifest
 
@@ -86,14 +80,7 @@ def solve(
 def complete(
     ledger: Ledger[Manifest], workers: Workers, progress: Progress, leave: Collection[str] = ()
 ) -> None:
-    """Draw and, once settings for that are known, solve whatever is missing or damaged.
-
-    Args:
-        ledger: of a folder that is held for writing.
-        workers: what to work with.
-        progress: told how far it is.
-        leave: files whose shards are left alone.
-    """
+    """Draw and, once that has begun, solve what is missing or damaged, but for files to leave."""
     folder, manifest = ledger.folder, ledger.manifest
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
     lost = [s for s in shards if not ledger.is_sound(s.scenarios)]
@@ -108,7 +95,7 @@ def complete(
 
 
 def _begin(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:
-    """The manifest of the folder with these settings, where it was begun with no others."""
+    """The manifest with these settings, where the folder was begun with no others."""
     manifest, now = read_manifest(folder), recorded(settings, requirements)
     if manifest.solve:
         refuse_change(str(folder), manifest.solve, now)

@@ -78,12 +78,7 @@ class Check:
 def verify(
     where: Where | Folder, *, workers: Workers | None = None, progress: Progress = SILENT
 ) -> Iterator[Fault]:
-    """Every fault of a dataset, as it is found.
-
-    Args:
-        where: a dataset; one that is sampled and not yet solved is checked as such.
-        workers: what to verify it with; all cores of this machine by default.
-        progress: told how far it is.
+    """Every fault of a dataset, which may not be solved yet, as it is found.
 
     Raises:
         InputError: where the folder holds no dataset, or neither its manifest nor the copy of
@@ -116,16 +111,11 @@ def repair(
 ) -> list[Fault]:
     """Do again exactly the shards that have faults, and set foreign files aside.
 
-    Damaged files that are replaced are kept in ``_damaged/``, foreign ones in ``_foreign/``.
-
-    Args:
-        where: a dataset.
-        yes: also set files aside that hold sound rows, which are not what the manifest says.
-        workers: what to work with; all cores of this machine by default.
-        progress: told how far it is, and of each file that is set aside.
+    Damaged files that are replaced are kept in ``_damaged/``, foreign ones in ``_foreign/``. Files
+    with sound rows that are not what the manifest says are set aside with ``yes`` only.
 
     Returns:
-        The faults that were found; without ``yes`` those of files with sound rows are still there.
+        The faults that were found.
 
     Raises:
         InputError: where the folder holds no dataset, another process writes to it, or it was

@@ -43,10 +43,10 @@ class ClosedLoop:
     """Trials side by side, each replanned at every node but the first; a ``Guidance``.
 
     Attributes:
-        unsafe: nodes of each trial at which no plan to the goal was found that is safe from the
-            estimate, so that the least unsafe one was flown, (K,).
-        seconds: what each trial's plan took at each node, (K, intervals); NaN where no planner was
-            asked: at the first node, and with one or two intervals left.
+        unsafe: number of nodes of each trial at which no known plan to the goal was safe from the
+            estimate, (K,).
+        seconds: of planning for each trial at each node, (K, intervals); NaN at the first node and
+            with one or two intervals left, where no planner is asked.
     """
 
     def __init__(
@@ -57,15 +57,7 @@ class ClosedLoop:
         trials: int,
         margin: float = 0.0,
     ) -> None:
-        """Begin with a plan.
-
-        Args:
-            scenario: what the swarm is to do.
-            controls: of the plan that is under way from the first node on, m/s².
-            planner: that replans.
-            trials: how many.
-            margin: asked for beyond the collision radius, m, where estimates allow it.
-        """
+        """Begin with a plan's controls, m/s²; ask for a margin, m, where estimates allow it."""
         self._scenario, self._planner, self._margin = scenario, planner, margin
         self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
@@ -165,9 +157,9 @@ class Choice:
 
         Args:
             problem: of what is left.
-            estimate: estimated states, m and m/s.
-            under_way: its controls, m/s².
-            allowance: fuel beyond its own which more separation than r_col may cost, m/s².
+            estimate: of states, m and m/s.
+            under_way: controls, m/s².
+            allowance: fuel beyond theirs that more separation than r_col may cost, m/s².
         """
         self._problem, self._estimate = problem, estimate
         self.controls = self._within_limit(under_way)
@@ -184,7 +176,7 @@ class Choice:
         must turn round for it, the plan counts as none.
 
         Args:
-            which: trials, all of them open.
+            which: open trials.
             plans: for each of them.
             radius: separation that was asked for, m.
         """

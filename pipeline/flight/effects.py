@@ -31,12 +31,7 @@ FURTHEST = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A plan's controls as flown.
-
-    Attributes:
-        states: at the nodes, LVLH, m and m/s.
-        nearest: the least separation of any pair at any time.
-    """
+    """Node states, LVLH, m and m/s, of controls as flown, and the least separation at any time."""
 
     states: Float[Array, "n T 6"]
     nearest: Separation
@@ -122,11 +117,7 @@ def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, W
 
 
 def refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"]) -> None:
-    """Refuse controls (m/s²) that lead too far away, or are NaN.
-
-    Raises:
-        InputError: naming the craft, and how far.
-    """
+    """Raise InputError for controls (m/s²) that lead a craft too far away, or are NaN."""
     problem = scenario.problem
     with np.errstate(over="ignore", invalid="ignore"):
         far = norm(fly(scenario.initial, controls, problem)[..., :3]).max(axis=1)

@@ -35,13 +35,9 @@ Controls = Float[Array, "n intervals 3"]
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A way to fly a transfer.
+    """A way to fly a plan's controls, m/s²: in open loop, or with a planner that replans.
 
-    Attributes:
-        name: in tables and folders.
-        controls: of the plan at the first node, m/s².
-        planner: that replans at each node, or None in open loop.
-        margin: asked for beyond the collision radius when replanning, m.
+    A margin, m, is asked for beyond the collision radius when replanning.
     """
 
     name: str
@@ -66,14 +62,9 @@ def flight_loops(
     planner: Planner | None = None,
     margin: float | None = None,
 ) -> Iterator[Loop]:
-    """The open loop of a plan's controls and, with a planner, the two that it replans in.
+    """The open loop of a plan's controls, m/s², and with a planner the two that it replans in.
 
-    Args:
-        scenario: of the plan.
-        controls: of the plan, m/s².
-        errors: that the default margin covers.
-        planner: that replans, or None.
-        margin: asked for in the last loop, m, as far as there is room; by default for ``errors``.
+    The last one asks for a margin, m, as far as there is room; by default the one for ``errors``.
     """
     yield Loop(OPEN, controls)
     if planner is None:

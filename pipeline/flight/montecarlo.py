@@ -99,15 +99,7 @@ class Manifest:
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """All that decides what trials are, but for the loop.
-
-    Attributes:
-        scenario: what the swarm is to do.
-        world: in which it moves.
-        errors: of navigation and thrust.
-        seed: root seed.
-        portion: trials in a shard.
-    """
+    """All that decides what trials are, but for the loop; ``portion`` trials are a shard."""
 
     scenario: Scenario
     world: World
@@ -146,14 +138,7 @@ class MonteCarlo:
 
 @dataclass(frozen=True, eq=False)
 class Portion:
-    """Some trials of a loop, which become a shard.
-
-    Attributes:
-        of: the Monte Carlo.
-        loop: in which they are flown.
-        number: of the shard.
-        rows: trials, at most as many as a shard has rows.
-    """
+    """Some trials of a loop, the rows of a shard."""
 
     of: MonteCarlo
     loop: Loop
@@ -193,15 +178,7 @@ def fly_all(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, pa.Table]:
-    """Fly what is not flown yet; the trials of each loop, by its name.
-
-    Args:
-        where: folder, new or begun with the same settings.
-        of: what is flown.
-        loops: in how many ways.
-        trials: of each.
-        workers: what to fly with; all cores of this machine by default.
-        progress: told how far it is.
+    """Fly what is not flown yet of so many trials of each loop; all of them, by the loop's name.
 
     Raises:
         InputError: for no trials, where another process writes to the folder, or where it was
@@ -232,10 +209,9 @@ def _portions(of: MonteCarlo, loop: Loop, trials: int) -> Iterator[Portion]:
 
 
 def _is_done(ledger: Ledger[Manifest], portion: Portion) -> bool:
-    """Whether a shard is there, sound, with its timings and the rows that are asked for.
+    """Whether a shard is sound, with its timings and the rows that are asked for.
 
-    Raises:
-        InputError: where it was made with other settings or versions.
+    InputError where it was made with other settings or versions.
     """
     name, folder, listed = portion.path, ledger.folder, ledger.manifest.shards
     if name in listed and not ledger.is_sound(name):

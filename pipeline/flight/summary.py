@@ -1,15 +1,45 @@
-"""Summary of trials: how often craft come close, how far from their goals they end, and Δv."""
+"""Summary and figure of trials: how close craft come, how far from their goals they end, and Δv."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from pipeline.exhibits.axes import fit_scale
 from pipeline.exhibits.intervals import Interval, wilson
+from pipeline.exhibits.style import (
+    CONFLICT_COLOUR,
+    GOAL_COLOUR,
+    GREY,
+    INITIAL_COLOUR,
+    PAGE_WIDTH,
+    in_style,
+)
 
 HIGH = 0.95
 """The quantile of fields whose names end in ``high``."""
+
+
+HEIGHT = 3.1
+"""Of the figure, inches."""
+
+LINES: Sequence[Mapping[str, Any]] = (
+    {"color": CONFLICT_COLOUR, "linestyle": "--", "zorder": 3},
+    {"color": INITIAL_COLOUR, "linestyle": "-.", "zorder": 4},
+    {"color": GOAL_COLOUR, "linewidth": 3.0, "alpha": 0.5, "zorder": 2},
+)
+"""Of loops, in their order; the last is wide and below, since the one before may run along it."""
+
+PANELS = {
+    "min_separation": "least separation (m)",
+    "goal_error": "error at the goal (m)",
+    "delta_v": "Δv of all craft (m/s)",
+}
+"""Columns that are shown, with their axes' labels."""
 
 
 @dataclass(frozen=True)
@@ -59,15 +89,10 @@ class Summary:
 def summarize(
     loop: str, planner: str | None, margin: float, rows: pa.Table, radius: float, size: float
 ) -> Summary:
-    """The trials of a loop in numbers.
+    """The trials of a loop, a row each, in numbers.
 
-    Args:
-        loop: its name.
-        planner: of its planner, or None.
-        margin: of it, m.
-        rows: a row a trial.
-        radius: r_col, m.
-        size: physical size, m: the distance of two craft's centres at which they may touch.
+    The margin, the collision radius and the physical size, at which the centres of two craft are
+    when they may touch, are in m.
     """
     alone = rows["min_separation"].null_count > 0
     apart = np.zeros(0) if alone else rows["min_separation"].to_numpy()
@@ -91,4 +116,45 @@ def summarize(
         unsafe_replans=float(rows["unsafe_replans"].to_numpy().mean()) if planner else None,
         replan_seconds=float(np.median(taken)) if len(taken) else None,
         **found,
+    )
+
+
+@in_style
+def trials_figure(tables: Mapping[str, pa.Table], radius: float, size: float, title: str) -> Figure:
+    """For each quantity the share of trials at or below a value, a line a loop.
+
+    The collision radius, m, is marked, and the physical size, m, where trials come near it.
+    """
+    figure = Figure(figsize=(PAGE_WIDTH, HEIGHT), layout="constrained")
+    panels = figure.subplots(1, len(PANELS), sharey=True)
+    for ax, (column, label) in zip(panels, PANELS.items(), strict=True):
+        values = [table[column].drop_null().to_numpy() for table in tables.values()]
+        for loop, found, line in zip(tables, values, LINES, strict=False):
+            if len(found):
+                ax.ecdf(found, label=loop, **line)
+        fit_scale(ax, "x", np.concatenate(values).tolist())
+        ax.set_ylim(-0.02, 1.02)
+        ax.set_xlabel(label)
+    panels[0].set_ylabel("share of trials at or below")
+    _mark(panels[0], radius, "r_col")
+    if panels[0].get_xlim()[0] < 2 * size:
+        _mark(panels[0], size, "size")
+    figure.suptitle(title, x=0.01, ha="left")
+    handles, labels = panels[1].get_legend_handles_labels()
+    if len(tables) > 1:
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(tables))
+    return figure
+
+
+def _mark(ax: Axes, distance: float, label: str) -> None:
+    """A line at a distance, with its name at the top."""
+    ax.axvline(distance, color=GREY, linewidth=0.9)
+    ax.annotate(
+        label,
+        (distance, 1.0),
+        xycoords=ax.get_xaxis_transform(),
+        xytext=(2, 1),
+        textcoords="offset points",
+        color=GREY,
+        fontsize=7.5,
     )

@@ -21,7 +21,6 @@ class Guidance(Protocol):
 
     def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
         """Controls, m/s², from estimates, m and m/s; called for each node once, in order."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +61,6 @@ def fly_trials(
     The scenario's initial states are the estimates at the first node; craft are where those and
     the navigation errors put them. At a node the rest of a late burn is still to come; the ends of
     trials are evaluated after it.
-
-    Args:
-        scenario: what the swarm is to do.
-        world: in which it moves.
-        guidance: of the craft.
-        drawn: random numbers of the trials.
-        errors: standard deviations to scale them by.
     """
     problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
     h, e, shape = problem.time_step, problem.mean_motion, (trials, n)

@@ -50,7 +50,6 @@ class World(Protocol):
             duration: of the arc, s.
             pieces: into which it is cut.
         """
-        ...
 
 
 @dataclass(frozen=True)

@@ -33,13 +33,9 @@ COUNT_SECONDS = 2.0
 
 @contextmanager
 def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Iterator["Cluster"]:
-    """The pool of a cluster.
+    """The pool of the cluster of a scheduler.
 
-    Args:
-        scheduler: address of its scheduler.
-        wait: seconds in which a lost scheduler may come back.
-        again: whether it was there before, so that it and its workers are waited for.
-        progress: told where it has come back without workers.
+    A scheduler that was there before (``again``) is waited for, so many seconds, and its workers.
 
     Raises:
         ProlearnError: where no scheduler answers, or a new one has no workers.

@@ -38,12 +38,11 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workers:
-    """Where tasks are done.
+    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster.
 
     Attributes:
-        jobs: processes on this machine; -1 for one a core. A cluster uses all that it has.
-        scheduler: address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786, or None for
-            this machine.
+        jobs: processes.
+        scheduler: address of a cluster's scheduler, such as tcp://10.0.0.1:8786, or None.
         scheduler_wait: seconds in which a lost scheduler may come back.
     """
 
@@ -68,13 +67,8 @@ class Workers:
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
-        What a killed worker or a lost scheduler had in hand is done again.
-
-        Args:
-            function: what to do, importable on every worker.
-            tasks: what to do it with.
-            load: what else a task needs, read here when its turn comes; pickled for the worker.
-            progress: told of workers that are lost.
+        What a killed worker or a lost scheduler had in hand is done again. ``function`` is
+        importable on every worker; ``load`` reads here what else a task needs when its turn comes.
 
         Raises:
             ProlearnError: where workers are killed again and again, none can be had, or a lost

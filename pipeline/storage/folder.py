@@ -80,11 +80,7 @@ class Folder:
         return (info.size, info.mtime_ns) if known else None
 
     def read(self, name: str) -> bytes:
-        """A file's content.
-
-        Raises:
-            OSError: where it cannot be read.
-        """
+        """A file's content; OSError where it cannot be read."""
         with self._without_secrets(), self.files.open_input_file(name) as file:
             return file.read()
 
@@ -152,12 +148,7 @@ class Folder:
 
 
 def open_folder(where: Where | Folder) -> Folder:
-    """The folder at a path or URL, which need not exist yet.
-
-    Raises:
-        InputError: for a URL of no known filesystem, or a file:// URL of another machine.
-        ProlearnError: where the filesystem is not reached.
-    """
+    """The folder at a path or URL, which need not exist yet; InputError for an unknown kind."""
     if isinstance(where, Folder):
         return where
     url = str(where)

@@ -33,12 +33,7 @@ def write_checked(folder: Folder, name: str, fields: Mapping[str, Any], copy: st
 
 
 def read_checked(folder: Folder, name: str) -> dict[str, Any]:
-    """The fields of a JSON document, without its checksum.
-
-    Raises:
-        OSError: where it cannot be read.
-        ValueError: where it is no JSON object or its checksum is wrong.
-    """
+    """The fields of a JSON document; OSError or ValueError where it is not as it was written."""
     fields = parsed(folder.read(name))
     if not isinstance(fields, dict):
         raise ValueError("it is no JSON object")
@@ -54,11 +49,9 @@ class Manifest(Protocol):
     @property
     def shards(self) -> Mapping[str, str]:
         """SHA-256 of each finished shard, by path inside the folder."""
-        ...
 
     def fields(self) -> dict[str, Any]:
         """Fields of its file, JSON-ready."""
-        ...
 
 
 Kind = TypeVar("Kind", bound=Manifest)
@@ -100,13 +93,8 @@ class Ledger(Generic[Kind]):
     ) -> None:
         """Write a shard and its timings into the folder, and commit them at once or a bit later.
 
-        Another file in the shard's place is set aside.
-
-        Args:
-            name: of the shard.
-            content: its bytes.
-            timings: bytes of the timings that belong to it.
-            derived: a shard made from this one, which is dropped where this one has changed.
+        Another file in the shard's place is set aside; ``derived`` is a shard made from this one,
+        which is dropped where this one has changed.
         """
         digest = digest_of(content)
         if self.manifest.shards.get(name, digest) != digest:
@@ -125,13 +113,7 @@ class Ledger(Generic[Kind]):
             self.commit()
 
     def adopt(self, name: str, most: Size, fits: Callable[[pa.Table], bool]) -> bool:
-        """Add a shard that a killed run published and did not commit, if it is whole.
-
-        Args:
-            name: of the shard.
-            most: that it and its timings may hold.
-            fits: whether a table is what belongs in its place.
-        """
+        """Add a shard that a killed run did not commit, if it is whole and belongs in its place."""
         try:
             content, timings = self.folder.read(name), self.folder.read(TIMINGS + name)
             table = decode(content, most)
@@ -179,11 +161,7 @@ class Ledger(Generic[Kind]):
 
 @dataclass(frozen=True)
 class NewShard:
-    """A shard that a worker has made; the arguments of ``Ledger.publish``, and its failures.
-
-    Attributes:
-        failed: how many of its rows have no result, or None where none can fail.
-    """
+    """A shard that a worker has made: arguments of ``Ledger.publish``, and rows without result."""
 
     name: str
     content: bytes
@@ -198,8 +176,7 @@ class Rows(Protocol):
 
     @property
     def rows(self) -> range:
-        """Numbers of the rows."""
-        ...
+        """Their numbers."""
 
 
 Task = TypeVar("Task", bound=Rows)
@@ -249,11 +226,8 @@ def open_ledger(
 ) -> Iterator[Ledger[Kind]]:
     """The ledger of a folder that is held for writing.
 
-    Args:
-        folder: of shards, or where it shall be.
-        owned: pattern of the names of its files, as for ``sole_writer``.
-        begin: its manifest, or an error where it cannot be continued; called once it is held.
-        progress: told of files that are set aside.
+    ``owned`` is the pattern of its files, as for ``sole_writer``; ``begin`` gives its manifest, or
+    an error where it cannot be continued, once the folder is held.
     """
     with sole_writer(folder, owned), committed(Ledger(folder, begin(), progress)) as ledger:
         yield ledger

@@ -23,10 +23,8 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     The lock is the operating system's, so it ends with its holder, however that ends. Object
     stores have none: two runs there both finish, with identical bytes.
 
-    Args:
-        folder: to be held.
-        owned: pattern of the names of its shards and of other files that its writers make;
-            unfinished files of other names are somebody else's, and stay.
+    ``owned`` is the pattern of its shards and of other files that its writers make; unfinished
+    files of other names are somebody else's, and stay.
 
     Raises:
         InputError: where another process holds it.

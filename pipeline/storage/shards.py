@@ -51,11 +51,7 @@ def encode(table: pa.Table) -> bytes:
 
 
 def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> pa.Table:
-    """The table in a shard's bytes, or some of its columns.
-
-    Raises:
-        InputError: where the bytes are damaged, or hold more than they may.
-    """
+    """The table in a shard's bytes; InputError where they are damaged or hold too much."""
     try:
         with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
             _refuse_larger(file.metadata, most)
@@ -73,10 +69,8 @@ def read_shard(
 ) -> pa.Table:
     """The rows of a shard in a folder, or some of their columns.
 
-    The whole file is read, since its SHA-256 is that of all its bytes.
-
-    Raises:
-        InputError: where it cannot be read or has another digest; only what is wrong with it.
+    The whole file is read, since its SHA-256 is that of all its bytes. An InputError has only
+    what is wrong with it, and not its name.
     """
     try:
         content = folder.read(name)
