@@ -16,8 +16,7 @@ DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 """What may have a docstring."""
 
-DIGITS = 12
-"""Hexadecimal digits of a code's digest that are shown."""
+DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 
 
 @cache

@@ -17,8 +17,7 @@ from filelock import FileLock
 
 PREFIX = "prolearn-scratch-"
 SUFFIX = ".lock"
-TOKEN = len(uuid4().hex)
-"""Characters between a prefix and the suffix."""
+TOKEN = len(uuid4().hex)  # characters between a prefix and the suffix
 
 NO_LOCK = (OSError, NotImplementedError)
 """Where a folder cannot be written to, or its file system has no locks."""

@@ -25,23 +25,15 @@ from pipeline.scenario.families import FAMILIES
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.templates import template
 
-LICENCE = "mit"
-"""Of data that come with prolearn: the project's own."""
-
-IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")
-"""How hubs write the name of a licence."""
-
-AGAIN = "data/again"
-"""Folder in the commands that make a dataset once more."""
+LICENCE = "mit"  # of data that come with prolearn: the project's own
+IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
+AGAIN = "data/again"  # folder in the commands that make a dataset once more
 
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
 """Columns that the card has numbers of."""
 
-QUANTILES = (0.5, 0.9, 0.99, 1.0)
-"""Of the optimality gap."""
-
-TYPED_DIGITS = range(-3, 7)
-"""Decimals that a person may have typed of an altitude in m."""
+QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
+TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
 
 
 def write_card(

@@ -17,30 +17,24 @@ class ExampleSource(Protocol):
     @property
     def problem(self) -> Problem:
         """The problem that they share."""
-        ...
 
     @property
     def n(self) -> int:
         """Number of spacecraft in each example."""
-        ...
 
     @property
     def buffer(self) -> int | None:
         """Examples that may be held at once, or None where all of them are in memory."""
-        ...
 
     @property
     def part_count(self) -> int:
         """Number of parts."""
-        ...
 
     def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
         """All examples, part by part, in an order of the parts."""
-        ...
 
     def __len__(self) -> int:
         """Number of examples."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

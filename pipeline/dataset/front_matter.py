@@ -15,8 +15,7 @@ from pipeline.scenario import SPLITS
 HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))
 """Names of our splits on hubs."""
 
-DEFAULT = "default"
-"""The configuration that is loaded where none is named: all swarm sizes."""
+DEFAULT = "default"  # the configuration that is loaded where none is named: all swarm sizes
 
 SIZES = {"n<1K": 1e3, "1K<n<10K": 1e4, "10K<n<100K": 1e5, "100K<n<1M": 1e6, "1M<n<10M": 1e7}
 """Hubs' categories of size, with the number of rows that each stays below."""
@@ -77,7 +76,7 @@ def front_matter(files: Sequence[File], title: str, licence: str) -> str:
             "task_categories": ["robotics"],
             "tags": TAGS,
             "size_categories": [next((k for k, below in SIZES.items() if rows < below), LARGEST)],
-            "configs": [_config(name, some) for name, some in _configurations(files).items()],
+            "configs": _configurations(files),
             "dataset_info": [_info(files)],
         },
         sort_keys=False,
@@ -86,16 +85,13 @@ def front_matter(files: Sequence[File], title: str, licence: str) -> str:
     )
 
 
-def _configurations(files: Sequence[File]) -> Mapping[str, Sequence[File]]:
+def _configurations(files: Sequence[File]) -> list[Mapping[str, Any]]:
     """All files, and those of each swarm size where there are several."""
     by_n = {f"n{n}": some for n, some in _by_size(files)}
-    return {DEFAULT: files} | (by_n if len(by_n) > 1 else {})
-
-
-def _config(name: str, files: Sequence[File]) -> Mapping[str, Any]:
-    splits = files_by_split(files).items()
-    data = [{"split": split, "path": list(_paths(some))} for split, some in splits]
-    return {"config_name": name, "data_files": data}
+    every = {DEFAULT: files} | (by_n if len(by_n) > 1 else {})
+    found = {name: files_by_split(some).items() for name, some in every.items()}
+    paths = {k: [{"split": s, "path": list(_paths(f))} for s, f in v] for k, v in found.items()}
+    return [{"config_name": name, "data_files": data} for name, data in paths.items()]
 
 
 def _paths(files: Sequence[File]) -> Iterator[str]:

@@ -40,11 +40,8 @@ from pipeline.storage.shards import Size
 CARD = "README.md"
 SCENARIOS = "_scenarios/"
 
-SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")
-"""Names of shards."""
-
-OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"
-"""Pattern of the files that a dataset's writers make."""
+SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # names of shards
+OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
 
 BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
 """Files that a dataset may hold beside its shards."""
@@ -52,8 +49,7 @@ BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)
 TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
 """Files and folders directly inside the folder of a dataset."""
 
-MOST_SHARDS = 200_000
-"""In a folder; their list alone takes a second to make."""
+MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
 
 REQUIRED = ("separation", "passive_safety")
 """Requirements that are recorded, beside the settings of the expert."""

@@ -30,8 +30,7 @@ from pipeline.storage.shards import Size, decode, read_metadata
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
 """Columns that every solved row has a value in."""
 
-ANY = Size(rows=100_000, values=10_000_000)
-"""The most that a shard of any dataset may hold."""
+ANY = Size(rows=100_000, values=10_000_000)  # the most that a shard of any dataset may hold
 
 Rows = Bool[Array, "N"]
 

@@ -19,17 +19,11 @@ from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import has_metadata, read_shard
 from pipeline.urls import public_url
 
-LEARNED = ("initial", "goal", "states")
-"""Columns that training reads."""
-
-SELECTED_BY = ("split", "status")
-"""Columns that decide whether a row is an example."""
-
-MEMORY = 2e9
-"""Bytes that training may take for its data by default."""
-
-COPIES = 8
-"""How often examples are in memory while they are read and encoded, at the worst."""
+LEARNED = ("initial", "goal", "states")  # columns that training reads
+SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example
+MEMORY = 2e9  # bytes that training may take for its data by default
+_SOLVED = pc.field("status") == SOLVED
+COPIES = 8  # how often examples are in memory while they are read and encoded, at the worst
 
 
 def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard]) -> None:
@@ -76,7 +70,7 @@ def solved_rows(
     # At least a schema, where no shard has rows of the split.
     shards = _shards(folder, manifest, n, split) or _shards(folder, manifest, n)[:1]
     table = pa.concat_tables([read_solved(folder, manifest, one, wanted) for one in shards])
-    return table if split is None else table.filter(pc.equal(table["split"], split))
+    return table if split is None else table.filter(pc.field("split") == split)
 
 
 def examples(where: Where | Folder, n: int, split: str) -> Examples:
@@ -127,7 +121,7 @@ class ExampleStream:
         for k in range(len(self.shards)) if order is None else order:
             wanted = [*LEARNED, *SELECTED_BY]
             table = read_solved(self.folder, self.manifest, self.shards[k], wanted)
-            yield _examples(table.filter(pc.equal(table["split"], self.split)), self.n)
+            yield _examples(table.filter(pc.field("split") == self.split), self.n)
 
 
 def examples_within(
@@ -145,7 +139,7 @@ def examples_within(
     manifest = read_manifest(folder)
     shards = tuple(_shards(folder, manifest, n, split))
     tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
-    count = sum(_solved_count(table, split) for table in tables)
+    count = sum(len(table.filter((pc.field("split") == split) & _SOLVED)) for table in tables)
     if count == 0:
         raise _no_examples(where, n, split)
     buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
@@ -170,15 +164,10 @@ def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None
 
 
 def _examples(table: pa.Table, n: int) -> Examples:
-    table = table.filter(pc.equal(table["status"], SOLVED))
+    table = table.filter(_SOLVED)
     problem = problem_of(table)
     ends = stacked(table, "initial", n, 6), stacked(table, "goal", n, 6)
     return Examples(problem, *ends, stacked(table, "states", n, problem.nodes, 6))
-
-
-def _solved_count(table: pa.Table, split: str) -> int:
-    wanted = pc.and_(pc.equal(table["split"], split), pc.equal(table["status"], SOLVED))
-    return int(pc.sum(wanted).as_py() or 0)
 
 
 def _no_examples(where: Where | Folder, n: int, split: str) -> InputError:

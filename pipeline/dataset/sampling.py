@@ -8,15 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
 
-from pipeline.dataset.manifest import (
-    OWNED,
-    TOP,
-    MadeWith,
-    Manifest,
-    Shard,
-    is_begun,
-    read_manifest,
-)
+from pipeline.dataset.manifest import OWNED, TOP, MadeWith, Manifest, Shard, is_begun, read_manifest
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import scenario_table
 from pipeline.errors import InputError

@@ -21,8 +21,7 @@ from pipeline.plan import SOLVED, Plan
 from pipeline.scenario import Scenario
 from pipeline.storage.shards import TIMED_KEY, metadata_of, read_metadata
 
-FAMILY = "prolearn.dataset/"
-"""What the schema of every version begins with."""
+FAMILY = "prolearn.dataset/"  # what the schema of every version begins with
 
 SCHEMA = f"{FAMILY}2"
 

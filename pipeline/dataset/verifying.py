@@ -24,8 +24,7 @@ from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger, committed, read_timed, set_aside
-from pipeline.storage.lock import sole_writer
+from pipeline.storage.ledger import Ledger, committed, read_timed, set_aside, sole_writer
 from pipeline.storage.shards import TIMED_KEY, decode, digest_of, has_metadata
 
 DIGEST = "does not have the digest that the manifest gives it"
@@ -33,8 +32,7 @@ CUT_SHORT = "is not in the manifest; the run that made it was cut short"
 UNTIMED = f"is not in {TIMED}"
 NOT_EXPECTED = "does not belong to this dataset"
 
-MOST_BYTES = 2**30
-"""Size of the largest file that is read to be checked; shards have some MB."""
+MOST_BYTES = 2**30  # size of the largest file that is read to be checked; shards have some MB
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from pipeline.orbit.reference import R_EARTH, Reference, radius_at
 MOST_ECCENTRIC = 0.01
 """Up to which a plan for a circular orbit is flown, and bounds on separation hold."""
 
-MOST_BALLISTIC = 100.0
-"""Largest C_D A/m, m²/kg: that of a solar sail."""
+MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
 
 
 @dataclass(frozen=True)

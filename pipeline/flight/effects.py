@@ -22,19 +22,10 @@ from pipeline.orbit.transfer import fly
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 
-PLAN = "plan"
-"""Of the effects' names: the linear model, in which the plan was made."""
+PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
 
 FURTHEST = 0.01
 """Distance from the origin in radii of the reference orbit, within which plans are flown."""
-
-
-@dataclass(frozen=True, eq=False)
-class Flight:
-    """Node states, LVLH, m and m/s, of controls as flown, and the least separation at any time."""
-
-    states: Float[Array, "n T 6"]
-    nearest: Separation
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +34,7 @@ class Effect:
 
     Attributes:
         name: "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag".
-        flight: with it and all before it.
+        nearest: the least separation of any pair at any time.
         errors: state at the end minus goal, m and m/s.
         added: the part of that which was not there without it; all effects' sum to the last errors.
         share: of the last error in position of the craft that misses its goal by most: what was
@@ -51,7 +42,7 @@ class Effect:
     """
 
     name: str
-    flight: Flight
+    nearest: Separation
     errors: Float[Array, "n 6"]
     added: Float[Array, "n 6"]
     share: float
@@ -62,15 +53,15 @@ def fly_controls(
     initial: Float[Array, "n 6"],
     controls: Float[Array, "n intervals 3"],
     problem: Problem,
-) -> Flight:
-    """Fly controls (m/s²) from initial states, each over its interval."""
+) -> tuple[Float[Array, "n T 6"], Separation]:
+    """Node states and least separation at any time of controls (m/s²), flown open loop."""
     e, step = problem.mean_motion, problem.time_step
     pieces, nodes, closest = pieces_for(step, e), [initial], []
     for k, control in enumerate(controls.swapaxes(0, 1)):
         arc = world.arc(nodes[-1], control, k * step, step, pieces)
         nodes.append(arc[:, -1])
         closest.append(nearest(arc[None], k * step, step, e))
-    return Flight(np.stack(nodes, axis=1), reduce(nearer, closest).separation())
+    return np.stack(nodes, axis=1), reduce(nearer, closest).separation()
 
 
 def effects(
@@ -89,14 +80,16 @@ def effects(
     refuse_distance(scenario, controls)
     worlds = [(PLAN, LinearWorld(problem.dynamics)), *_worlds(scenario, conditions)]
     flights = [fly_controls(world, scenario.initial, controls, problem) for _, world in worlds]
-    errors = np.stack([flight.states[:, -1] - goal for flight in flights])
+    errors = np.stack([states[:, -1] - goal for states, _ in flights])
     added = np.diff(errors, axis=0, prepend=np.zeros((1, *goal.shape)))
     worst = int(norm(errors[-1, :, :3]).argmax())
     last = errors[-1, worst, :3]
     shares = np.vecdot(added[:, worst, :3], last) / max(float(last @ last), np.finfo(float).tiny)
     return [
-        Effect(name, *rest)
-        for (name, _), *rest in zip(worlds, flights, errors, added, shares.tolist(), strict=True)
+        Effect(name, least, *rest)
+        for (name, _), (_, least), *rest in zip(
+            worlds, flights, errors, added, shares.tolist(), strict=True
+        )
     ]
 
 
@@ -144,7 +137,7 @@ def flight_report(
     return {
         "planner": plan.planner,
         "status": plan.status,
-        "safe": last.flight.nearest.bound > problem.collision_radius,
+        "safe": last.nearest.bound > problem.collision_radius,
         "collision_radius": problem.collision_radius,
         "conditions": asdict(conditions),
         "fuel": used,
@@ -166,7 +159,7 @@ def flight_report(
 
 
 def _of(effect: Effect) -> dict[str, Any]:
-    nearest = effect.flight.nearest
+    nearest = effect.nearest
     alone = nearest.pair is None
     return {
         "goal_error": _most(effect.errors[:, :3]),

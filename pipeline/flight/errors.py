@@ -142,11 +142,7 @@ class Burns:
 
 
 def burns_made(
-    commanded: Float[Array, "K n 3"],
-    drawn: Draws,
-    interval: int,
-    errors: Errors,
-    time_step: float,
+    commanded: Float[Array, "K n 3"], drawn: Draws, interval: int, errors: Errors, time_step: float
 ) -> Burns:
     """The burns that controls, m/s², commanded over an interval of ``time_step`` s come to.
 

@@ -21,11 +21,8 @@ from pipeline.plan import SOLVED
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
-OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
-"""Names of the loops."""
-
-SIGMAS = 3.0
-"""Standard deviations of a relative position that the default margin covers."""
+OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"  # names of the loops
+SIGMAS = 3.0  # standard deviations of a relative position that the default margin covers
 
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
 """Shares of a margin that are tried in turn at the first node, until there is a safe plan."""

@@ -48,14 +48,9 @@ from pipeline.storage.shards import (
 
 SCHEMA = "prolearn.flight/2"
 
-OWNED = rf"({TIMINGS})?loop=[\w-]+/part-\d{{5,}}\.parquet"
-"""Pattern of the names of shards."""
-
-PORTION = 50
-"""Most trials that are flown side by side, and rows of a shard."""
-
-MOST_TRIALS = 10_000_000
-"""Of one Monte Carlo."""
+OWNED = rf"({TIMINGS})?loop=[\w-]+/part-\d{{5,}}\.parquet"  # pattern of the names of shards
+PORTION = 50  # most trials that are flown side by side, and rows of a shard
+MOST_TRIALS = 10_000_000  # of one Monte Carlo
 
 MADE_BY: DecidedBy = (
     tuple(

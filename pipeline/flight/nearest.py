@@ -20,8 +20,7 @@ from pipeline.orbit.separation import Separation
 SPACING = 1 / 64
 """Angle in rad by which the reference orbit turns in a piece: cubics are then micrometres off."""
 
-WIDEST = 0.05
-"""Widest such angle for which derivatives are bounded here."""
+WIDEST = 0.05  # widest such angle for which derivatives are bounded here
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 
-EARTH_RATE = 7.292115e-5
-"""Of the Earth's rotation, about the inertial z axis, rad/s."""
+EARTH_RATE = 7.292115e-5  # of the Earth's rotation, about the inertial z axis, rad/s
 
 AIR = (
     (150e3, 2.070e-9, 22.523e3),

@@ -20,12 +20,10 @@ from pipeline.exhibits.style import (
     in_style,
 )
 
-HIGH = 0.95
-"""The quantile of fields whose names end in ``high``."""
+HIGH = 0.95  # the quantile of fields whose names end in ``high``
 
 
-HEIGHT = 3.1
-"""Of the figure, inches."""
+HEIGHT = 3.1  # of the figure, inches
 
 LINES: Sequence[Mapping[str, Any]] = (
     {"color": CONFLICT_COLOUR, "linestyle": "--", "zorder": 3},

@@ -18,17 +18,10 @@ from pipeline.urls import public, public_url
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-CONNECT_SECONDS = 10.0
-"""How long a scheduler may take to answer, and then to have a first worker."""
-
-TRY_SECONDS = 0.5
-"""How often a connection to a scheduler is tried."""
-
-CHECK_SECONDS = 1.0
-"""How often the connection is checked while no call ends."""
-
-COUNT_SECONDS = 2.0
-"""How often the workers are counted."""
+CONNECT_SECONDS = 10.0  # how long a scheduler may take to answer, and then to have a first worker
+TRY_SECONDS = 0.5  # how often a connection to a scheduler is tried
+CHECK_SECONDS = 1.0  # how often the connection is checked while no call ends
+COUNT_SECONDS = 2.0  # how often the workers are counted
 
 
 @contextmanager

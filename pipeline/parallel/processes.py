@@ -15,11 +15,8 @@ import joblib
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-SEMAPHORES = Path("/dev/shm")
-"""Where Linux keeps named semaphores, as files."""
-
-PARENT_SECONDS = 0.5
-"""How often a worker checks whether its parent is still there."""
+SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
+PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still there
 
 
 class WorkersLostError(Exception):

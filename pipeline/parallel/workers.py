@@ -19,17 +19,13 @@ from pipeline.parallel.processes import WorkersLostError, run_in_processes
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, version_change
 
-MOST_LOSSES = 3
-"""Times in a row that workers may be lost before a single task is done."""
-
-MOST_JOBS = 1024
-"""Processes on this machine."""
+MOST_LOSSES = 3  # times in a row that workers may be lost before a single task is done
+MOST_JOBS = 1024  # processes on this machine
 
 SCHEDULER_WAIT = 300.0
 """Seconds in which a lost scheduler may come back, unless a person says otherwise."""
 
-MOST_WAIT = 1e7
-"""Longest such wait, s: four months."""
+MOST_WAIT = 1e7  # longest such wait, s: four months
 
 Task = TypeVar("Task")
 Content = TypeVar("Content")

@@ -22,8 +22,7 @@ LOCK, WRITER = "_lock", "_writer"
 TIMINGS, TIMED = "_timings/", "_timings/_manifest.json"
 FOREIGN, DAMAGED = "_foreign/", "_damaged/"
 
-PLACES = ("", "*=*/", "_*/", "_*/*=*/")
-"""Patterns of the folders that writers put files into."""
+PLACES = ("", "*=*/", "_*/", "_*/*=*/")  # patterns of the folders that writers put files into
 
 WRITTEN = "|".join(map(re.escape, (MANIFEST, COPY, STAMPS, WRITER, TIMED)))
 """Pattern of the files beside the shards."""

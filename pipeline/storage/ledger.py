@@ -1,22 +1,39 @@
-"""Writing a folder of shards: shards are published, and then committed to the manifest."""
+"""Writing a folder of shards: one writer at a time publishes them and commits to the manifest."""
 
 import json
+import os
+import re
+import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
+from datetime import datetime
 from itertools import count
+from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
 
 import pyarrow as pa
+from filelock import FileLock, Timeout
 
 from pipeline.documents import parsed, with_checksum, without_checksum
 from pipeline.errors import InputError, ProlearnError
+from pipeline.files import unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
-from pipeline.storage import COPY, DAMAGED, MANIFEST, STAMPS, TIMED, TIMINGS
+from pipeline.storage import (
+    COPY,
+    DAMAGED,
+    LOCK,
+    MANIFEST,
+    PLACES,
+    STAMPS,
+    TIMED,
+    TIMINGS,
+    WRITER,
+    WRITTEN,
+)
 from pipeline.storage.folder import Folder
-from pipeline.storage.lock import sole_writer
 from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode
 
 TIMED_SCHEMA = "prolearn.timings/1"
@@ -205,6 +222,59 @@ def set_aside(folder: Folder, name: str, progress: Progress, top: str = DAMAGED)
     aside = next(one for one in names if one not in there)
     folder.move(name, aside)
     progress.say(f"{name} in {folder} is set aside as {aside}.")
+
+
+@contextmanager
+def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
+    """Hold a folder for writing, and remove the unfinished files of killed writers.
+
+    The lock is the operating system's, so it ends with its holder, however that ends. Object
+    stores have none: two runs there both finish, with identical bytes.
+
+    ``owned`` is the pattern of its shards and of other files that its writers make; unfinished
+    files of other names are somebody else's, and stay.
+
+    Raises:
+        InputError: where another process holds it.
+        ProlearnError: where the folder cannot be written to.
+    """
+    if folder.local is None:
+        yield
+        return
+    with _locked(folder, folder.local):
+        _remove_unfinished(folder, folder.local, re.compile(f"{WRITTEN}|{owned}"))
+        now = datetime.now().astimezone().isoformat(timespec="seconds")
+        writer = f"process {os.getpid()} on {socket.gethostname()}, since {now}"
+        try:
+            folder.publish(WRITER, writer.encode())
+            yield
+        finally:
+            with suppress(ProlearnError):
+                folder.remove(WRITER)
+
+
+def _remove_unfinished(folder: Folder, top: Path, owned: re.Pattern[str]) -> None:
+    for path in [path for place in PLACES for path in top.glob(f"{place}.*.tmp")]:
+        target = unfinished(path)
+        if target and owned.fullmatch(target.relative_to(top).as_posix()) and path.is_file():
+            folder.remove(path.relative_to(top).as_posix())
+
+
+def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        return FileLock(path / LOCK, timeout=0).acquire()
+    except Timeout as error:
+        holder = "another process"
+        with suppress(OSError):
+            holder = folder.read(WRITER).decode()
+        raise InputError(
+            f"{folder} is being written by {holder}; wait for it or give another folder."
+        ) from error
+    except (OSError, NotImplementedError) as error:
+        raise ProlearnError(
+            f"{folder} cannot be written to ({error}); give a folder that can."
+        ) from error
 
 
 @contextmanager

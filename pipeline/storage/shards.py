@@ -16,8 +16,7 @@ from pipeline.storage.folder import Folder
 
 TEXT_COLUMNS = ("family", "split", "status")
 
-METADATA_KEY = b"prolearn"
-"""In the schema's metadata: all that decides the rows, as JSON."""
+METADATA_KEY = b"prolearn"  # in the schema's metadata: all that decides the rows, as JSON
 
 TIMED_KEY = b"prolearn_shard"
 """In the metadata of timings: the SHA-256 of the shard that they belong to."""

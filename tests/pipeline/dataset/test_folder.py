@@ -25,7 +25,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.storage.folder import open_folder
-from pipeline.storage.lock import sole_writer
+from pipeline.storage.ledger import sole_writer
 
 ONE = Workers(jobs=1)
 SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
@@ -178,7 +178,7 @@ def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, sol
 HOLD = """
 import sys, time
 from pipeline.storage.folder import open_folder
-from pipeline.storage.lock import sole_writer
+from pipeline.storage.ledger import sole_writer
 with sole_writer(open_folder(sys.argv[1]), "n=.*"):
     print("held", flush=True)
     time.sleep(60)
