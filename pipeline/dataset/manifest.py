@@ -51,6 +51,9 @@ TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{D
 
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
 
+FORMER_SOLVERS = {"cvxpy": "clarabel"}
+"""Solvers that datasets of earlier versions name, and what is used instead now."""
+
 REQUIRED = ("separation", "passive_safety")
 """Requirements that are recorded, beside the settings of the expert."""
 
@@ -67,7 +70,12 @@ def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any
 
 def settings_of(record: Mapping[str, Any]) -> Settings:
     """The settings of the expert in a record."""
-    return Settings(**{k: v for k, v in record.items() if k not in REQUIRED})
+    return Settings(**{k: v for k, v in _current(record).items() if k not in REQUIRED})
+
+
+def _current(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    solver = record.get("solver")
+    return {**record, "solver": FORMER_SOLVERS[solver]} if solver in FORMER_SOLVERS else record
 
 
 def requirements_of(record: Mapping[str, Any]) -> Requirements:
@@ -78,7 +86,7 @@ def requirements_of(record: Mapping[str, Any]) -> Requirements:
 
 def _checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
     try:
-        TypeAdapter(Settings).validate_python(given)
+        TypeAdapter(Settings).validate_python(_current(given))
         settings_of(given), requirements_of(given)
     except ValidationError as error:
         raise ValueError(first_fault(error)) from None

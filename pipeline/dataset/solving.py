@@ -34,15 +34,11 @@ from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, NewShard, open_ledger, write_shards
 from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
-PLANNING = ("orbit", "scenario", "plan", "expert")
-"""Packages of ours that decide a plan to the last bit."""
-
-
-def solved_by(settings: Settings) -> DecidedBy:
-    """Code of ours and packages that the bytes of plans depend on."""
-    readable = ("cvxpy",) if settings.solver == "cvxpy" else ()
-    packages = ("numpy", "scipy", "pyarrow", "clarabel", "highspy", *readable)
-    return tuple(f"pipeline/{part}" for part in PLANNING), packages
+SOLVED_BY: DecidedBy = (
+    tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "plan", "expert")),
+    ("numpy", "scipy", "pyarrow", "clarabel", "highspy"),
+)
+"""Code of ours and packages that the bytes of plans depend on."""
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
@@ -50,7 +46,7 @@ def refuse_versions(what: object, manifest: Manifest) -> None:
     made = manifest.made_with
     refuse_other_versions(f"{what} was sampled", made.sample, made_with(*SAMPLED_BY))
     if manifest.solve:
-        versions = made_with(*solved_by(settings_of(manifest.solve)))
+        versions = made_with(*SOLVED_BY)
         refuse_other_versions(f"{what} was solved", made.solve, versions)
 
 
@@ -100,7 +96,7 @@ def _begin(folder: Folder, settings: Settings, requirements: Requirements) -> Ma
     if manifest.solve:
         refuse_change(str(folder), manifest.solve, now)
     refuse_versions(folder, manifest)
-    versions = made_with(*solved_by(settings))
+    versions = made_with(*SOLVED_BY)
     return replace(manifest, solve=now, made_with=replace(manifest.made_with, solve=versions))
 
 
@@ -120,7 +116,7 @@ def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
 
 def _solved(shard: Shard, content: bytes) -> NewShard:
     settings, requirements = settings_of(shard.about.solve), requirements_of(shard.about.solve)
-    check_worker(shard.about.made_with.solve, solved_by(settings))
+    check_worker(shard.about.made_with.solve, SOLVED_BY)
     table = decode(content, shard.most)
     outcomes = _outcomes(scenarios_of(table), settings, requirements)
     solved = encode(solved_table(table, outcomes, shard.metadata(shard.solved)))

@@ -20,9 +20,10 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separations
+from pipeline.orbit.separation import least_separations, node_distances
+from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import Plan
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
@@ -43,8 +44,8 @@ class ClosedLoop:
     """Trials side by side, each replanned at every node but the first; a ``Guidance``.
 
     Attributes:
-        unsafe: number of nodes of each trial at which no known plan to the goal was safe from the
-            estimate, (K,).
+        unsafe: number of nodes of each trial at which no known plan to the goal keeps from the
+            estimate what the planner is required to, (K,).
         seconds: of planning for each trial at each node, (K, intervals); NaN at the first node and
             with one or two intervals left, where no planner is asked.
     """
@@ -79,7 +80,8 @@ class ClosedLoop:
     def _replan(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
-        choice = Choice(problem, estimate, corrected, self._allowance)
+        required = self._planner.requirements
+        choice = Choice(problem, estimate, corrected, self._allowance, required)
         if problem.intervals > DETERMINED:
             self._ask(choice, node, estimate, problem)
         self._ahead = choice.controls
@@ -108,7 +110,7 @@ class ClosedLoop:
         weight = np.repeat([1.0, 1.0 / problem.mean_motion], 3)
         nearest = np.linalg.pinv(weight[:, None] * B) * weight
         miss = self._scenario.goal - np.matvec(A, estimate)
-        choice = Choice(problem, estimate, self._ahead)
+        choice = Choice(problem, estimate, self._ahead, requirements=self._planner.requirements)
         choice.offer_end(np.matvec(nearest, miss)[:, :, None])
         self._ahead = choice.controls
         self.unsafe += choice.separation <= problem.collision_radius
@@ -142,7 +144,8 @@ class Choice:
 
     Attributes:
         controls: of the best so far, (K, n, intervals, 3), m/s².
-        separation: no pair comes closer than this on them, from the estimate, (K,), m.
+        separation: no pair comes closer than this on them, from the estimate, (K,), m: at any time
+            or at the nodes, and after a loss of thrust, as is required.
         open: whether none of them is both safe and to the goal, (K,).
     """
 
@@ -152,6 +155,7 @@ class Choice:
         estimate: Float[Array, "K n 6"],
         under_way: SomeControls,
         allowance: float = np.inf,
+        requirements: Requirements = AT_ALL_TIMES,
     ) -> None:
         """Begin with what is under way, corrected for the goal.
 
@@ -160,8 +164,9 @@ class Choice:
             estimate: of states, m and m/s.
             under_way: controls, m/s².
             allowance: fuel beyond theirs that more separation than r_col may cost, m/s².
+            requirements: of separation.
         """
-        self._problem, self._estimate = problem, estimate
+        self._problem, self._estimate, self._requirements = problem, estimate, requirements
         self.controls = self._within_limit(under_way)
         self._most = _fuel(self.controls) + allowance
         self.separation = self._separation(slice(None), self.controls)
@@ -217,8 +222,17 @@ class Choice:
         trials, n, intervals, _ = controls.shape
         initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
         states = _nodes(initial, flat, self._problem)
-        found = least_separations(states, flat, self._problem, side_by_side((n,) * trials))
-        return np.array([one.bound for one in found])
+        if self._requirements.at_nodes:
+            each = states.reshape(trials, n, *states.shape[1:])
+            return node_distances(each).min(axis=(1, 2), initial=np.inf)
+        swarms = side_by_side((n,) * trials)
+        found = least_separations(states, flat, self._problem, swarms)
+        bounds = np.array([one.bound for one in found])
+        orbits = self._requirements.passive_safety
+        if orbits is None or n == 1:
+            return bounds
+        drifting = least_after_loss(states, flat, self._problem, orbits, swarms)
+        return np.minimum(bounds, [np.inf if one is None else one.bound for one in drifting])
 
 
 def _nodes(

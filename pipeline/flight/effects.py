@@ -17,7 +17,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
-from pipeline.orbit.separation import Separation
+from pipeline.orbit.separation import Separation, node_collisions
 from pipeline.orbit.transfer import fly
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
@@ -34,6 +34,7 @@ class Effect:
 
     Attributes:
         name: "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag".
+        states: at the nodes, LVLH, m and m/s.
         nearest: the least separation of any pair at any time.
         errors: state at the end minus goal, m and m/s.
         added: the part of that which was not there without it; all effects' sum to the last errors.
@@ -42,6 +43,7 @@ class Effect:
     """
 
     name: str
+    states: Float[Array, "n T 6"]
     nearest: Separation
     errors: Float[Array, "n 6"]
     added: Float[Array, "n 6"]
@@ -86,8 +88,8 @@ def effects(
     last = errors[-1, worst, :3]
     shares = np.vecdot(added[:, worst, :3], last) / max(float(last @ last), np.finfo(float).tiny)
     return [
-        Effect(name, least, *rest)
-        for (name, _), (_, least), *rest in zip(
+        Effect(name, *flight, *rest)
+        for (name, _), flight, *rest in zip(
             worlds, flights, errors, added, shares.tolist(), strict=True
         )
     ]
@@ -130,14 +132,19 @@ def flight_report(
     """The last flight, with all effects, and under ``effects`` each of them; SI units.
 
     Errors at the goal are distances, of the craft that misses by most. Separations are None for a
-    craft alone.
+    craft alone. It is safe where craft stay apart when the plan was to keep them apart, at all
+    times or at the nodes.
     """
     problem, last = scenario.problem, found[-1]
     used = float(fuel(plan.controls))
+    safe = last.nearest.bound > problem.collision_radius
+    if plan.separation == "nodes":
+        safe = node_collisions(last.states, problem.collision_radius) == 0
     return {
         "planner": plan.planner,
         "status": plan.status,
-        "safe": last.nearest.bound > problem.collision_radius,
+        "separation": plan.separation,
+        "safe": safe,
         "collision_radius": problem.collision_radius,
         "conditions": asdict(conditions),
         "fuel": used,

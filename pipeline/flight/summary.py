@@ -9,14 +9,14 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.exhibits.axes import fit_scale
-from pipeline.exhibits.intervals import Interval, wilson
-from pipeline.exhibits.style import (
+from pipeline.figures.intervals import Interval, wilson
+from pipeline.figures.style import (
     CONFLICT_COLOUR,
     GOAL_COLOUR,
     GREY,
     INITIAL_COLOUR,
     PAGE_WIDTH,
+    fit_scale,
     in_style,
 )
 

@@ -13,6 +13,8 @@ import pytest
 from kills import run_script
 from processes import SOON, workers_of
 
+pytestmark = pytest.mark.system
+
 SCRIPT = """
 import sys
 from pathlib import Path
