@@ -39,19 +39,12 @@ class ExampleSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Examples in memory, which are one part; an ``ExampleSource``.
-
-    Attributes:
-        problem: the problem that they share.
-        initial: initial states, m and m/s.
-        goal: goal states, m and m/s.
-        states: the expert's node states, m and m/s; NaN where it has no plan, None where nobody
-            needs them.
-    """
+    """Examples in memory, which are one part; an ``ExampleSource``. States are in m and m/s."""
 
     problem: Problem
     initial: Float[Array, "N n 6"]
     goal: Float[Array, "N n 6"]
+    # the expert's at the nodes; NaN where it has no plan, None where nobody needs them
     states: Float[Array, "N n T 6"] | None = None
     buffer = None
     part_count = 1

@@ -154,17 +154,11 @@ class Manifest:
 
 @dataclass(frozen=True)
 class Shard:
-    """Some rows of a dataset, with all that decides what they are.
+    """Some rows of a dataset, with all that decides what they are."""
 
-    Attributes:
-        about: the manifest without its digests, which a worker does not need.
-        n: swarm size.
-        number: which of that size's shards.
-    """
-
-    about: Manifest
-    n: int
-    number: int
+    about: Manifest  # the manifest without its digests, which a worker does not need
+    n: int  # swarm size
+    number: int  # which of that size's shards
 
     @property
     def sample(self) -> Sample:

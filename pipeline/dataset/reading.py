@@ -83,25 +83,15 @@ def examples(where: Where | Folder, n: int, split: str) -> Examples:
 
 @dataclass(frozen=True)
 class ExampleStream:
-    """Solved instances of a split that stay on disk; each pass reads them anew.
+    """Solved instances of a split that stay on disk; each pass reads them anew."""
 
-    Attributes:
-        folder: a solved dataset.
-        manifest: of it.
-        n: number of spacecraft in each instance.
-        split: that they are of.
-        shards: that hold them; each is a part.
-        count: number of instances.
-        buffer: instances that may be held at once, beside the shard that is being read.
-    """
-
-    folder: Folder
-    manifest: Manifest
-    n: int
-    split: str
-    shards: tuple[Shard, ...]
-    count: int
-    buffer: int
+    folder: Folder  # a solved dataset
+    manifest: Manifest  # of it
+    n: int  # number of spacecraft in each instance
+    split: str  # that they are of
+    shards: tuple[Shard, ...]  # that hold them; each is a part
+    count: int  # number of instances
+    buffer: int  # instances that may be held at once, beside the shard that is being read
 
     def __len__(self) -> int:
         return self.count

@@ -11,21 +11,14 @@ from pipeline.scenario.families import SEEDS, check_family
 
 @dataclass(frozen=True)
 class Sample:
-    """How the scenarios of one swarm size are drawn.
-
-    Attributes:
-        family: family of scenarios.
-        seed: root seed.
-        count: number of scenarios.
-        shares: shares of train, valid and test, whose rows follow each other in this order.
-        shard_rows: scenarios in a shard.
-    """
+    """How the scenarios of one swarm size are drawn."""
 
     family: str = "rings"
-    seed: int = 0
-    count: int = 1000
+    seed: int = 0  # root seed
+    count: int = 1000  # number of scenarios
+    # of train, valid and test, whose rows follow in this order
     shares: tuple[float, float, float] = (0.8, 0.1, 0.1)
-    shard_rows: int = 250
+    shard_rows: int = 250  # scenarios in a shard
 
     def __post_init__(self) -> None:
         check_family(self.family)

@@ -28,23 +28,14 @@ SCHEMA = f"{FAMILY}2"
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the data.
+    """A column of the data."""
 
-    Attributes:
-        name: in the file.
-        type: of its values.
-        meaning: in Markdown.
-        unit: of its numbers, or nothing.
-        shape: of its lists of doubles, in row-major order.
-        nullable: since it depends on a plan, which may not exist.
-    """
-
-    name: str
-    type: pa.DataType
-    meaning: str
-    unit: str = ""
-    shape: str = ""
-    nullable: bool = False
+    name: str  # in the file
+    type: pa.DataType  # of its values
+    meaning: str  # in Markdown
+    unit: str = ""  # of its numbers, or nothing
+    shape: str = ""  # of its lists of doubles, in row-major order
+    nullable: bool = False  # since it depends on a plan, which may not exist
 
     @property
     def field(self) -> pa.Field:

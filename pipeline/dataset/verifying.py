@@ -37,40 +37,24 @@ MOST_BYTES = 2**30  # size of the largest file that is read to be checked; shard
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of a dataset.
+    """A fault of a dataset."""
 
-    Attributes:
-        path: the file, inside the folder.
-        what: what is wrong with it.
-        foreign: whether it does not belong there at all.
-        sound: whether it holds sound rows all the same, which are not given up unasked.
-    """
-
-    path: str
-    what: str
-    foreign: bool = False
-    sound: bool = False
+    path: str  # the file, inside the folder
+    what: str  # what is wrong with it
+    foreign: bool = False  # whether it does not belong there at all
+    sound: bool = False  # whether it holds sound rows all the same, which are not given up unasked
 
 
 @dataclass(frozen=True)
 class Check:
-    """A file to be checked.
+    """A file to be checked."""
 
-    Attributes:
-        name: the file.
-        kind: of its content.
-        shard: that it is meant to hold, or None where it is foreign.
-        digest: that the manifest gives it, or None.
-        solved: of timings, the digest of the solved instances.
-        counted: rows that it counts for; a scenario that is solved counts once.
-    """
-
-    name: str
-    kind: Literal["scenarios", "solved", "timings", "foreign"]
-    shard: Shard | None = None
-    digest: str | None = None
-    solved: str | None = None
-    counted: int = 0
+    name: str  # the file
+    kind: Literal["scenarios", "solved", "timings", "foreign"]  # of its content
+    shard: Shard | None = None  # that it is meant to hold, or None where it is foreign
+    digest: str | None = None  # that the manifest gives it, or None
+    solved: str | None = None  # of timings, the digest of the solved instances
+    counted: int = 0  # rows that it counts for; a scenario that is solved counts once
 
 
 def verify(

@@ -23,27 +23,17 @@ class Conditions:
 
     Its semi-major axis follows from the problem's mean motion. The default is a frozen,
     sun-synchronous orbit.
-
-    Attributes:
-        eccentricity: from 0 to MOST_ECCENTRIC.
-        inclination_deg: i, deg.
-        raan_deg: Ω, deg.
-        argument_of_perigee_deg: ω, from the ascending node, deg.
-        argument_of_latitude_deg: u, from the ascending node to the origin of the LVLH frame, deg.
-        j2: whether the Earth is oblate.
-        ballistic: C_D A/m in the middle of the swarm and of the reference, m²/kg, or None for no
-            drag.
-        spread: by what share of it the first craft has less, and the last one more; those between
-            are equally spaced.
     """
 
-    eccentricity: float = 0.001
-    inclination_deg: float = 97.4
-    raan_deg: float = 0.0
-    argument_of_perigee_deg: float = 90.0
-    argument_of_latitude_deg: float = 0.0
-    j2: bool = True
+    eccentricity: float = 0.001  # from 0 to MOST_ECCENTRIC
+    inclination_deg: float = 97.4  # i
+    raan_deg: float = 0.0  # Ω
+    argument_of_perigee_deg: float = 90.0  # ω, from the ascending node
+    argument_of_latitude_deg: float = 0.0  # u, from the ascending node to the LVLH frame
+    j2: bool = True  # whether the Earth is oblate
+    # C_D A/m in the middle of the swarm and of the reference, m²/kg; None for no drag
     ballistic: float | None = None
+    # by what share of it the first craft has less, and the last more; equally spaced between
     spread: float = 0.1
 
     def __post_init__(self) -> None:

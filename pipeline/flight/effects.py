@@ -32,21 +32,15 @@ FURTHEST = 0.01
 class Effect:
     """A flight with one effect more than the one before.
 
-    Attributes:
-        name: "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag".
-        states: at the nodes, LVLH, m and m/s.
-        nearest: the least separation of any pair at any time.
-        errors: state at the end minus goal, m and m/s.
-        added: the part of that which was not there without it; all effects' sum to the last errors.
-        share: of the last error in position of the craft that misses its goal by most: what was
-            added to its, along it. Shares sum to 1; below 0, the effect cancels others.
+    The share of an effect is of the last error in position of the craft that misses its goal by
+    most: what was added to its, along it. Shares sum to 1; below 0, the effect cancels others.
     """
 
-    name: str
-    states: Float[Array, "n T 6"]
-    nearest: Separation
-    errors: Float[Array, "n 6"]
-    added: Float[Array, "n 6"]
+    name: str  # "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag"
+    states: Float[Array, "n T 6"]  # at the nodes, LVLH, m and m/s
+    nearest: Separation  # the least separation of any pair at any time
+    errors: Float[Array, "n 6"]  # state at the end minus goal, m and m/s
+    added: Float[Array, "n 6"]  # to the errors by this effect; their sum is the last errors
     share: float
 
 

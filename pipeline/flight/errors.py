@@ -21,25 +21,17 @@ class Errors(Uncertainty):
     """Standard deviations of Gaussian errors, and how often a burn is missed.
 
     Those of ``Uncertainty`` are drawn anew at each node (position, velocity) and for each burn
-    (magnitude, direction). Position and velocity are errors of the navigation of a craft; a
-    relative position is known √2 times worse. Burns have the four errors of Gates (1963), two
-    proportional to the burn and two fixed.
-
-    Attributes:
-        position_bias: of each component of an estimated position, over a whole transfer, m.
-        velocity_bias: of each component of an estimated velocity, over a whole transfer, m/s.
-        magnitude_fixed: of a burn's Δv along it, whatever its size, m/s.
-        direction_fixed: of a burn's Δv along each axis across it, whatever its size, m/s.
-        timing: of a burn, which begins and ends so much late, or early, s.
-        missed: probability that a burn is not made at all.
+    (magnitude, direction). Position and velocity are errors of the navigation of a craft, in each
+    component; a relative position is known √2 times worse. Burns have the four errors of Gates
+    (1963), two proportional to the burn and two fixed.
     """
 
-    position_bias: float = 0.0
-    velocity_bias: float = 0.0
-    magnitude_fixed: float = 0.0
-    direction_fixed: float = 0.0
-    timing: float = 0.0
-    missed: float = 0.0
+    position_bias: float = 0.0  # of an estimated position, over a whole transfer, m
+    velocity_bias: float = 0.0  # of an estimated velocity, over a whole transfer, m/s
+    magnitude_fixed: float = 0.0  # of a burn's Δv along it, whatever its size, m/s
+    direction_fixed: float = 0.0  # of a burn's Δv along each axis across it, m/s
+    timing: float = 0.0  # of a burn, which begins and ends so much late, or early, s
+    missed: float = 0.0  # probability that a burn is not made at all
 
 
 COLD_GAS = Errors(
@@ -79,20 +71,13 @@ class Draws:
     """Random numbers of K trials of n craft: standard normal, but uniform in 0..1 for ``missed``.
 
     The same trial has the same draws whatever the errors, and however it is flown.
-
-    Attributes:
-        bias: of the estimate of each state.
-        noise: of the same at the node at which each interval begins.
-        burn: of each interval's burn.
-        lag: of the time of each burn.
-        missed: whether a burn is.
     """
 
-    bias: Float[Array, "K n 6"]
-    noise: Float[Array, "K intervals n 6"]
-    burn: Float[Array, "K intervals n 3"]
-    lag: Float[Array, "K intervals n"]
-    missed: Float[Array, "K intervals n"]
+    bias: Float[Array, "K n 6"]  # of the estimate of each state
+    noise: Float[Array, "K intervals n 6"]  # of the same at the node at which each interval begins
+    burn: Float[Array, "K intervals n 3"]  # of each interval's burn
+    lag: Float[Array, "K intervals n"]  # of the time of each burn
+    missed: Float[Array, "K intervals n"]  # whether a burn is
 
 
 def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
@@ -128,17 +113,11 @@ def navigation_error(drawn: Draws, node: int, errors: Errors) -> Float[Array, "K
 
 @dataclass(frozen=True, eq=False)
 class Burns:
-    """Burns as they are made over an interval.
+    """Burns as they are made over an interval."""
 
-    Attributes:
-        held: controls held over it, m/s².
-        late: uτ, the Δv that is missing at its start and added at its end, m/s.
-        missed: number of burns that each trial misses.
-    """
-
-    held: Float[Array, "K n 3"]
-    late: Float[Array, "K n 3"]
-    missed: Int[Array, "K"]
+    held: Float[Array, "K n 3"]  # controls held over it, m/s²
+    late: Float[Array, "K n 3"]  # uτ, the Δv that is missing at its start and added at its end, m/s
+    missed: Int[Array, "K"]  # number of burns that each trial misses
 
 
 def burns_made(

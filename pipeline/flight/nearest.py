@@ -25,21 +25,13 @@ WIDEST = 0.05  # widest such angle for which derivatives are bounded here
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The least separation of any pair of each trial over some time.
+    """The least separation of any pair of each trial over some time."""
 
-    Attributes:
-        distance: the separation attained, m; infinite where there is no pair.
-        bound: no pair is ever closer than this, m; about TOLERANCE below ``distance``.
-        first: first craft of that pair, the one with the lower index; -1 where there is none.
-        second: second craft.
-        time: when, s since the plan's first node.
-    """
-
-    distance: Float[Array, "trials"]
-    bound: Float[Array, "trials"]
-    first: Int[Array, "trials"]
-    second: Int[Array, "trials"]
-    time: Float[Array, "trials"]
+    distance: Float[Array, "trials"]  # attained, m; infinite where there is no pair
+    bound: Float[Array, "trials"]  # no pair is ever closer, m; about TOLERANCE below
+    first: Int[Array, "trials"]  # craft of that pair, with the lower index; -1 if none
+    second: Int[Array, "trials"]  # craft of that pair
+    time: Float[Array, "trials"]  # when, s since the plan's first node
 
     def separation(self, trial: int = 0) -> Separation:
         """That of one trial."""

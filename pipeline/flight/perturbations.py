@@ -35,17 +35,11 @@ AIR = (
 
 @dataclass(frozen=True)
 class Atmosphere:
-    """Air that thins exponentially with height and turns with the Earth.
+    """Air that thins exponentially with height and turns with the Earth."""
 
-    Attributes:
-        base: height of a known density, m.
-        density: there, kg/m³.
-        scale: height in which it falls to 1/e, m.
-    """
-
-    base: float
-    density: float
-    scale: float
+    base: float  # height of a known density, m
+    density: float  # there, kg/m³
+    scale: float  # height in which it falls to 1/e, m
 
     def density_at(self, height: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Density in kg/m³ at heights in m."""

@@ -46,42 +46,27 @@ class Summary:
 
     Separations and errors are in m, velocities and Δv of all craft in m/s. Errors at the goal are
     those of the craft furthest from its goal. Fields of replanning are None in the open loop.
-
-    Attributes:
-        loop: how they were flown.
-        planner: that replanned.
-        margin: asked for beyond r_col, m.
-        trials: how many.
-        within_radius: share in which a pair came within r_col.
-        within_radius_interval: Wilson's interval of that share.
-        within_size: share in which a pair came within the physical size.
-        within_size_interval: Wilson's interval of that share.
-        least_separation: of all trials.
-        separation_median: of the least separation of each trial.
-        missed_burns: mean number in a trial.
-        unsafe_replans: mean number of nodes at which the plan flown was not safe from the estimate.
-        replan_seconds: median time of a plan.
     """
 
-    loop: str
-    planner: str | None
-    margin: float | None
+    loop: str  # how they were flown
+    planner: str | None  # that replanned
+    margin: float | None  # asked for beyond r_col, m
     trials: int
-    within_radius: float | None
-    within_radius_interval: Interval | None
-    within_size: float | None
-    within_size_interval: Interval | None
-    least_separation: float | None
-    separation_median: float | None
+    within_radius: float | None  # share in which a pair came within r_col
+    within_radius_interval: Interval | None  # Wilson's of that share
+    within_size: float | None  # share in which a pair came within the physical size
+    within_size_interval: Interval | None  # Wilson's of that share
+    least_separation: float | None  # of all trials
+    separation_median: float | None  # of the least separation of each trial
     goal_error_median: float
     goal_error_high: float
     goal_velocity_error_median: float
     goal_velocity_error_high: float
     delta_v_median: float
     delta_v_high: float
-    missed_burns: float
-    unsafe_replans: float | None
-    replan_seconds: float | None
+    missed_burns: float  # mean number in a trial
+    unsafe_replans: float | None  # mean number of nodes where the plan flown was unsafe
+    replan_seconds: float | None  # median time of a plan
 
 
 def summarize(

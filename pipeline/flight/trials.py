@@ -36,21 +36,13 @@ class OpenLoop:
 
 @dataclass(frozen=True, eq=False)
 class TrialResults:
-    """Results of K trials.
+    """Results of K trials."""
 
-    Attributes:
-        nearest: the least separation of any pair of each trial at any time.
-        goal_error: of the craft furthest from its goal, m.
-        goal_velocity_error: likewise of velocities, m/s.
-        delta_v: of all craft, Σ‖u‖₁Δt of what was burnt, m/s.
-        missed: number of burns that were not made.
-    """
-
-    nearest: Nearest
-    goal_error: Float[Array, "K"]
-    goal_velocity_error: Float[Array, "K"]
-    delta_v: Float[Array, "K"]
-    missed: Int[Array, "K"]
+    nearest: Nearest  # the least separation of any pair of each trial at any time
+    goal_error: Float[Array, "K"]  # of the craft furthest from its goal, m
+    goal_velocity_error: Float[Array, "K"]  # likewise of velocities, m/s
+    delta_v: Float[Array, "K"]  # of all craft, Σ‖u‖₁Δt of what was burnt, m/s
+    missed: Int[Array, "K"]  # number of burns that were not made
 
 
 def fly_trials(

@@ -77,16 +77,12 @@ class LinearWorld:
 class Drag:
     """Air, and the ballistic coefficients C_D A/m of what it acts on, m²/kg.
 
-    Attributes:
-        air: density by height.
-        ballistic: of each craft; of more states than craft, as in trials one after the other,
-            the same again for each trial.
-        reference: of the virtual craft that the LVLH frame is about.
+    Those of craft are for each trial again, where states are of trials one after the other.
     """
 
     air: Atmosphere
-    ballistic: tuple[float, ...]
-    reference: float = 0.0
+    ballistic: tuple[float, ...]  # of each craft
+    reference: float = 0.0  # of the virtual craft that the LVLH frame is about
 
     def coefficients(self, count: int) -> Float[Array, "_"]:
         """Of the reference and then of ``count`` craft; InputError for a part of a trial."""
@@ -110,20 +106,13 @@ class NonlinearWorld:
     Runge-Kutta method of order 8. Its norm is a root mean square over all craft, so tolerances are
     divided by the root of their number: then each is at least as good as on its own. Other craft
     in the same arc change a result by less than the tolerance, and are not without effect.
-
-    Attributes:
-        elements: osculating, of the reference at the plan's first node.
-        argument_of_latitude: of the reference there, rad.
-        j2: whether the Earth is oblate.
-        drag: or None.
-        tolerance: of a step, m.
     """
 
-    elements: Elements
-    argument_of_latitude: float = 0.0
-    j2: bool = True
-    drag: Drag | None = None
-    tolerance: float = TOLERANCE
+    elements: Elements  # osculating, of the reference at the plan's first node
+    argument_of_latitude: float = 0.0  # of the reference there, rad
+    j2: bool = True  # whether the Earth is oblate
+    drag: Drag | None = None  # or None
+    tolerance: float = TOLERANCE  # of a step, m
 
     def arc(
         self,

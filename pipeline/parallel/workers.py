@@ -34,17 +34,11 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster.
-
-    Attributes:
-        jobs: processes.
-        scheduler: address of a cluster's scheduler, such as tcp://10.0.0.1:8786, or None.
-        scheduler_wait: seconds in which a lost scheduler may come back.
-    """
+    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster."""
 
     jobs: int = -1
-    scheduler: str | None = None
-    scheduler_wait: float = SCHEDULER_WAIT
+    scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786
+    scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
 
     def __post_init__(self) -> None:
         if self.jobs == 0 or not -MOST_JOBS <= self.jobs <= MOST_JOBS:

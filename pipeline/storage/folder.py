@@ -24,17 +24,11 @@ Stamp = tuple[int, int]
 
 @dataclass(frozen=True)
 class Folder:
-    """Files by their name inside a folder; no message has the secrets of its URL.
+    """Files by their name inside a folder; no message has the secrets of its URL."""
 
-    Attributes:
-        url: path or URL as it was given, secrets included.
-        files: Arrow's filesystem below the folder.
-        local: the path on this machine, where files can be renamed and locked, or None.
-    """
-
-    url: str = field(repr=False)
-    files: Any = field(repr=False)
-    local: Path | None = None
+    url: str = field(repr=False)  # path or URL as it was given, secrets included
+    files: Any = field(repr=False)  # Arrow's filesystem below the folder
+    local: Path | None = None  # on this machine, where files can be renamed and locked
 
     def __str__(self) -> str:
         return str(self.local or public_url(self.url))
