@@ -38,17 +38,13 @@ class Swarms:
     """Some swarms of one size on one orbit and time grid, in float64 on the CPU.
 
     Attributes:
-        problem: orbit and time grid.
-        initial: m and m/s.
-        goal: m and m/s.
-        collision_radius: of each swarm, m; it need not be the problem's.
         states: the expert's node states; not numbers where it has not planned, or None.
     """
 
-    problem: Problem
-    initial: Float64[Tensor, "b n 6"]
-    goal: Float64[Tensor, "b n 6"]
-    collision_radius: Float64[Tensor, "b"]
+    problem: Problem  # orbit and time grid
+    initial: Float64[Tensor, "b n 6"]  # m and m/s
+    goal: Float64[Tensor, "b n 6"]  # m and m/s
+    collision_radius: Float64[Tensor, "b"]  # of each swarm, m; it need not be the problem's
     states: Float64[Tensor, "b n T 6"] | None = None
 
 

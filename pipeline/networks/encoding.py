@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.arrays import Array
-from pipeline.dataset.reading.examples import ExampleSource
+from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
@@ -42,19 +42,15 @@ INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
 }
 """By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
 
-STATES = "states"
-"""The answer is the trajectory itself, as in the paper."""
-
-OFFSET = "offset"
-"""The answer is the trajectory's offset from the input's."""
+STATES = "states"  # the answer is the trajectory itself, as in the paper
+OFFSET = "offset"  # the answer is the trajectory's offset from the input's
 
 TARGETS = (STATES, OFFSET)
 
 COMMON = "common"
 """One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix."""
 
-COMPONENT = "component"
-"""A scale for each component, so that each is near 1."""
+COMPONENT = "component"  # a scale for each component, so that each is near 1
 
 SCALINGS = (COMMON, COMPONENT)
 
@@ -64,23 +60,14 @@ LEAST_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class Encoding:
-    """The paper's 6 x nT matrix, craft after craft, with its largest components near 1.
+    """The paper's 6 x nT matrix, craft after craft, with its largest components near 1."""
 
-    Attributes:
-        problem: orbit, time grid and collision radius of the training data.
-        n: spacecraft in each training instance.
-        interior: what stands in the input between initial and goal state, of INTERIORS.
-        target: STATES or OFFSET.
-        input_scale: what each component of the inputs is divided by, m and m/s.
-        target_scale: the same of the targets.
-    """
-
-    problem: Problem
-    n: int
-    interior: str
-    target: str
-    input_scale: tuple[float, ...]
-    target_scale: tuple[float, ...]
+    problem: Problem  # orbit, time grid and collision radius of the training data
+    n: int  # spacecraft in each training instance
+    interior: str  # what stands in the input between initial and goal state, of INTERIORS
+    target: str  # STATES or OFFSET
+    input_scale: tuple[float, ...]  # what each component of the inputs is divided by, m and m/s
+    target_scale: tuple[float, ...]  # the same of the targets
 
     def __post_init__(self) -> None:
         """Refuse names that mean nothing here."""

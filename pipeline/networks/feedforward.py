@@ -17,8 +17,7 @@ from pipeline.arrays import Array
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.supervised import Supervised
 
-MAX_WIDTH = 1_000_000
-"""More neurons in a layer than this is a mistake."""
+MAX_WIDTH = 1_000_000  # more neurons in a layer than this is a mistake
 
 Width = Annotated[int, Field(ge=1, le=MAX_WIDTH, strict=True)]
 
@@ -42,14 +41,10 @@ class FeedForward(Supervised):
 
     Its input has a fixed size. A smaller swarm is padded with virtual craft at rest in the
     origin; a larger one is answered with the average over combinations of its craft.
-
-    Attributes:
-        hidden: neurons of each hidden layer.
-        collision: whether the loss has the collision penalty.
     """
 
-    hidden: tuple[int, ...]
-    collision: bool = False
+    hidden: tuple[int, ...]  # neurons of each hidden layer
+    collision: bool = False  # whether the loss has the collision penalty
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -104,8 +99,7 @@ def _shares(n: int, size: int) -> Float[Array, "n _"]:
     return member / member.sum(axis=1, keepdims=True)
 
 
-MOST_COMBINATIONS = 100
-"""The paper's limit on combinations an instance."""
+MOST_COMBINATIONS = 100  # the paper's limit on combinations an instance
 
 
 @lru_cache(maxsize=64)

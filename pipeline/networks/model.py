@@ -38,21 +38,13 @@ NO_NETWORK = (ValueError, TypeError, KeyError, RuntimeError)
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A trained network with all that is needed to use it.
+    """A trained network with all that is needed to use it."""
 
-    Attributes:
-        architecture: its name.
-        config: its sizes.
-        recipe: name of the recipe that it was trained by.
-        encoding: how states become its input and its answer becomes states.
-        network: the module, for answers only.
-    """
-
-    architecture: str
-    config: Mapping[str, Any]
-    recipe: str
-    encoding: Encoding
-    network: nn.Module
+    architecture: str  # its name
+    config: Mapping[str, Any]  # its sizes
+    recipe: str  # name of the recipe that it was trained by
+    encoding: Encoding  # how states become its input and its answer becomes states
+    network: nn.Module  # the module, for answers only
 
     def __post_init__(self) -> None:
         """Switch off what only training needs: dropout and gradients."""

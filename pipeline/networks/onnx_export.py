@@ -28,12 +28,10 @@ from pipeline.scenario.scenario import MOST_CRAFT
 
 SCHEMA = "prolearn.onnx/1"
 
-TRACED = 9
-"""Craft with which the graph is traced: neither 0 nor 1, which torch treats as constants."""
+TRACED = 9  # craft with which the graph is traced: neither 0 nor 1, which torch treats as constants
 
 
-TOLERANCE = 1e-5
-"""Largest difference from torch, as a share of a component's root mean square."""
+TOLERANCE = 1e-5  # largest difference from torch, as a share of a component's root mean square
 
 SIZES = (1, 2, 10, 30, 100)
 """Swarm sizes that are checked and timed, as far as the file answers for them."""
@@ -45,21 +43,13 @@ REPEATS = 50
 
 @dataclass(frozen=True)
 class GraphCheck:
-    """What was measured.
+    """What was measured."""
 
-    Attributes:
-        n: the only number of craft that the file answers for, or None.
-        most: the greatest number that it answers for, or None where there is no limit.
-        difference: largest difference from torch, as a share of a component's root mean square.
-        metres: largest difference of a position, m.
-        seconds: median time of one instance on one core, by swarm size.
-    """
-
-    n: int | None
-    most: int | None
-    difference: float
-    metres: float
-    seconds: Mapping[int, float]
+    n: int | None  # the only number of craft that the file answers for, or None
+    most: int | None  # the greatest number that it answers for, or None where there is no limit
+    difference: float  # largest difference from torch, as a share of a component's root mean square
+    metres: float  # largest difference of a position, m
+    seconds: Mapping[int, float]  # median time of one instance on one core, by swarm size
 
     @property
     def sizes(self) -> str:
@@ -211,19 +201,12 @@ def flyable_map(problem: Problem) -> Float[Array, "_ _"]:
 
 @dataclass(frozen=True)
 class Exported:
-    """An ONNX file and what was measured of it.
+    """An ONNX file and what was measured of it."""
 
-    Attributes:
-        path: the file.
-        kib: its size, KiB.
-        flown: whether it answers with transfers that can be flown, and their controls.
-        checked: which swarms it answers for, how near it is to torch, and how fast.
-    """
-
-    path: Path
-    kib: float
-    flown: bool
-    checked: GraphCheck
+    path: Path  # the file
+    kib: float  # its size, KiB
+    flown: bool  # whether it answers with transfers that can be flown, and their controls
+    checked: GraphCheck  # which swarms it answers for, how near it is to torch, and how fast
 
 
 def export(

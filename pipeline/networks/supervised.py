@@ -60,13 +60,9 @@ def supervised_loss(
 
 
 class Supervised(ABC):
-    """An ``Architecture`` but for its network and the forward pass; the paper's six are such.
+    """An ``Architecture`` but for its network and the forward pass; the paper's six are such."""
 
-    Attributes:
-        collision: whether the loss has the collision penalty.
-    """
-
-    collision: bool = False
+    collision: bool = False  # whether the loss has the collision penalty
 
     @property
     def config(self) -> Mapping[str, Any]:

@@ -11,9 +11,9 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.reading.examples import Examples, ExampleSource
-from pipeline.dataset.reading.stream import MEMORY, examples_within
+from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import MEMORY, examples_within
 from pipeline.errors import InputError
 from pipeline.networks.architecture import Architecture, Batch, swarms
 from pipeline.networks.encoding import Encoding

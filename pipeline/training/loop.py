@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.optim.lr_scheduler import CosineAnnealingLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from pipeline.dataset.reading.examples import ExampleSource
+from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import Architecture, find
 from pipeline.networks.encoding import Encoding, fit
@@ -22,8 +22,7 @@ from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.training.data import Batches, Preparation, Prepared, batches, check_examples
 
-VALIDATION_BATCH = 256
-"""Instances whose validation score is computed at once."""
+VALIDATION_BATCH = 256  # instances whose validation score is computed at once
 
 DEVICES = ("cpu", "cuda", "mps")
 
@@ -33,16 +32,11 @@ POSITION_RMSE = "valid_position_rmse"
 
 @dataclass(frozen=True)
 class Epoch:
-    """One pass over the training data, numbered from 1.
-
-    Attributes:
-        train_loss: mean loss of the pass, with dropout, while the weights change.
-        valid_loss: the architecture's score on the validation data after it, least best.
-    """
+    """One pass over the training data, numbered from 1."""
 
     number: int
-    train_loss: float
-    valid_loss: float
+    train_loss: float  # mean loss of the pass, with dropout, while the weights change
+    valid_loss: float  # the architecture's score on the validation data after it, least best
     seconds: float
 
 

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from optuna import Study, Trial
 
 HEARTBEAT_SECONDS = 60
-GRACE_SECONDS = 180
-"""A trial that has not been heard of for so long has died."""
+GRACE_SECONDS = 180  # a trial that has not been heard of for so long has died
 
 
 @dataclass(frozen=True)

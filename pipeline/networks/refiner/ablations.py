@@ -33,24 +33,16 @@ TUNED = "tuned"
 RULE, NULL_SPACE = "rule", "rule, null space"
 """Planners without a network: rounds without trades, and the same with steps in the null space."""
 
-EPOCHS = 6
-"""Of ``short`` and of every ablation."""
+EPOCHS = 6  # of ``short`` and of every ablation
 
 ABLATIONS = (NO_THIRD, UNCROWDED)
 """Recipes that lack one thing: messages, and crowded swarms to learn from. ``labelled`` lacks
 nothing, and learns from the expert's plans beside."""
 
-UNSAFE = 0.1
-"""What an unsafe swarm counts as in the score, as fuel over the lower bound."""
-
-STEADY = 1e-10
-"""Change of all duals under which they are found."""
-
-MOST_SWEEPS = 1000
-"""Times that all duals of a craft are gone through at most."""
-
-NO_GAIN = 1e-12
-"""|F g|² under which a plane cannot be moved."""
+UNSAFE = 0.1  # what an unsafe swarm counts as in the score, as fuel over the lower bound
+STEADY = 1e-10  # change of all duals under which they are found
+MOST_SWEEPS = 1000  # times that all duals of a craft are gone through at most
+NO_GAIN = 1e-12  # |F g|² under which a plane cannot be moved
 
 
 def by_rule(
@@ -99,8 +91,7 @@ def _optima(
     return controls, dual
 
 
-LEAST_CHANGE = Programs(_first_duals, _optima)
-"""The program above."""
+LEAST_CHANGE = Programs(_first_duals, _optima)  # the program above
 
 
 @no_type_check

@@ -64,10 +64,11 @@ def with_rows(
 
 
 def where(mask: Bool[Any, "*k"], other: Callable[[], Any], values: Any) -> Any:
-    """Other values where a mask says so, which with numpy are computed only where it does."""
-    if isinstance(mask, np.ndarray) and not mask.any():
+    """Other values where a mask says so, computed only then but in a graph that is traced."""
+    xp = namespace(mask)
+    if (xp is np or not xp.compiler.is_exporting()) and not mask.any():
         return values
-    return namespace(values).where(mask, other(), values)
+    return xp.where(mask, other(), values)
 
 
 def segment_sum(values: Float[Any, "k"], segment: Int[Any, "k"], count: int) -> Float[Any, "count"]:
@@ -78,8 +79,8 @@ def segment_sum(values: Float[Any, "k"], segment: Int[Any, "k"], count: int) -> 
 
 
 def sigmoid(values: Float[Any, "*k"]) -> Float[Any, "*k"]:
-    """1 / (1 + exp(-x)), without overflow."""
-    return 0.5 * namespace(values).tanh(0.5 * values) + 0.5
+    """1 / (1 + exp(-x)); numpy's own is fast and does not overflow."""
+    return 0.5 * np.tanh(0.5 * values) + 0.5 if isinstance(values, np.ndarray) else values.sigmoid()
 
 
 def self_adjoint(apply: Callable[[Array], Array], values: Any) -> Any:

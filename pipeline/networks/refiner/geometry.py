@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.networks.refiner.arrays import constant, like, namespace, plain, rows, where
-from pipeline.networks.refiner.nearest import LEVEL, close_pairs, nearest
+from pipeline.networks.refiner.nearest import close_pairs, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -29,11 +29,8 @@ NEAR = 4.0
 NEAR_OF_EXTENT = 0.15
 """The same as a share of the swarm's extent: who flies far can be sent far off at little cost."""
 
-TOUCHING = 1e-4
-"""Distance in r_col under which the gap of two craft gives no direction."""
-
-STILL = 1e-9
-"""Relative speed in r_col/Δt under which two craft do not move past each other."""
+TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
+STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move past each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,19 +38,14 @@ class Grid:
     """The constant maps of a problem, scaled: all node states are drift · s₁ + reach · u.
 
     Attributes:
-        nodes: T.
-        step: Δt, s.
-        drift: effect of the initial state on the states of all nodes.
-        reach: effect of the m = 3(T-1) controls on them.
-        free: takes from controls the part that changes the final state; symmetric.
         ends: rows of ``reach`` for the states at both ends of each interval.
     """
 
-    nodes: int
-    step: float
-    drift: Float[Any, "_ 6"]
-    reach: Float[Any, "_ m"]
-    free: Float[Any, "m m"]
+    nodes: int  # T
+    step: float  # Δt, s
+    drift: Float[Any, "_ 6"]  # effect of the initial state on the states of all nodes
+    reach: Float[Any, "_ m"]  # effect of the m = 3(T-1) controls on them
+    free: Float[Any, "m m"]  # takes from controls the part that changes the final state; symmetric
     ends: Float[Any, "intervals 12 m"]
 
     def fly(self, initial: Float[Any, "N 6"], controls: Float[Any, "N m"]) -> Float[Any, "N T 6"]:
@@ -97,17 +89,11 @@ def _per_step(problem: Problem) -> Float[Array, "6"]:
 
 @dataclass(frozen=True, eq=False)
 class Encounters:
-    """Pairs of craft in intervals, each an edge of the graph of who meets whom.
+    """Pairs of craft in intervals, each an edge of the graph of who meets whom."""
 
-    Attributes:
-        first: first craft.
-        second: second craft.
-        interval: which interval, from 0.
-    """
-
-    first: Int[Array, "E"]
-    second: Int[Array, "E"]
-    interval: Int[Array, "E"]
+    first: Int[Array, "E"]  # first craft
+    second: Int[Array, "E"]  # second craft
+    interval: Int[Array, "E"]  # which interval, from 0
 
     def of(self, which: Int[Array, "L"]) -> "Encounters":
         """Some of them."""
@@ -120,10 +106,10 @@ class Encounters:
 
     def relative(self, states: Float[Any, "N T 6"]) -> Float[Any, "E 2 6"]:
         """States of the first craft less those of the second at both ends of the interval."""
-        T, flat = states.shape[1], states.reshape(-1, 6)
-        one, other = (craft * T + self.interval for craft in (self.first, self.second))
-        ends = [rows(flat, one + k) - rows(flat, other + k) for k in (0, 1)]
-        return namespace(states).stack(ends, axis=1)
+        nodes = self.craft.T * states.shape[1] + self.interval  # (2, E), of all craft's nodes
+        index = nodes[:, :, None] + np.arange(2)  # and those after them
+        one, other = rows(states.reshape(-1, 6), index.reshape(-1)).reshape(2, -1, 2, 6)
+        return one - other
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +117,12 @@ class Approaches:
     """The closest approach of each encounter, through which no gradient runs.
 
     Attributes:
-        share: when, as a share of the interval; 0 where it was not looked at.
-        distance: r_col; infinite where it was not looked at.
         turns: whether the pair comes closer before and parts after it; where not, they are closer
             in the interval before or after.
     """
 
-    share: Float[Array, "E"]
-    distance: Float[Array, "E"]
+    share: Float[Array, "E"]  # when, as a share of the interval; 0 where it was not looked at
+    distance: Float[Array, "E"]  # r_col; infinite where it was not looked at
     turns: Bool[Array, "E"]
 
 
@@ -190,77 +174,57 @@ def approaches(
     return Approaches(share, distance, turns)
 
 
-Cubic = tuple[Any, Any, Any, Any]
-"""p0, v0, a2, a3 of the relative position p0 + v0 s + a2 s² + a3 s³, each (L, 3)."""
+def normals(
+    ends: Float[Any, "L 2 6"], share: Float[Any, "L"]
+) -> tuple[Float[Any, "L"], Float[Any, "L 3"]]:
+    """Distance between the craft of each pair at a share of an interval, and the unit vector along.
 
+    Where two craft touch, that is any across their motion, and gradients do not turn it.
 
-def cubic(ends: Float[Any, "L 2 6"]) -> Cubic:
-    """The cubic of relative motion between states at both ends of an interval."""
-    p0, v0, p1, v1 = ends[:, 0, :3], ends[:, 0, 3:], ends[:, 1, :3], ends[:, 1, 3:]
-    return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
-
-
-def position(motion: Cubic, share: Float[Any, "L"]) -> Float[Any, "L 3"]:
-    """Value of the cubic."""
-    (p0, v0, a2, a3), s = motion, share[:, None]
-    return p0 + s * (v0 + s * (a2 + s * a3))
-
-
-def velocity(motion: Cubic, share: Float[Any, "L"]) -> Float[Any, "L 3"]:
-    """Derivative of the cubic."""
-    (_, v0, a2, a3), s = motion, share[:, None]
-    return v0 + s * (2 * a2 + 3 * s * a3)
-
-
-def turns(motion: Cubic, share: Float[Any, "L"]) -> Bool[Any, "L"]:
-    """Whether the pair comes closer before and parts after its closest approach."""
-    gap, speed = position(motion, share), velocity(motion, share)
-    along = (gap * speed).sum(axis=1) ** 2
-    level = along <= LEVEL**2 * (gap**2).sum(axis=1) * (speed**2).sum(axis=1)
-    return ((share > 0) & (share < 1)) | level
-
-
-@dataclass(frozen=True, eq=False)
-class Planes:
-    """The separating planes of L encounters, each across the gap at the closest approach.
-
-    Attributes:
-        distance: from the second craft to the first along the normal.
-        gain: how the first craft's controls move it along the normal.
-        along: the normal, of length 1.
-        motion: unit vector of the motion past each other; no gradient runs through it.
-        speed: of the relative motion; nor through this.
+    Args:
+        ends: states of the first craft relative to the second at both ends.
+        share: when, through which no gradient runs.
     """
-
-    distance: Float[Any, "L"]
-    gain: Float[Any, "L m"]
-    along: Float[Any, "L 3"]
-    motion: Float[Any, "L 3"]
-    speed: Float[Any, "L"]
-
-
-def planes(interval: Int[Any, "L"], share: Float[Any, "L"], motion: Cubic, grid: Grid) -> Planes:
-    """The separating planes of pairs whose relative motion in an interval is a cubic.
-
-    Where two craft touch, the normal is any across their motion, and gradients do not turn it.
-    """
-    share = like(share, motion[0])
-    xp, gap, speed = namespace(share), position(motion, share), constant(velocity(motion, share))
+    gap = _weighted(_hermite(like(share, ends)), ends)  # (L, 3)
     touching = _length(constant(gap)) < TOUCHING
-    along = _unit(where(touching, lambda: _across(speed), gap))  # (L, 3)
-    normal = constant(along)
-    past = speed - (speed * normal).sum(axis=1, keepdims=True) * normal
-    past = where(_length(past) < STILL, lambda: _across(normal), past)
-    s, r = share[:, None], 1 - share[:, None]
-    hermite = [r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r]
-    weights = xp.concatenate([weight * along for weight in hermite], axis=1)  # (L, 12)
-    return Planes(
-        distance=(gap * along).sum(axis=1),
-        gain=(weights[:, None] @ rows(grid.ends, interval))[:, 0],  # (L, m)
-        along=along,
-        motion=_unit(past),
-        speed=_length(speed)[:, 0],
-    )
+    along = _unit(where(touching, lambda: _across(velocities(constant(ends), share)), gap))
+    return (gap * along).sum(axis=1), along
+
+
+def gains(
+    interval: Int[Any, "L"], share: Float[Any, "L"], along: Float[Any, "L 3"], grid: Grid
+) -> Float[Any, "L m"]:
+    """How the controls of the first craft move it along a normal at a share of an interval."""
+    weights = _hermite(like(share, along))[:, :, None] * along[:, None]  # (L, 4, 3)
+    return (weights.reshape(-1, 1, 12) @ rows(grid.ends, interval))[:, 0]
+
+
+def velocities(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
+    """Relative velocities at a share of an interval."""
+    s = like(share, ends)
+    weights = [6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)]
+    return _weighted(namespace(ends).stack(weights, axis=1), ends)
+
+
+def passing(
+    ends: Float[Any, "L 2 6"], share: Float[Any, "L"], along: Float[Any, "L 3"]
+) -> tuple[Float[Any, "L 3"], Float[Any, "L"]]:
+    """Unit vector of the motion past each other, at right angles to a normal, and the speed."""
+    speed = velocities(ends, share)
+    past = speed - (speed * along).sum(axis=1)[:, None] * along
+    past = where(_length(past) < STILL, lambda: _across(along), past)
+    return _unit(past), _length(speed)[:, 0]
+
+
+def _hermite(s: Float[Any, "L"]) -> Float[Any, "L 4"]:
+    """What a position is of position and velocity at one end, then at the other."""
+    r = 1 - s
+    weights = [r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r]
+    return namespace(s).stack(weights, axis=1)
+
+
+def _weighted(weights: Float[Any, "L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "L 3"]:
+    return namespace(ends).einsum("lk,lkx->lx", weights, ends.reshape(-1, 4, 3))
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:

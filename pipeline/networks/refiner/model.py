@@ -41,13 +41,13 @@ from pipeline.networks.refiner.geometry import (
     Approaches,
     Encounters,
     Grid,
-    Planes,
     approaches,
-    cubic,
     encounters,
+    gains,
     grid_of,
     in_units,
-    planes,
+    normals,
+    passing,
 )
 from pipeline.networks.refiner.programs import (
     LEAST_FUEL,
@@ -69,23 +69,16 @@ centimetres in intervals of four minutes; planes ask for more, and certificates 
 TURNS_ONLY = 3
 """Rounds in which pairs get planes only where they turn; after them also wherever unsafe."""
 
-MARGIN = 0.2 / 15
-"""Separation beyond r_col that is asked for, in r_col."""
-
-SHARPNESS = 4.0
-"""Power of the other's dual by which a craft gives way."""
-
-LEAST_DUAL = 1e-4
-"""Dual that stands for none, so that there is a ratio of duals."""
-
-MOST_TRADE = 0.3
-"""Most that a craft gives way beyond its share, r_col."""
+MARGIN = 0.2 / 15  # separation beyond r_col that is asked for, in r_col
+SHARPNESS = 4.0  # power of the other's dual by which a craft gives way
+LEAST_DUAL = 1e-4  # dual that stands for none, so that there is a ratio of duals
+MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
 
 STEADY = 1e-4
 """Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""
 
-FEATURES = 18
-"""F: edge features, as one of the two craft sees them."""
+FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter meet its plane
+FEATURES = 18  # F: edge features, as one of the two craft sees them
 
 Weights = Mapping[str, Any]
 """Weights of the network by name: ``read``, ``tell``, ``weigh`` and ``offer``, and ``hears``, which
@@ -96,7 +89,10 @@ is 0 where messages are left out and else 1."""
 
 
 def edge_features(
-    planes: Planes,
+    distance: Float[Any, "L"],
+    gain: Float[Any, "L m"],
+    along: Float[Any, "L 3"],
+    motion: tuple[Float[Any, "L 3"], Float[Any, "L"]],
     time: Float[Any, "L"],
     dual: Float[Any, "L 2"],
     first_dual: Float[Any, "L 2"],
@@ -106,21 +102,25 @@ def edge_features(
     """Edge features, as either craft sees them.
 
     Args:
-        planes: of the encounters.
+        distance: to the other craft.
+        gain: of the first craft's controls.
+        along: normal, from the second craft to the first.
+        motion: direction past each other, and speed.
         time: of the closest approach, as a share of the transfer.
         dual: of each plane in the round before, for either craft.
         first_dual: what its first unit costs.
         load: of either craft: planes, the sum of their duals, fuel beyond the decoupled optimum.
         number: of the round, from 0.
     """
+    past, speed = motion
     xp = namespace(dual)
     shared = [
-        3 * xp.clip(1 - planes.distance, -2, 2),
-        cast(planes.distance < 1, dual),
+        3 * xp.clip(1 - distance, -2, 2),
+        cast(distance < 1, dual),
         time,
-        xp.log(planes.speed + 0.1),
-        xp.log(xp.linalg.vector_norm(planes.gain, axis=1) + 1e-3),
-        xp.zeros_like(planes.speed) + number / 8,
+        xp.log(speed + 0.1),
+        xp.log(xp.linalg.vector_norm(gain, axis=1) + 1e-3),
+        xp.zeros_like(speed) + number / 8,
     ]
     own = [
         xp.log(first_dual),
@@ -131,7 +131,7 @@ def edge_features(
         xp.clip(load[..., 2], None, 5),
     ]
     both = [xp.broadcast_to(values[:, None], dual.shape) for values in shared]
-    around = xp.concatenate([planes.along, planes.motion], axis=1)  # (L, 6)
+    around = xp.concatenate([along, past], axis=1)  # (L, 6)
     around = xp.stack([around, -around], axis=1)  # (L, 2, 6)
     return xp.concatenate([xp.stack(both + own, axis=2), around], axis=2)
 
@@ -233,8 +233,11 @@ def two_layers(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float
 
 def linear(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any, "*L _"]:
     """A linear layer, as one product of matrices."""
-    flat = values.reshape(-1, values.shape[-1]) @ weights[f"{name}.weight"].T
-    flat = flat + weights[f"{name}.bias"] if f"{name}.bias" in weights else flat
+    xp, weight, bias = namespace(values), weights[f"{name}.weight"], weights.get(f"{name}.bias")
+    if xp is not np:
+        return xp.nn.functional.linear(values, weight, bias)
+    flat = values.reshape(-1, values.shape[-1]) @ weight.T
+    flat = flat if bias is None else flat + bias
     return flat.reshape(*values.shape[:-1], -1)
 
 
@@ -267,23 +270,14 @@ def to_give(
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Some swarms of n craft each, as they stay over the rounds.
+    """Some swarms of n craft each, as they stay over the rounds."""
 
-    Attributes:
-        grid: maps of the problem.
-        n: craft of each swarm.
-        initial: states.
-        own: decoupled optima.
-        met: encounters that are looked at.
-        swarm: whose each of these is.
-    """
-
-    grid: Grid
-    n: int
-    initial: Float[Any, "N 6"]
-    own: Decoupled
-    met: Encounters
-    swarm: Int[Array, "E"]
+    grid: Grid  # maps of the problem
+    n: int  # craft of each swarm
+    initial: Float[Any, "N 6"]  # states
+    own: Decoupled  # decoupled optima
+    met: Encounters  # encounters that are looked at
+    swarm: Int[Array, "E"]  # whose each of these is
 
     def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
         """Σ‖u‖₁ of each swarm."""
@@ -295,17 +289,13 @@ class Iterate:
     """What the rounds have come to.
 
     Attributes:
-        controls: of all craft.
-        states: that they fly.
-        near: closest approaches of the encounters.
-        dual: of each plane in the round before, for either craft.
         first_dual: what the first unit of separation costs either craft; 0 before there is a plane.
     """
 
-    controls: Float[Any, "N m"]
-    states: Float[Any, "N T 6"]
-    near: Approaches
-    dual: Float[Array, "E 2"]
+    controls: Float[Any, "N m"]  # of all craft
+    states: Float[Any, "N T 6"]  # that they fly
+    near: Approaches  # closest approaches of the encounters
+    dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
     first_dual: Float[Array, "E 2"]
 
 
@@ -371,21 +361,30 @@ def play(
     if len(which) == 0 or task.own.others.shape[1] == 0:
         return now
     met, share = task.met.of(which), now.near.share[which]
-    between = planes(met.interval, share, cubic(met.relative(now.states)), task.grid)  # L of them
-    gain, craft = between.gain, met.craft
+    ends, craft = met.relative(now.states), met.craft  # (L, 2, 6), (L, 2)
+    distance, along = normals(ends, share)  # (L,), (L, 3)
+    gain = gains(met.interval, share, along, task.grid)  # (L, m)
     first_dual = _with_first_duals(task, now.first_dual, which, plain(gain), programs)
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
-    trade = constant(between.distance) * 0
+    trade = constant(distance) * 0
     if weights is not None:
-        seen = Planes(*map(plain, vars(between).values()))
-        load = _load(craft, dual, task, plain(now.controls))  # (L, 2, 3)
-        time = (met.interval + share) / (task.grid.nodes - 1)
-        features = like(edge_features(seen, time, dual, first, load, number), gain)  # (L, 2, F)
-        trade = agree(weights, features, free_directions(gain, task.grid), sides)  # (L,)
-    give = to_give(between.distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
-    one, other = ((gain * rows(now.controls, craft[:, k])).sum(axis=1) for k in (0, 1))
-    asked = namespace(gain).stack([one, -other], axis=1) + give  # (L, 2)
+        features = edge_features(
+            plain(distance),
+            plain(gain),
+            plain(along),
+            passing(plain(ends), share, plain(along)),
+            (met.interval + share) / (task.grid.nodes - 1),
+            dual,
+            first,
+            _load(craft, dual, task, plain(now.controls)),
+            number,
+        )  # (L, 2, F)
+        free = free_directions(gain, task.grid)  # (L, m)
+        trade = agree(weights, like(features, gain), free, sides)  # (L,)
+    give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
+    theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
+    asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
     best, paid = programs.optima(task.own, sides, gain, asked, task.grid)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)
     flown = task.grid.fly(rows(task.initial, sides.craft), best)
@@ -492,7 +491,5 @@ def lack(task: Task, now: Iterate, distance: float) -> Float[Any, "b"]:
     Elsewhere a pair that lacks something lacks more in the interval before or after.
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
-    met = task.met.of(which)
-    motion = cubic(met.relative(now.states))
-    between = planes(met.interval, now.near.share[which], motion, task.grid)
-    return segment_sum(distance - between.distance, task.swarm[which], len(task.initial) // task.n)
+    distances, _ = normals(task.met.of(which).relative(now.states), now.near.share[which])
+    return segment_sum(distance - distances, task.swarm[which], len(task.initial) // task.n)

@@ -15,25 +15,17 @@ from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.model import Weights, answer
 from pipeline.orbit.problem import Problem
 
-FOLDER = Path(__file__).parent / "default"
-"""Weights, description and model card."""
+FOLDER = Path(__file__).parent / "default"  # weights, description and model card
 
 
 @dataclass(frozen=True, eq=False)
 class TrainedRefiner:
-    """A trained refiner as arrays: a ``TrainedNetwork`` for any n, on any orbit and time grid.
+    """A trained refiner as arrays: a ``TrainedNetwork`` for any n, on any orbit and time grid."""
 
-    Attributes:
-        weights: by name.
-        rounds: that an answer takes.
-        problem: of its training data, or that it is asked about.
-        digest: SHA-256 of all that decides its answers.
-    """
-
-    weights: Weights
-    rounds: int
-    problem: Problem
-    digest: str
+    weights: Weights  # by name
+    rounds: int  # that an answer takes
+    problem: Problem  # of its training data, or that it is asked about
+    digest: str  # SHA-256 of all that decides its answers
 
     architecture: ClassVar[str] = REFINER
     answers: ClassVar[Answer] = "controls"

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.networks.refiner.arrays import constant, like, namespace, plain, rows
+from pipeline.networks.refiner.arrays import constant, like, plain, rows
 from pipeline.networks.refiner.geometry import Grid
 from pipeline.networks.refiner.simplex import costs_of_first, solve_all
 from pipeline.orbit.least_fuel import least_fuel
@@ -30,23 +30,14 @@ LARGEST_DUAL = 50.0
 
 @dataclass(frozen=True, eq=False)
 class Decoupled:
-    """The decoupled optimum of each craft and its simplex tableau.
+    """The decoupled optimum of each craft and its simplex tableau."""
 
-    Attributes:
-        controls: of least ‖u‖₁.
-        basis: basic controls.
-        others: nonbasic ones.
-        side: the sign of each basic control.
-        tableau: B⁻¹ R of the nonbasic controls.
-        cost: side · tableau, from which their reduced costs follow.
-    """
-
-    controls: Float[Any, "N m"]
-    basis: Int[Any, "N 6"]
-    others: Int[Any, "N _"]
-    side: Float[Any, "N 6"]
-    tableau: Float[Any, "N 6 _"]
-    cost: Float[Any, "N _"]
+    controls: Float[Any, "N m"]  # of least ‖u‖₁
+    basis: Int[Any, "N 6"]  # basic controls
+    others: Int[Any, "N _"]  # nonbasic ones
+    side: Float[Any, "N 6"]  # the sign of each basic control
+    tableau: Float[Any, "N 6 _"]  # B⁻¹ R of the nonbasic controls
+    cost: Float[Any, "N _"]  # side · tableau, from which their reduced costs follow
 
 
 def decoupled_optima(
@@ -75,19 +66,12 @@ def decoupled_optima(
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The two sides 2l and 2l + 1 of each of L planes, by craft.
+    """The two sides 2l and 2l + 1 of each of L planes, by craft."""
 
-    Attributes:
-        craft: the C craft with planes, in order.
-        start: where the sides of each begin in ``order``, and their number.
-        order: all sides, one craft's after the other's.
-        place: index in ``craft`` of each side's.
-    """
-
-    craft: Int[Array, "C"]
-    start: Int[Array, "_"]
-    order: Int[Array, "S"]
-    place: Int[Array, "S"]
+    craft: Int[Array, "C"]  # the C craft with planes, in order
+    start: Int[Array, "_"]  # where the sides of each begin in ``order``, and their number
+    order: Int[Array, "S"]  # all sides, one craft's after the other's
+    place: Int[Array, "S"]  # index in ``craft`` of each side's
 
 
 def sides_of(craft: Int[Array, "L 2"]) -> Sides:
@@ -124,8 +108,7 @@ def optima(
     if differentiable:
         place = like(sides.place, gain)
         turned = (gain - constant(gain))[:, None] * rows(best, place).reshape(L, 2, m)
-        one, other = turned.sum(axis=2).T
-        more = asked - constant(asked) - namespace(gain).stack([one, -other], axis=1)
+        more = asked - constant(asked) - turned.sum(axis=2) * gain.new_tensor([1.0, -1.0])
         moved = like(change, gain) * more[..., None]  # (L, 2, m), all 0 but for their gradient
         best = best.index_add(0, place, moved.reshape(2 * L, m))
     return best, dual
@@ -153,5 +136,4 @@ class Programs:
     optima: Callable[[Decoupled, Sides, Any, Any, Grid], tuple[Any, Array]]
 
 
-LEAST_FUEL = Programs(first_duals, optima)
-"""The program above."""
+LEAST_FUEL = Programs(first_duals, optima)  # the program above

@@ -48,17 +48,13 @@ from pipeline.networks.refiner.model import (
 )
 from pipeline.orbit.drift import drift_separations
 
-CROWDED = 1.02
-"""Separation in free drift that raised collision radii leave at least, in r_col."""
+CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
 
 RAISED = 2.5
 """Most by which they are raised; what is more crowded is hardly to be planned by anybody."""
 
-NO_FUEL = 1e-9
-"""Fuel in r_col/Δt² that counts as none."""
-
-AT_ONCE = 500
-"""Formations whose free drift is looked at together."""
+NO_FUEL = 1e-9  # fuel in r_col/Δt² that counts as none
+AT_ONCE = 500  # formations whose free drift is looked at together
 
 
 class Sizes(BaseModel):
@@ -75,25 +71,21 @@ class LossSettings(BaseModel):
     """The options of a refiner's recipe.
 
     Attributes:
-        rounds: in training.
         violation: what a r_col that an encounter lacks counts as, as fuel over the lower bound.
         clear: distance beyond r_col up to which an encounter lacks something, r_col; nobody is seen
             beyond ``WATCHED``.
-        earlier: weight of a round, as a share of that of the next.
-        raised: whether collision radii are raised.
-        third: whether craft tell each other of their other encounters.
         labels: what a r_col of average distance from the expert's nodes counts as, where it has
             planned; these swarms' collision radii are not raised then.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    rounds: int = Field(default=8, ge=1)
+    rounds: int = Field(default=8, ge=1)  # in training
     violation: float = 2.5
     clear: float = Field(default=0.008, ge=0, le=WATCHED - 1)
-    earlier: float = 0.5
-    raised: bool = True
-    third: bool = True
+    earlier: float = 0.5  # weight of a round, as a share of that of the next
+    raised: bool = True  # whether collision radii are raised
+    third: bool = True  # whether craft tell each other of their other encounters
     labels: float = Field(default=0.0, ge=0)
 
 

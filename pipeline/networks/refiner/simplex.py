@@ -1,7 +1,7 @@
 """The dual simplex method on the tableaux of many small programs, compiled.
 
 A program has 6 + p basic and m - 6 other variables, m controls and p planes, all of whose costs
-have a kink at 0 (``pipeline.networks.refiner.program``):
+have a kink at 0 (``pipeline.networks.refiner.programs``):
 
     x_B = value - body · x_N,    x_N = 0.
 
@@ -15,21 +15,15 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
-SMALL = 1e-9
-"""What counts as 0 among the values of basic variables, r_col."""
-
-NO_PIVOT = 1e-11
-"""Entries of a tableau under which nothing is divided by them."""
+SMALL = 1e-9  # what counts as 0 among the values of basic variables, r_col
+NO_PIVOT = 1e-11  # entries of a tableau under which nothing is divided by them
 
 TIE = 1e-6
 """Difference of prices that says nothing: where several optima cost the same, the earliest control
 enters, or rounding and the order of planes would choose between them."""
 
-STEEP = 0.1
-"""Share of the largest entry among these that an entry must have to be divided by."""
-
-MOST_PIVOTS = 500
-"""Pivots after planes were added after which a program is left as it is."""
+STEEP = 0.1  # share of the largest entry among these that an entry must have to be divided by
+MOST_PIVOTS = 500  # pivots after planes were added after which a program is left as it is
 
 # jaxtyping cannot look into compiled functions; their shapes are those of ``solve_all``.
 

@@ -7,17 +7,15 @@ import pyarrow.parquet as pq
 import pytest
 from forged import forge, remove
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.begun import solved_by
-from pipeline.dataset.stages.repair import repair
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.manifest import read_manifest, settings_of
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import SOLVED_BY, solve
+from pipeline.dataset.verifying import repair
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
-from pipeline.jobs.worker import check_worker
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers, check_worker
 from pipeline.provenance import code_digest, made_with
 from pipeline.storage.shards import METADATA_KEY, encode
 
@@ -85,8 +83,15 @@ def test_plans_of_another_version_are_not_adopted_where_the_manifest_is_gone(sol
     assert (solved / name).read_bytes() == right
 
 
+def test_what_was_solved_by_the_solver_of_an_earlier_version_is_read(solved):
+    forge(solved, lambda manifest: manifest["solve"].update(solver="cvxpy"))
+    manifest = read_manifest(solved)
+    assert manifest.solve["solver"] == "cvxpy", "which the card says"
+    assert settings_of(manifest.solve) == Settings(solver="clarabel")
+
+
 def test_a_worker_with_other_versions_is_refused():
-    here = solved_by(Settings())
+    here = SOLVED_BY
     check_worker(made_with(*here), here)
     with pytest.raises(ProlearnError, match=r"numpy 1\.0, now it is 2.* on all machines"):
         check_worker({**made_with(*here), "numpy": "1.0"}, here)

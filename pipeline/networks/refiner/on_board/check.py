@@ -22,17 +22,10 @@ from pipeline.scenario import draw
 TOLERANCE = 1e-5
 """Largest difference of a control from the whole swarm's, as a share of the largest control."""
 
-MOST_TIES = 1 / 3
-"""Share of the swarms that may meet another optimum of the same fuel."""
-
-SIZES = (2, 10, 30)
-"""Swarm sizes that are flown."""
-
-DRAWS = 2
-"""Swarms of each."""
-
-AgentMemory = dict[str, Any]
-"""What one craft knows: arrays by the names of ``steps.VALUES``."""
+MOST_TIES = 1 / 3  # share of the swarms that may meet another optimum of the same fuel
+SIZES = (2, 10, 30)  # swarm sizes that are flown
+DRAWS = 2  # swarms of each
+AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``steps.VALUES``
 
 Run = Callable[[str, AgentMemory], Mapping[str, Any]]
 """Runs the step of a name on what one craft knows, and gives its outputs by name."""
@@ -40,19 +33,12 @@ Run = Callable[[str, AgentMemory], Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Edge:
-    """One craft's side of an encounter.
+    """One craft's side of an encounter."""
 
-    Attributes:
-        craft: whose side.
-        place: among its encounters.
-        other: the craft that it meets.
-        there: the encounter's place among those of the other craft.
-    """
-
-    craft: int
-    place: int
-    other: int
-    there: int
+    craft: int  # whose side
+    place: int  # among its encounters
+    other: int  # the craft that it meets
+    there: int  # the encounter's place among those of the other craft
 
 
 def fly_rounds(
@@ -120,15 +106,10 @@ def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequen
 
 @dataclass(frozen=True)
 class Compared:
-    """The controls of one swarm.
+    """The controls of one swarm."""
 
-    Attributes:
-        difference: the largest, as a share of the largest control.
-        tie: whether another optimum of the same fuel was met, before which this holds.
-    """
-
-    difference: float
-    tie: bool
+    difference: float  # the largest, as a share of the largest control
+    tie: bool  # whether another optimum of the same fuel was met, before which this holds
 
 
 @dataclass(frozen=True)
@@ -136,18 +117,14 @@ class CraftCheck:
     """What was measured.
 
     Attributes:
-        swarms: swarms that were flown.
-        ties: those in which another optimum of the same fuel was met.
-        encounters: most encounters of a craft in them.
         difference: largest difference from the whole swarm's, as a share of its largest control.
-        seconds: median time of a step on one core, by its name.
     """
 
-    swarms: int
-    ties: int
-    encounters: int
+    swarms: int  # swarms that were flown
+    ties: int  # those in which another optimum of the same fuel was met
+    encounters: int  # most encounters of a craft in them
     difference: float
-    seconds: Mapping[str, float]
+    seconds: Mapping[str, float]  # median time of a step on one core, by its name
 
 
 class Files:

@@ -28,8 +28,7 @@ from pipeline.scratch import scratch_folder
 
 SCHEMA = "prolearn.onnx.craft/1"
 
-ANY = {"P": 5, "Q": 4}
-"""Axes of any length, and the length with which graphs are traced."""
+ANY = {"P": 5, "Q": 4}  # axes of any length, and the length with which graphs are traced
 
 
 @dataclass(frozen=True)
@@ -37,18 +36,14 @@ class ExportedCraft:
     """The files of one craft and what was measured of them.
 
     Attributes:
-        folder: where they are, each named after its step.
-        kib: size of each, by step, KiB.
-        sha256: digest of each, by step.
         told: numbers that a craft tells in each round for each live encounter, by name.
-        checked: how near they are to torch, and how fast.
     """
 
-    folder: Path
-    kib: Mapping[str, float]
-    sha256: Mapping[str, str]
+    folder: Path  # where they are, each named after its step
+    kib: Mapping[str, float]  # size of each, by step, KiB
+    sha256: Mapping[str, str]  # digest of each, by step
     told: Mapping[str, int]
-    checked: CraftCheck
+    checked: CraftCheck  # how near they are to torch, and how fast
 
 
 def export_craft(

@@ -20,14 +20,12 @@ from pipeline.networks.refiner.geometry import (
     NEAR,
     NEAR_OF_EXTENT,
     Grid,
-    Planes,
-    cubic,
     extents,
+    gains,
     grid_of,
     in_units,
-    planes,
-    position,
-    turns,
+    normals,
+    passing,
 )
 from pipeline.networks.refiner.model import (
     LEAST_DUAL,
@@ -41,10 +39,13 @@ from pipeline.networks.refiner.model import (
     two_layers,
 )
 from pipeline.networks.refiner.on_board.traced import (
+    cubic,
     decoupled_optimum,
     first_duals,
     nearest,
+    position,
     solve_one,
+    turns,
 )
 from pipeline.networks.refiner.programs import Decoupled
 from pipeline.networks.refiner.refiner import MessagePassing
@@ -53,8 +54,7 @@ from pipeline.orbit.problem import Problem
 TOLD = "told_"
 """Begins the name of what the craft of the other side told, under the name that it has there."""
 
-NEW = "new_"
-"""Begins the name of an output that takes the place of the input of the same name."""
+NEW = "new_"  # begins the name of an output that takes the place of the input of the same name
 
 STATE = "x y z (m), vx vy vz (m/s)"
 
@@ -66,13 +66,11 @@ class Value:
     Attributes:
         shape: sizes; by letter where they differ: T nodes, m = 3(T-1) controls, P encounters, Q
             other craft, H numbers of a message.
-        what: unit and meaning.
-        dtype: its type.
     """
 
     shape: tuple[int | str, ...]
-    what: str
-    dtype: torch.dtype = torch.float64
+    what: str  # unit and meaning
+    dtype: torch.dtype = torch.float64  # its type
 
     def sized(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """The shape in numbers."""
@@ -129,30 +127,25 @@ def sizes_of(nodes: int, message: int, encounters: int, others: int) -> dict[str
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The P encounters of a craft as they are, in r_col and Δt.
+    """The P encounters of a craft as they are, in r_col and Δt."""
 
-    Attributes:
-        share: when they are closest, as a share of the interval.
-        turns: whether they come closer before and part after it.
-        planes: between this craft and the others.
-    """
-
-    share: Float[Tensor, "P"]
-    turns: Bool[Tensor, "P"]
-    planes: Planes
+    ends: Float[Tensor, "P 2 6"]  # states relative to the other craft at both ends of the interval
+    share: Float[Tensor, "P"]  # when they are closest, as a share of the interval
+    turns: Bool[Tensor, "P"]  # whether they come closer before and part after it
+    distance: Float[Tensor, "P"]  # then
+    along: Float[Tensor, "P 3"]  # normal of the plane
+    gain: Float[Tensor, "P m"]  # how the craft's controls move it along the normal
 
 
 class Step(nn.Module):
     """One graph: ``forward`` has the inputs by name, m, m/s and m/s².
 
     Attributes:
-        gives: names of the outputs.
-        tells: those of them that the other craft must have before the next step.
         tells_all: whether also of encounters that are not live.
     """
 
-    gives: tuple[str, ...] = ()
-    tells: tuple[str, ...] = ()
+    gives: tuple[str, ...] = ()  # names of the outputs
+    tells: tuple[str, ...] = ()  # those of them that the other craft must have before the next step
     tells_all = False
 
     def __init__(self, network: MessagePassing, problem: Problem) -> None:
@@ -196,7 +189,9 @@ class Step(nn.Module):
         ends = self.scaled(nodes, r_col) - self.scaled(told_nodes, r_col)
         motion = cubic(ends)
         share = nearest(motion)
-        return Scene(share, turns(motion, share), planes(interval, share, motion, self.grid))
+        distance, along = normals(ends, share)
+        gain = gains(interval, share, along, self.grid)
+        return Scene(ends, share, turns(motion, share), distance, along, gain)
 
 
 class Begin(Step):
@@ -256,9 +251,9 @@ class Look(Step):
     ) -> tuple[Tensor, ...]:
         """Distances (P,), which encounters are live (P,), first prices (P,), standing (P, 3)."""
         own, scene = self.own(initial, goal, r_col), self.scene(interval, nodes, told_nodes, r_col)
-        distance = scene.planes.distance
+        distance = scene.distance
         live = gets_plane(distance, scene.turns, number) | (first_price > 0)
-        asked = first_duals(own, scene.planes.gain).clamp(min=LEAST_DUAL)
+        asked = first_duals(own, scene.gain).clamp(min=LEAST_DUAL)
         first_price = torch.where(live & (first_price == 0), asked, first_price)
         spent = (controls / self.acceleration(r_col)).abs().sum() - own.controls.abs().sum()
         standing = torch.stack([live.sum().to(price.dtype), price.sum(), spent])
@@ -288,7 +283,10 @@ class Speak(Step):
         """What is said, (P, H), and heard, (P, 2H)."""
         scene = self.scene(interval, nodes, told_nodes, r_col)
         features = edge_features(
-            scene.planes,
+            scene.distance,
+            scene.gain,
+            scene.along,
+            passing(scene.ends, scene.share, scene.along),
             (interval + scene.share) / (self.grid.nodes - 1),
             torch.stack([price, told_price], dim=1),
             torch.stack([first_price, told_first_price], dim=1),
@@ -298,7 +296,7 @@ class Speak(Step):
         features = torch.where(live[:, None, None], features, 0.0)
         said = two_layers(self.weights, "read", features.flatten(1))
         told = torch.where(live[:, None], linear(self.weights, "tell", said), 0.0)
-        free = free_directions(scene.planes.gain, self.grid).float()
+        free = free_directions(scene.gain, self.grid).float()
         every = told.sum(dim=0).expand(told.shape)
         heard = torch.cat([free @ (free.T @ told), every], dim=1)
         return said, self.weights["hears"] * heard
@@ -347,10 +345,10 @@ class Settle(Step):
         prices = torch.stack([price, told_price], dim=1)
         first_prices = torch.stack([first_price, told_first_price], dim=1)
         trade = trade_of(offer, told_offer)
-        give = to_give(scene.planes.distance, prices, first_prices, trade)[:, 0]
+        give = to_give(scene.distance, prices, first_prices, trade)[:, 0]
         now = controls / self.acceleration(r_col)
         own = self.own(initial, goal, r_col)
-        best, paid = solve_one(own, scene.planes.gain, scene.planes.gain @ now + give, live)
+        best, paid = solve_one(own, scene.gain, scene.gain @ now + give, live)
         best = torch.where(live.any(), best, now)
         states = self.fly(initial, best, r_col)
         both = torch.stack([states[interval], states[interval + 1]], dim=1)
@@ -365,8 +363,7 @@ ROUND: Mapping[str, type[Step]] = {
 }
 """Steps of a round by name, in order."""
 
-STEPS: Mapping[str, type[Step]] = {"begin": Begin, "meet": Meet, **ROUND}
-"""All steps, in order."""
+STEPS: Mapping[str, type[Step]] = {"begin": Begin, "meet": Meet, **ROUND}  # all steps, in order
 
 
 def takes(step: type[Step]) -> tuple[str, ...]:

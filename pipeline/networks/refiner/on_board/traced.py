@@ -13,12 +13,41 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pipeline.errors import InputError
-from pipeline.networks.refiner.geometry import Cubic, Grid, position, velocity
-from pipeline.networks.refiner.nearest import NEWTON_STEPS, STRETCHES
+from pipeline.networks.refiner.geometry import Grid
+from pipeline.networks.refiner.nearest import LEVEL, NEWTON_STEPS, STRETCHES
 from pipeline.networks.refiner.programs import LARGEST_DUAL, Decoupled
 from pipeline.networks.refiner.simplex import MOST_PIVOTS, NO_PIVOT, SMALL, STEEP, TIE
 from pipeline.orbit.least_fuel import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
+
+Cubic = tuple[Tensor, Tensor, Tensor, Tensor]
+"""p0, v0, a2, a3 of the relative position p0 + v0 s + a2 s² + a3 s³, each (L, 3)."""
+
+
+def cubic(ends: Float[Tensor, "L 2 6"]) -> Cubic:
+    """The cubic of relative motion between states at both ends of an interval."""
+    p0, v0, p1, v1 = ends[:, 0, :3], ends[:, 0, 3:], ends[:, 1, :3], ends[:, 1, 3:]
+    return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
+
+
+def position(motion: Cubic, share: Float[Tensor, "L"]) -> Float[Tensor, "L 3"]:
+    """Value of the cubic."""
+    (p0, v0, a2, a3), s = motion, share[:, None]
+    return p0 + s * (v0 + s * (a2 + s * a3))
+
+
+def velocity(motion: Cubic, share: Float[Tensor, "L"]) -> Float[Tensor, "L 3"]:
+    """Derivative of the cubic."""
+    (_, v0, a2, a3), s = motion, share[:, None]
+    return v0 + s * (2 * a2 + 3 * s * a3)
+
+
+def turns(motion: Cubic, share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
+    """Whether the pair comes closer before and parts after its closest approach."""
+    gap, speed = position(motion, share), velocity(motion, share)
+    along = (gap * speed).sum(dim=1) ** 2
+    level = along <= LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
+    return ((share > 0) & (share < 1)) | level
 
 
 def nearest(motion: Cubic) -> Float[Tensor, "k"]:

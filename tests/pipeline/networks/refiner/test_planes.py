@@ -1,13 +1,14 @@
 """The planes between craft against scipy's cubics, and their gradients against differences."""
 
 import weakref
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from scipy.interpolate import CubicHermiteSpline
 
-from pipeline.networks.refiner.geometry import Encounters, cubic, grid_of, planes
+from pipeline.networks.refiner.geometry import Encounters, gains, grid_of, normals, passing
 from pipeline.orbit.problem import Problem
 
 PROBLEM, CRAFT, ENCOUNTERS = Problem(), 6, 9
@@ -29,8 +30,12 @@ def drawn():
 
 
 def stand(met, share, states):
-    """The planes between pairs at some time in an interval."""
-    return planes(met.interval, share, cubic(met.relative(states)), GRID)
+    """The planes between pairs at some time in an interval, and their motion past each other."""
+    ends = met.relative(states)
+    distance, along = normals(ends, share)
+    gain = gains(met.interval, share, along, GRID if torch.is_tensor(states) else grid_of(PROBLEM))
+    motion, speed = passing(ends.detach() if torch.is_tensor(ends) else ends, share, along)
+    return SimpleNamespace(distance=distance, along=along, gain=gain, motion=motion, speed=speed)
 
 
 def relative(met, share, states):
@@ -71,10 +76,7 @@ def test_a_gain_is_how_far_controls_move_the_first_craft_along_the_normal(drawn)
 
 def test_numpy_and_torch_put_up_the_same_planes(drawn):
     met, share, states = drawn
-    found, same = (
-        stand(*drawn),
-        planes(met.interval, share, cubic(met.relative(states.numpy())), grid_of(PROBLEM)),
-    )
+    found, same = stand(*drawn), stand(met, share, states.numpy())
     for name, values in vars(same).items():
         assert getattr(found, name).numpy() == pytest.approx(values, rel=1e-12, abs=1e-12)
 

@@ -10,10 +10,16 @@ from tableaux import one_of
 
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.refiner.geometry import Encounters, approaches, cubic, grid_of, turns
+from pipeline.networks.refiner.geometry import Encounters, approaches, grid_of
 from pipeline.networks.refiner.on_board.check import Compared, compare, fly_rounds, together
 from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, takes, told_each_round
-from pipeline.networks.refiner.on_board.traced import decoupled_optimum, nearest, solve_one
+from pipeline.networks.refiner.on_board.traced import (
+    cubic,
+    decoupled_optimum,
+    nearest,
+    solve_one,
+    turns,
+)
 from pipeline.networks.refiner.programs import LARGEST_DUAL, Sides, decoupled_optima, optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
