@@ -76,22 +76,18 @@ class Architecture(Protocol):
     @property
     def config(self) -> Mapping[str, Any]:
         """Sizes as plain JSON values; they are stored with each model."""
-        ...
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
         """By recipe name, the fields of ``pipeline.networks.recipes.Recipe`` that differ."""
-        ...
 
     @property
     def answers(self) -> Answer:
         """What it answers with: "states" at the nodes, or "controls" of the intervals."""
-        ...
 
     @property
     def objective(self) -> str:
         """The metric of a training that a search for better recipes makes small."""
-        ...
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """An untrained module.
@@ -106,7 +102,6 @@ class Architecture(Protocol):
             encoding: swarm size, nodes and problem that the network is for.
             dropout: share of each hidden layer's outputs to drop in training.
         """
-        ...
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
         """What loss and score need of some swarms, on the CPU.
@@ -116,13 +111,11 @@ class Architecture(Protocol):
         Raises:
             InputError: where it needs the expert's plans and there are none.
         """
-        ...
 
     def loss(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """What training makes small: a mean over a batch, on the network's device."""
-        ...
 
     def score(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
@@ -131,13 +124,11 @@ class Architecture(Protocol):
 
         It is a mean over a batch of validation data, without gradients.
         """
-        ...
 
     def answer(
         self, network: nn.Module, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ _"]:
         """States (b, n, T, 6), m and m/s, or controls (b, n, T-1, 3), m/s², for any n ≥ 1."""
-        ...
 
 
 def unused_fields(architecture: Architecture) -> frozenset[str]:

@@ -37,22 +37,18 @@ class TrainedNetwork(Protocol):
     @property
     def architecture(self) -> str:
         """Its name."""
-        ...
 
     @property
     def problem(self) -> Problem:
         """The problem of its training data."""
-        ...
 
     @property
     def answers(self) -> Answer:
-        """What it answers with: "states" or "controls"."""
-        ...
+        """What it answers with."""
 
     @property
     def digest(self) -> str:
         """SHA-256 of all that decides its answers."""
-        ...
 
     def on(self, problem: Problem) -> "TrainedNetwork":
         """The same weights for another problem: other nodes, step or orbit.
@@ -60,7 +56,6 @@ class TrainedNetwork(Protocol):
         Raises:
             InputError: where the weights do not fit.
         """
-        ...
 
     def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ _"]:
         """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s².
@@ -73,7 +68,6 @@ class TrainedNetwork(Protocol):
         Raises:
             InputError: where the two differ in shape or are not states of swarms.
         """
-        ...
 
 
 def portions(initial: Array, goal: Array, nodes: int) -> Iterator[slice]:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Float
@@ -21,11 +21,7 @@ def collision_penalty(
     """Mean over instances of Σ max(0, 1 - d/r_col)² over pairs and nodes, d the distance in m.
 
     A smooth stand-in for Eq. 5: it is 0 exactly where no pair is within the collision radius at
-    a node, and each collision adds up to 1, the more the deeper it is.
-
-    Args:
-        positions: predicted positions, m.
-        collision_radius: r_col, m.
+    a node, and each collision adds up to 1, more where it is deeper.
     """
     n = positions.shape[1]
     i, j = torch.triu_indices(n, n, 1, device=positions.device)
@@ -43,15 +39,7 @@ def supervised_loss(
     encoding: Encoding,
     collision_weight: float,
 ) -> Float[Tensor, ""]:
-    """Mean square error in encoded units plus the weighted collision penalty.
-
-    Args:
-        output: the network's answer.
-        inputs: what it read.
-        target: what it should have answered.
-        encoding: decodes the answer into positions.
-        collision_weight: weight of the penalty; 0 leaves it out.
-    """
+    """Mean square error in encoded units, plus the collision penalty where it has weight."""
     loss = (output - target).square().mean()
     if collision_weight == 0:
         return loss
@@ -63,6 +51,8 @@ class Supervised(ABC):
     """An ``Architecture`` but for its network and the forward pass; the paper's six are such."""
 
     collision: bool = False  # whether the loss has the collision penalty
+    answers: ClassVar[Answer] = "states"  # which obey no dynamics
+    objective: ClassVar[str] = "valid_position_rmse"  # from the expert's on validation data, m
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -78,16 +68,6 @@ class Supervised(ABC):
     def unused(self) -> frozenset[str]:
         """The weight of the collision penalty, where the loss has none."""
         return frozenset() if self.collision else frozenset({"collision_weight"})
-
-    @property
-    def answers(self) -> Answer:
-        """States, which obey no dynamics."""
-        return "states"
-
-    @property
-    def objective(self) -> str:
-        """The distance from the expert's positions on validation data, m."""
-        return "valid_position_rmse"
 
     @abstractmethod
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:

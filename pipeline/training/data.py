@@ -198,15 +198,12 @@ class Batches(Protocol):
 
     def __len__(self) -> int:
         """Number of instances."""
-        ...
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
         """All of them once, in random batches."""
-        ...
 
     def in_order(self, size: int) -> Iterator[Prepared]:
         """All of them once, in batches."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ LEAST_CHANGE = Programs(_first_duals, _optima)  # the program above
 
 @no_type_check
 @njit(cache=True)
-def _solve_all(start, order, gain, free, asked, dearest, controls, dual):
+def _solve_all(start, order, gain, free, asked, largest, controls, dual):
     """The optimum of each of C programs; sides are those of ``simplex.solve_all``.
 
     Args:
@@ -105,7 +105,7 @@ def _solve_all(start, order, gain, free, asked, dearest, controls, dual):
         gain: rows of planes for the first craft of each, (L, m).
         free: F times these, (L, m).
         asked: what is asked of either craft, (L, 2).
-        dearest: cost of what is missing at a plane.
+        largest: cost of what is missing at a plane.
         controls: decoupled optima, which become the result, (C, m).
         dual: zeros, which become the result, (L, 2).
     """
@@ -123,7 +123,7 @@ def _solve_all(start, order, gain, free, asked, dearest, controls, dual):
                     length += g[k] * f[k]
                 if length > NO_GAIN:
                     before = dual[plane, second]
-                    now = min(max(before + left / length, 0.0), dearest)
+                    now = min(max(before + left / length, 0.0), largest)
                     dual[plane, second] = now
                     for k in range(len(u)):
                         u[k] += sign * (now - before) * f[k]

@@ -20,7 +20,7 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, like, plain, rows
 from pipeline.networks.refiner.geometry import Grid
-from pipeline.networks.refiner.simplex import costs_of_first, solve_all
+from pipeline.networks.refiner.simplex import first_ratios, solve_all
 from pipeline.orbit.least_fuel import least_fuel
 from pipeline.orbit.problem import Problem
 
@@ -119,7 +119,7 @@ def first_duals(
 ) -> Float[Array, "k"]:
     """What the first unit along a row costs a craft: the dual simplex ratio."""
     dual = np.empty(len(craft))
-    costs_of_first(own.tableau, own.basis, own.others, own.cost, craft, gain, dual)
+    first_ratios(own.tableau, own.basis, own.others, own.cost, craft, gain, dual)
     return dual
 
 

@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.files import published
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import traced, write
-from pipeline.networks.refiner.ablations import REFINER
+from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.on_board.check import CraftCheck, check
 from pipeline.networks.refiner.on_board.steps import (
     STEPS,

@@ -87,7 +87,7 @@ VALUES: Mapping[str, Value] = {
     "initial": Value((6,), f"{STATE} at the first node"),
     "goal": Value((6,), f"{STATE} at the last node"),
     "r_col": Value((), "collision radius, m"),
-    "states": Value(("T", 6), f"{STATE} at each node of the own optimum"),
+    "states": Value(("T", 6), f"{STATE} at each node of the decoupled optimum"),
     "told_states": Value(("Q", "T", 6), "the same of all other craft"),
     "met": Value(("Q", "T-1"), "whether it is an encounter, by craft and interval", torch.bool),
     "interval": Value(("P",), "in which interval each encounter is, from 0", WHOLE),
@@ -100,7 +100,7 @@ VALUES: Mapping[str, Value] = {
     "live": Value(("P",), "whether the encounter gets a plane in this round", torch.bool),
     "standing": Value(
         ("P", 3),
-        "number of live encounters, sum of their prices, fuel over the own optimum (r_col/Δt²)",
+        "number of live encounters, sum of their prices, fuel over the decoupled (r_col/Δt²)",
     ),
     "offer": Value(("P",), "what the craft offers", FLOAT),
     "said": Value(("P", "H"), "what it makes of both sides", FLOAT),
