@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.expert.own import control_limit
+from pipeline.expert.decoupled import control_limit
 from pipeline.expert.plain import UNIT
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.fuel import fuel

@@ -246,7 +246,7 @@ def planner_of(
     assignment: Assigned = "given",
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
-    from pipeline.planners.interchangeable import Interchangeable
+    from pipeline.planners.goal_assignment import GoalAssignment
     from pipeline.planners.named import named_planner
 
     told: Any = {"effort": effort and effort.value, "raw": raw}
@@ -255,4 +255,4 @@ def planner_of(
         from cli.stages.plan import model_planner
 
         found = model_planner(name, requirements, **told)
-    return Interchangeable(found) if assignment == "optimal" else found
+    return GoalAssignment(found) if assignment == "optimal" else found

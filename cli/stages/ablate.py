@@ -13,8 +13,8 @@ from pipeline.experiments.answer import FREE
 from pipeline.experiments.trials import Entrant
 from pipeline.networks.refiner.ablations import REFINER, SHORT, TUNED
 from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.network import Flown
+from pipeline.planners.classical import BASELINES
+from pipeline.planners.network import NetworkPlanner
 from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
@@ -128,7 +128,7 @@ def refiners_on(data: Where) -> list[ModelVersion]:
 def _with_rounds(network: Network, count: int) -> Entrant:
     """A refiner that takes so many rounds; its controls are flyable plans as they stand."""
     version, model = network.version, with_rounds(network.model, count)
-    return Entrant(Flown(model, network.name), version.recipe, version.training_seed)
+    return Entrant(NetworkPlanner(model, network.name), version.recipe, version.training_seed)
 
 
 def _common_rounds(networks: Sequence[Network]) -> int:

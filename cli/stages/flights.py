@@ -14,10 +14,8 @@ from pipeline.experiments.trials import Entrant
 from pipeline.jobs.workers import Workers
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.orbit.problem import Problem
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
-from pipeline.planners.ladder import Ladder
-from pipeline.planners.network import Flown
+from pipeline.planners.classical import BASELINES, Expert
+from pipeline.planners.network import FallbackPlanner, NetworkPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.storage.folder import Where
 from registry.results import Done
@@ -104,5 +102,5 @@ def _safe(network: Network, problem: Problem) -> Entrant:
         InputError: where its weights do not fit the transfers that are planned on the way.
     """
     network.model.on(replace(problem, nodes=SHORTEST))
-    planner = Ladder(Flown(network.model, network.name))
+    planner = FallbackPlanner(NetworkPlanner(network.model, network.name))
     return Entrant(planner, network.version.recipe, network.version.training_seed)

@@ -12,7 +12,7 @@ from pipeline.experiments.examples.run import example_transfer
 from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
 from pipeline.experiments.summary import sizes_of_paper, summarize
 from pipeline.experiments.trials import PREDICTED, Entrant
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
 from pipeline.storage.folder import Where

@@ -16,9 +16,9 @@ from scipy import sparse
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.cuts import directions
-from pipeline.expert.interior_point import OPTIMAL
-from pipeline.expert.own import control_limit, own_optima
+from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.seeds import Seed, checked_seed
+from pipeline.expert.solvers import OPTIMAL
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
@@ -107,10 +107,10 @@ class PlainScp:
             )
         blank = np.zeros((self.n, self.problem.nodes, 6))
         aim = blank if seed is None else checked_seed(scenario, seed)
-        own = own_optima(scenario.initial, scenario.goal, self.problem)
-        bound, proof = own.bound(slice(None))
+        optima = decoupled_optima(scenario.initial, scenario.goal, self.problem)
+        bound, proof = optima.bound()
         found = self._search(scenario, aim, bound)
-        controls = own.controls if found.controls is None else found.controls
+        controls = optima.controls if found.controls is None else found.controls
         timing = {"plan": perf_counter() - started}
         made = Made(controls, bound, proof, found.convex_solves, timing)
         plan = planned(NAME, scenario, made, Requirements("nodes"))

@@ -14,8 +14,7 @@ from pipeline.errors import InputError
 from pipeline.flight.errors import Errors
 from pipeline.flight.world import World
 from pipeline.orbit.approaches import MOST_PAIRS
-from pipeline.planners.identity import identity
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import Planner, identity
 from pipeline.provenance import DecidedBy, made_with
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS

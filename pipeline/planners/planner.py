@@ -1,10 +1,20 @@
-"""The one thing all planners have in common: scenarios in, plans out."""
+"""The planner protocol, the identity of a planner, and plans from controls with a certificate."""
 
-from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, Protocol, runtime_checkable
 
-from pipeline.plan import Plan, Requirements
-from pipeline.scenario import Scenario
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.expert.batch import Batch
+from pipeline.plan import INFEASIBLE, Made, Plan, Requirements, planned_all
+from pipeline.scenario import Scenario, shared_problem
+
+Ends = Float[Array, "b n 6"]
+"""States of all craft at one end of some transfers, m and m/s."""
 
 
 @runtime_checkable
@@ -24,3 +34,76 @@ class Planner(Protocol):
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
         ...
+
+
+def identity(planner: Planner) -> dict[str, Any]:
+    """Name, class, settings and digest of the network of a planner, JSON-ready.
+
+    Planners with the same identity give the same plans where the versions of the code are the
+    same.
+    """
+    return {"name": planner.name, **_identified(planner)}
+
+
+def _identified(value: Any) -> Any:
+    if value is None or isinstance(value, str | int | float):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _identified(one) for key, one in value.items()}
+    if isinstance(value, Sequence):
+        return [_identified(one) for one in value]
+    if isinstance(getattr(value, "digest", None), str):  # a network
+        return {"class": type(value).__qualname__, "digest": value.digest}
+    if is_dataclass(value):
+        parts = {field.name: _identified(getattr(value, field.name)) for field in fields(value)}
+        return {"class": type(value).__qualname__, **parts}
+    kind = value if hasattr(value, "__qualname__") else type(value)
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+def certified(
+    planner: str,
+    scenarios: Sequence[Scenario],
+    controls: Float[Array, "n intervals 3"],
+    seconds: float,
+    requirements: Requirements,
+) -> list[Plan]:
+    """Plans from controls, INFEASIBLE where it is proven that there is none.
+
+    Args:
+        planner: its name.
+        scenarios: of one problem, at least one.
+        controls: of all their craft, one after the other, m/s².
+        seconds: that it took to make them all.
+        requirements: what the plans are judged by.
+    """
+    batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
+    bound = batch.optima.bound
+    made = [Made(controls[craft], *bound(craft), timing=timing) for craft in batch.craft]
+    plans = planned_all(planner, scenarios, made, requirements)
+    return [
+        replace(plan, status=INFEASIBLE, message=why) if why else plan
+        for plan, why in zip(plans, batch.infeasible(), strict=True)
+    ]
+
+
+def certified_answers(
+    planner: str,
+    scenarios: Sequence[Scenario],
+    answer: Callable[[Ends, Ends], Float[Array, "b n _ 3"]],
+    requirements: Requirements,
+) -> list[Plan]:
+    """As ``certified``, from a function of initial and goal states to controls that meet the goal.
+
+    It is called and timed once, for all scenarios, which share one problem and one n.
+    """
+    if not scenarios:
+        return []
+    shared_problem(scenarios)
+    started = time.perf_counter()
+    initial = np.stack([scenario.initial for scenario in scenarios])
+    goal = np.stack([scenario.goal for scenario in scenarios])
+    controls = answer(initial, goal)
+    seconds = time.perf_counter() - started
+    flat = controls.reshape(-1, *controls.shape[2:])
+    return certified(planner, scenarios, flat, seconds, requirements)

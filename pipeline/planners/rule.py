@@ -1,4 +1,4 @@
-"""The refiner's rule as a planner: rounds of giving way by prices alone, with nothing learned."""
+"""The refiner's rounds as a planner without learning: message passing by dual variables alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from pipeline.networks.refiner.other_rounds import by_rule
 from pipeline.networks.refiner.program import LEAST_FUEL
 from pipeline.orbit.transfer import meet_goal
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.planners.certified import Ends, certified_answers
+from pipeline.planners.planner import Ends, certified_answers
 from pipeline.scenario import Scenario
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What the refiner does untrained: the cheapest safe iterate of some rounds, or else the last.
+    """The untrained refiner: the cheapest safe iterate of some rounds, or else the last.
 
     Attributes:
         rounds: how many.

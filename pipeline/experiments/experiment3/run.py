@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from pipeline.experiments.experiment3.rows import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor
 from pipeline.expert import EFFORTS, SEEDS, solve
-from pipeline.expert.seeds import Seed, own_seed
+from pipeline.expert.seeds import Seed, decoupled_seed
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
@@ -71,7 +71,7 @@ def run_warmstarts(
 
 def _seeds(optimizer: str) -> dict[Source, SeedMaker]:
     """Seeds that need no network. The own LPs are one for the plain SCP: the expert's start."""
-    own: dict[str, SeedMaker] = {"own LP": own_seed} if optimizer == PLAIN else {}
+    own: dict[str, SeedMaker] = {"own LP": decoupled_seed} if optimizer == PLAIN else {}
     return {(name, 0): make for name, make in {**SEEDS, **own}.items()}
 
 

@@ -11,8 +11,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.experiment4.run import NODES, TIME_STEP, run_transfer_times, variations
 from pipeline.experiments.trials import Entrant
 from pipeline.orbit.problem import Problem
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 
 PROBLEM = Problem()

@@ -16,9 +16,9 @@ from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import Expert
 from pipeline.planners.named import named_planner
-from pipeline.planners.network import Flown
+from pipeline.planners.network import NetworkPlanner
 from pipeline.scenario import Scenario, draw
 
 TRIALS = 20
@@ -201,4 +201,4 @@ def test_a_network_for_one_time_grid_alone_says_so():
     network = found.network(found.config, encoding, 0.0)
     model = Model("ff1", found.config, "t", encoding, network)
     with pytest.raises(InputError, match="nodes"):
-        flown(scenario, closed(scenario, plan, Flown(model, "ff1"), trials=1), trials=1)
+        flown(scenario, closed(scenario, plan, NetworkPlanner(model, "ff1"), trials=1), trials=1)

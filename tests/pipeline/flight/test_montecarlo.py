@@ -23,9 +23,9 @@ from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
-from pipeline.planners.expert import Expert
-from pipeline.planners.identity import identity
+from pipeline.planners.classical import Expert
 from pipeline.planners.named import named_planner
+from pipeline.planners.planner import identity
 from pipeline.scenario import draw
 
 SCENARIO = draw("rings", 0, 3, 0, Problem(nodes=6), "test")
@@ -195,7 +195,7 @@ def test_other_settings_do_not_go_into_the_same_folder(undisturbed, other, named
     ("planner", "named"),
     [
         (Expert(FIRST_SAFE), r"planner\.settings\.\w+ = "),
-        (named_planner("refiner"), r"planner\.class = Expert, now it is Ladder"),
+        (named_planner("refiner"), r"planner\.class = Expert, now it is FallbackPlanner"),
     ],
     ids=["effort", "network"],
 )

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from pipeline.expert import own_optima
+from pipeline.expert import decoupled_optima
 from pipeline.orbit.least_thrust import least_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
@@ -120,8 +120,8 @@ def test_the_expert_flies_within_the_limit_that_is_asked_for_and_proves_that_les
         (k,), least = case.craft, case.numbers["least_limit"]
         ends = drawn.initial[[k]], drawn.goal[[k]]
         asked = float(case.text.split("at least ")[1].split(" m/s")[0])
-        assert own_optima(*ends, Problem(max_acceleration=asked)).feasible[0]
-        assert own_optima(*ends, Problem(max_acceleration=least * 0.999)).impossible[0]
+        assert decoupled_optima(*ends, Problem(max_acceleration=asked)).feasible[0]
+        assert decoupled_optima(*ends, Problem(max_acceleration=least * 0.999)).impossible[0]
 
 
 def test_a_craft_that_stays_on_its_orbit_needs_no_thrust():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import own_optima, solve, within_risk
+from pipeline.expert import decoupled_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Made, Requirements, RiskLimit, planned
 from pipeline.scenario import draw
@@ -24,7 +24,7 @@ def plan():
 @pytest.fixture(scope="module")
 def unsafe():
     """Each craft's own optimum: some pass each other too close."""
-    own = own_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
+    own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
     made = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
     assert made.status == "unsafe"
     return made

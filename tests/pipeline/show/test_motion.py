@@ -5,7 +5,7 @@ import pytest
 from clohessy import position
 from scipy.optimize import minimize_scalar
 
-from pipeline.expert import own_optima, solve
+from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
@@ -20,7 +20,7 @@ NONE = np.zeros(0)
 def own(n, index=0, problem=PROBLEM):
     """States and controls of each craft's own optimum, which heed no other craft."""
     scenario = draw("rings", 0, n, index, problem)
-    controls = own_optima(scenario.initial, scenario.goal, problem).controls
+    controls = decoupled_optima(scenario.initial, scenario.goal, problem).controls
     return scenario, fly(scenario.initial, controls, problem), controls
 
 

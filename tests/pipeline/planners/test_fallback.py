@@ -1,4 +1,4 @@
-"""The ladder: a network's plan where it is proven safe, else one solve, else the expert."""
+"""The fallback planner: a network's plan if proven safe, else one solve, else the expert."""
 
 import json
 from dataclasses import replace
@@ -15,10 +15,9 @@ from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, UNSAFE
 from pipeline.plan.document import write_plan
-from pipeline.planners import ladder
-from pipeline.planners.ladder import Ladder
+from pipeline.planners import network
 from pipeline.planners.named import named_planner
-from pipeline.planners.network import Flown
+from pipeline.planners.network import FallbackPlanner, NetworkPlanner
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
@@ -38,9 +37,9 @@ def drawn(n, count, problem=PROBLEM, family="rings"):
 
 
 @pytest.mark.parametrize(("family", "count", "rounds"), [("rings", 20, 0), ("dense", 15, 1)])
-def test_every_plan_is_safe_and_says_which_rung_it_is_from(family, count, rounds, tmp_path):
+def test_every_plan_is_safe_and_says_who_made_it(family, count, rounds, tmp_path):
     scenarios = drawn(10, count, family=family)
-    plans = Ladder(Flown(refiner(rounds), "refiner")).plan(scenarios)
+    plans = FallbackPlanner(NetworkPlanner(refiner(rounds), "refiner")).plan(scenarios)
     names = [plan.planner for plan in plans]
     assert set(names) >= {"refiner", "refiner + one solve"}
     assert set(names) <= {"refiner", "refiner + one solve", "expert"}
@@ -54,8 +53,10 @@ def test_every_plan_is_safe_and_says_which_rung_it_is_from(family, count, rounds
 
 def test_a_plan_of_the_network_that_is_safe_is_left_as_it_is():
     scenarios = drawn(10, 20)
-    flown = Flown(refiner(0), "refiner")
-    for own, plan in zip(flown.plan(scenarios), Ladder(flown).plan(scenarios), strict=True):
+    flown = NetworkPlanner(refiner(0), "refiner")
+    for own, plan in zip(
+        flown.plan(scenarios), FallbackPlanner(flown).plan(scenarios), strict=True
+    ):
         if own.status == SOLVED:
             assert plan.planner == "refiner"
             assert plan.convex_solves == 0
@@ -65,7 +66,7 @@ def test_a_plan_of_the_network_that_is_safe_is_left_as_it_is():
             assert plan.timing["plan"] > own.timing["plan"] / 2
 
 
-class Unproven(Flown):
+class Unproven(NetworkPlanner):
     """A network none of whose plans is proven safe, and that takes a second for each."""
 
     def plan(self, scenarios):
@@ -76,9 +77,9 @@ class Unproven(Flown):
 def test_where_one_solve_does_not_do_the_expert_plans_and_all_that_it_took_counts(monkeypatch):
     """One solve that may solve nothing: no network's plan is safe then, nor what comes of it."""
     scenarios = drawn(10, 3)
-    nothing = replace(ladder.ONE_SOLVE, max_rounds=0)
-    monkeypatch.setattr(ladder, "ONE_SOLVE", nothing)
-    plans = Ladder(Unproven(refiner(0), "refiner")).plan(scenarios)
+    nothing = replace(network.ONE_SOLVE, max_rounds=0)
+    monkeypatch.setattr(network, "ONE_SOLVE", nothing)
+    plans = FallbackPlanner(Unproven(refiner(0), "refiner")).plan(scenarios)
     expert = solve_many(scenarios, settings=FIRST_SAFE)
     for plan, wanted in zip(plans, expert, strict=True):
         assert (plan.planner, plan.status) == ("expert", SOLVED)
@@ -89,7 +90,7 @@ def test_where_one_solve_does_not_do_the_expert_plans_and_all_that_it_took_count
 def test_a_plan_that_no_solve_was_needed_for_does_not_claim_one():
     """A craft alone that may not burn what its optimum needs: the expert sees so at once."""
     problem = replace(PROBLEM, max_acceleration=1e-6)
-    (plan,) = Ladder(Flown(refiner(0), "refiner")).plan(drawn(1, 1, problem))
+    (plan,) = FallbackPlanner(NetworkPlanner(refiner(0), "refiner")).plan(drawn(1, 1, problem))
     assert plan.status != SOLVED
     assert (plan.planner, plan.convex_solves) == ("expert", 0)
 
@@ -97,8 +98,8 @@ def test_a_plan_that_no_solve_was_needed_for_does_not_claim_one():
 def test_a_thrust_limit_that_the_network_knows_nothing_of_is_kept():
     problem = replace(PROBLEM, max_acceleration=1e-3)
     scenarios = drawn(6, 12, problem)
-    flown = Flown(refiner(8), "refiner")
-    plans = Ladder(flown).plan(scenarios)
+    flown = NetworkPlanner(refiner(8), "refiner")
+    plans = FallbackPlanner(flown).plan(scenarios)
     solved = [plan for plan in plans if plan.status == SOLVED]
     assert len(solved) >= 6
     assert any(plan.planner != "refiner" for plan in solved)

@@ -1,18 +1,18 @@
-"""Planners that need neither a network nor a joint program: they belong in every table."""
+"""Planners without a network: the expert, and baselines that plan each craft without the others."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.expert import own_optima
+from pipeline.expert import Settings, decoupled_optima, solve_many
 from pipeline.expert.batch import Batch
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.planners.certified import certified
+from pipeline.planners.planner import certified
 from pipeline.scenario import Scenario
 
 States = Float[Array, "n 6"]
@@ -20,8 +20,28 @@ Controls = Float[Array, "n intervals 3"]
 
 
 @dataclass(frozen=True)
+class Expert:
+    """Sequential convex programming on all scenarios at once.
+
+    Attributes:
+        settings: how to work.
+        name: what tables call it.
+        requirements: what its plans must satisfy.
+    """
+
+    settings: Settings = field(default_factory=Settings)
+    name: str = "expert"
+    requirements: Requirements = AT_ALL_TIMES
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario."""
+        plans = solve_many(scenarios, settings=self.settings, requirements=self.requirements)
+        return [replace(plan, planner=self.name) for plan in plans]
+
+
+@dataclass(frozen=True)
 class Baseline:
-    """A planner that plans each craft on its own.
+    """A planner that plans each craft without the others.
 
     Attributes:
         name: what tables call it.
@@ -49,13 +69,14 @@ def _line(initial: States, goal: States, problem: Problem) -> Controls:
     return project_to_flyable(states, initial, goal, problem)
 
 
-def _own(initial: States, goal: States, problem: Problem) -> Controls:
-    return own_optima(initial, goal, problem).controls
+def _decoupled(initial: States, goal: States, problem: Problem) -> Controls:
+    return decoupled_optima(initial, goal, problem).controls
 
 
 BASELINES = (
     Baseline("straight line", _line),
     Baseline("minimum energy", minimum_energy),
-    Baseline("own LP", _own),
+    Baseline("own LP", _decoupled),
 )
-"""The straight line made flyable, the closed-form minimum-energy transfer, the own optima."""
+"""The straight line made flyable, the closed-form minimum-energy transfer, decoupled optima: they
+belong in every table."""

@@ -1,11 +1,11 @@
-"""Each craft's own optimum against HiGHS, and the bound that its multipliers prove."""
+"""Decoupled optima against HiGHS, and the bound that their dual variables prove."""
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
-from pipeline.expert import own_optima, solve
+from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
@@ -47,33 +47,33 @@ def by_highs(initial, goal, problem):
 )
 def test_fuel_and_bound_are_the_optimum_of_highs(problem):
     scenario = draw("rings", 1, 8, 0, problem)
-    own = own_optima(scenario.initial, scenario.goal, problem)
+    optima = decoupled_optima(scenario.initial, scenario.goal, problem)
     exact = by_highs(scenario.initial, scenario.goal, problem)
-    assert (own.feasible == np.isfinite(exact)).all()
-    can = own.feasible
+    assert (optima.feasible == np.isfinite(exact)).all()
+    can = optima.feasible
     assert can.any()
-    fuel = np.abs(own.controls).sum(axis=(1, 2))
+    fuel = np.abs(optima.controls).sum(axis=(1, 2))
     assert fuel[can] == pytest.approx(exact[can], rel=1e-6)
-    assert own.lower_bound[can] == pytest.approx(exact[can], rel=1e-6)
-    assert (own.lower_bound[can] <= exact[can] * (1 + 1e-9)).all()
+    assert optima.lower_bound[can] == pytest.approx(exact[can], rel=1e-6)
+    assert (optima.lower_bound[can] <= exact[can] * (1 + 1e-9)).all()
 
 
-def test_own_optima_meet_their_goals_within_the_thrust_limit():
+def test_decoupled_optima_meet_their_goals_within_the_thrust_limit():
     problem = Problem(max_acceleration=7e-4)
     scenario = draw("rings", 1, 8, 0, problem)
-    own = own_optima(scenario.initial, scenario.goal, problem)
-    final = fly(scenario.initial, own.controls, problem)[:, -1]
+    optima = decoupled_optima(scenario.initial, scenario.goal, problem)
+    final = fly(scenario.initial, optima.controls, problem)[:, -1]
     assert final == pytest.approx(scenario.goal, abs=1e-9)
-    assert np.abs(own.controls[own.feasible]).max() <= problem.max_acceleration
+    assert np.abs(optima.controls[optima.feasible]).max() <= problem.max_acceleration
 
 
 def test_a_craft_that_has_only_to_drift_needs_no_fuel():
     problem = Problem()
     start = draw("rings", 0, 2, 0, problem).initial
     goal = fly(start, np.zeros((2, 10, 3)), problem)[:, -1]
-    own = own_optima(start, goal, problem)
-    assert np.abs(own.controls).sum() < 1e-9
-    assert own.lower_bound == pytest.approx(0, abs=1e-9)
+    optima = decoupled_optima(start, goal, problem)
+    assert np.abs(optima.controls).sum() < 1e-9
+    assert optima.lower_bound == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize(

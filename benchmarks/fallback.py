@@ -1,10 +1,10 @@
-"""How fast and how good plans are from rung to rung: network, network and one solve, expert.
+"""How fast and how good plans are of network, network and one solve, expert.
 
-    python -m benchmarks.ladder --out reports/bench
+    python -m benchmarks.fallback --out reports/bench
 
 Planners take turns on batches of the same scenarios, so that the machine's noise falls on all
 alike; times are CPU times of one core, certificates included but where it says "answers". Prints
-a table, and writes ladder.json.
+a table, and writes fallback.json.
 """
 
 from collections import Counter
@@ -27,9 +27,8 @@ from pipeline.networks.refiner.other_rounds import own_rounds
 from pipeline.networks.refiner.packaged import packaged
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Plan
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.ladder import ONE_SOLVE, Ladder
-from pipeline.planners.network import Flown
+from pipeline.planners.classical import BASELINES
+from pipeline.planners.network import ONE_SOLVE, FallbackPlanner, NetworkPlanner
 from pipeline.planners.rule import Rule
 from pipeline.scenario import Scenario, draw
 
@@ -43,7 +42,7 @@ Plans = Callable[[Sequence[Scenario]], list[Plan]]
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Folder for ladder.json.")] = Path("reports/bench"),
+    out: Annotated[Path, typer.Option(help="Folder for fallback.json.")] = Path("reports/bench"),
     model: Annotated[
         Path | None, typer.Option(help="Folder of a refiner; the packaged one by default.")
     ] = None,
@@ -57,31 +56,31 @@ def main(
             row
             for family, sizes in BATCHES.items()
             for n, count in sizes.items()
-            for row in _rungs(network, family, n, count, split)
+            for row in _compared(network, family, n, count, split)
         ]
-    show("From rung to rung", rows)
-    write_json(out / "ladder.json", rows)
+    show("From the network to the expert", rows)
+    write_json(out / "fallback.json", rows)
 
 
-def _rungs(network: Model, family: str, n: int, count: int, split: str) -> list[Row]:
+def _compared(network: Model, family: str, n: int, count: int, split: str) -> list[Row]:
     """A line for each planner, on scenarios of one size."""
     scenarios = [draw(family, SEED, n, k, Problem(), split) for k in range(count)]
-    flown, rounds = Flown(network, "network"), own_rounds(network) or 0
+    flown, rounds = NetworkPlanner(network, "network"), own_rounds(network) or 0
     own = next(baseline for baseline in BASELINES if baseline.name == "own LP")
-    rungs: dict[str, Plans] = {
-        "own optima": own.plan,
+    planners: dict[str, Plans] = {
+        "decoupled optima": own.plan,
         "rule, no learning": Rule(rounds).plan,
         "network": flown.plan,
         "network + one solve": lambda some: _one_solve(flown, some),
-        "ladder": Ladder(flown).plan,
+        "fallback": FallbackPlanner(flown).plan,
         "expert, first safe": lambda some: solve_many(some, settings=FIRST_SAFE),
         "expert": lambda some: solve_many(some, settings=Settings()),
     }
-    times: dict[str, list[float]] = {name: [] for name in ("network answers", *rungs)}
+    times: dict[str, list[float]] = {name: [] for name in ("network answers", *planners)}
     plans: dict[str, list[Plan]] = {}
     for _ in range(TURNS):
         times["network answers"].append(_time(lambda: _answer(network, scenarios))[0])
-        for name, plan in rungs.items():
+        for name, plan in planners.items():
             seconds, plans[name] = _time(partial(plan, scenarios))
             times[name].append(seconds)
     rows: list[Row] = []
@@ -92,7 +91,7 @@ def _rungs(network: Model, family: str, n: int, count: int, split: str) -> list[
     return rows
 
 
-def _one_solve(flown: Flown, scenarios: Sequence[Scenario]) -> list[Plan]:
+def _one_solve(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:
     """One convex solve of every scenario, whether its seed was safe or not."""
     seeds = [plan.states for plan in flown.plan(scenarios)]
     return solve_many(scenarios, seeds, ONE_SOLVE)
@@ -122,9 +121,9 @@ def _speed(seconds: np.ndarray) -> Row:
 
 
 def _worth(plans: Sequence[Plan]) -> Row:
-    """What plans are worth, and how many are from which rung."""
+    """What plans are worth, and how many are by whom."""
     by = Counter(plan.planner for plan in plans)
-    return {**quality(plans), "rungs": " ".join(str(count) for _, count in by.most_common())}
+    return {**quality(plans), "made_by": " ".join(str(count) for _, count in by.most_common())}
 
 
 if __name__ == "__main__":

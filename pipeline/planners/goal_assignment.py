@@ -1,4 +1,4 @@
-"""Interchangeable craft: another planner, asked for the assignment of goals that costs least."""
+"""Goal assignment: a planner whose craft may take each other's goals."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -11,17 +11,8 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.thrust_loss import forced_goals
-from pipeline.plan import (
-    INFEASIBLE,
-    SOLVED,
-    UNSOLVED,
-    Assignment,
-    Certificate,
-    Plan,
-    Requirements,
-    gap_of,
-)
-from pipeline.planners.assignment import OwnCosts, Slots, own_costs, ranked
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, Requirements, gap_of
+from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs, ranked
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
@@ -49,11 +40,79 @@ ADRIFT = (
 )
 
 TIMES = ("plan", "certificate")
-"""Stages that are timed of every assignment that is tried, s."""
+"""Stages whose seconds are summed over all assignments that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
-class Considered:
+class GoalAssignment:
+    """A planner whose craft may take each other's goals.
+
+    It plans the assignment of least decoupled cost. Where that plan is not safe, or dear because
+    craft must keep apart, it plans the next best assignments too, and the given order, as far as
+    their decoupled costs are less than that plan's, and keeps the cheapest safe one.
+
+    Attributes:
+        planner: who plans.
+        most: assignments that are planned at most, besides the given order.
+    """
+
+    planner: Planner
+    most: int = MOST
+
+    @property
+    def name(self) -> str:
+        """The planner's; its plans hold the assignment."""
+        return self.planner.name
+
+    @property
+    def requirements(self) -> Requirements:
+        """The planner's."""
+        return self.planner.requirements
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario, its goals in the order of ``Plan.assignment``.
+
+        The certificate's lower bound on the fuel is that of all assignments. Where it is proven
+        that every assignment asks more of some craft than its thrust limit, the plan is
+        INFEASIBLE, and of the given order.
+        """
+        if not scenarios:
+            return []
+        started = time.perf_counter()
+        candidates = [_Candidates(one, decoupled_costs(one), self.most) for one in scenarios]
+        asked = [[one.first or one.given] for one in candidates]
+        found = time.perf_counter()
+        tried = self._plans(scenarios, asked)
+        planned = time.perf_counter()
+        candidates = [
+            one.narrowed(*plans.values()) for one, plans in zip(candidates, tried, strict=True)
+        ]
+        again = [
+            [] if one.first is None or one.first in plans else [one.first]
+            for one, plans in zip(candidates, tried, strict=True)
+        ]
+        for plans, other in zip(tried, self._plans(scenarios, again), strict=True):
+            plans.update(other)
+        others = [
+            one.others(plans[one.first]) if one.first in plans else []
+            for one, plans in zip(candidates, tried, strict=True)
+        ]
+        seconds = (time.perf_counter() - planned + found - started) / len(scenarios)
+        for plans, further in zip(tried, self._plans(scenarios, others), strict=True):
+            plans.update(further)
+        return [one.best(plans, seconds) for one, plans in zip(candidates, tried, strict=True)]
+
+    def _plans(
+        self, scenarios: Sequence[Scenario], asked: Sequence[Sequence[Slots]]
+    ) -> list[dict[Slots, Plan]]:
+        """The plans of some assignments of each scenario, all made at once."""
+        both = zip(scenarios, asked, strict=True)
+        plans = iter(self.planner.plan([one.taking(slots) for one, some in both for slots in some]))
+        return [{slots: next(plans) for slots in some} for some in asked]
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
     """The assignments of a scenario that are looked at.
 
     Attributes:
@@ -64,7 +123,7 @@ class Considered:
     """
 
     scenario: Scenario
-    costs: OwnCosts
+    costs: DecoupledCosts
     most: int
     allowed: Bool[Array, "n n"] | None = None
 
@@ -84,7 +143,7 @@ class Considered:
         return self.cheapest if self.allowed is None else next(ranked(self._costs), None)
 
     @cached_property
-    def best(self) -> list[Slots]:
+    def ranking(self) -> list[Slots]:
         """The assignments of least cost, the least first; found only where they are asked for."""
         return list(islice(ranked(self._costs), self.most))
 
@@ -93,10 +152,10 @@ class Considered:
         fuel = self.costs.fuel
         return fuel if self.allowed is None else np.where(self.allowed, fuel, np.inf)
 
-    def _cost(self, slots: Slots) -> float:
-        return float(self._costs[range(self.scenario.n), slots].sum())
+    def _gap(self, fuel: float, bound: float) -> float:
+        return gap_of(fuel, bound, self.scenario.problem)
 
-    def narrowed(self, plan: Plan) -> "Considered":
+    def narrowed(self, plan: Plan) -> "_Candidates":
         """Without what cannot be passively safe, where that is why the plan of the first is none.
 
         What refutes one assignment says little of the others: craft may drift into one goal each,
@@ -111,15 +170,16 @@ class Considered:
     def others(self, plan: Plan) -> list[Slots]:
         """What may be better than the plan of the first: the next best, and the given order.
 
-        None where that plan is safe and not dear, and none whose own optima cost more than it.
+        None where that plan is safe and not dear, and none whose decoupled costs are more.
         """
         least = plan.certificate.fuel if plan.status == SOLVED else np.inf
         if self.first is None or self._gap(least, self.costs.of(self.first)) <= DEAR:
             return []
-        asked = dict.fromkeys([*self.best[1:], self.given])
-        return [slots for slots in asked if slots != self.first and self._cost(slots) < least]
+        costs, craft = self._costs, range(self.scenario.n)
+        asked = dict.fromkeys([*self.ranking[1:], self.given])
+        return [one for one in asked if one != self.first and costs[craft, one].sum() < least]
 
-    def kept(self, tried: Mapping[Slots, Plan], seconds: float) -> Plan:
+    def best(self, tried: Mapping[Slots, Plan], seconds: float) -> Plan:
         """The cheapest safe plan, or else the first, with what is known of all assignments.
 
         Args:
@@ -137,35 +197,28 @@ class Considered:
             return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE)
         if self.first is None:
             plan = replace(plan, message=ADRIFT)
-        elif plan.status == INFEASIBLE and not self._all_refuted(tried):
+        elif plan.status == INFEASIBLE and not self._all_infeasible(tried):
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)
-        certificate = self._bounded(plan.certificate, self.costs.of(self.cheapest))
+        bound = self.costs.of(self.cheapest)
+        certificate = replace(
+            plan.certificate,
+            fuel_lower_bound=bound,
+            optimality_gap=self._gap(plan.certificate.fuel, bound),
+            fuel_lower_bound_proof=f"{PROOF}: {self.costs.proof}",
+        )
         chosen = self._assignment(slots, len(tried), plan)
         return replace(plan, certificate=certificate, assignment=chosen)
 
-    def _bounded(self, certificate: Certificate, bound: float) -> Certificate:
-        """The certificate with the bound of all assignments, m/s²."""
-        return replace(
-            certificate,
-            fuel_lower_bound=bound,
-            optimality_gap=self._gap(certificate.fuel, bound),
-            fuel_lower_bound_proof=f"{PROOF}: {self.costs.proof}",
-        )
-
-    def _all_refuted(self, tried: Mapping[Slots, Plan]) -> bool:
+    def _all_infeasible(self, tried: Mapping[Slots, Plan]) -> bool:
         """Whether it is proven of every assignment that there is no plan for it."""
-        return len(self.best) < self.most and all(
-            plan.status == INFEASIBLE for plan in tried.values()
-        )
-
-    def _gap(self, fuel: float, bound: float) -> float:
-        return gap_of(fuel, bound, self.scenario.problem)
+        proven = all(plan.status == INFEASIBLE for plan in tried.values())
+        return len(self.ranking) < self.most and proven
 
     def _assignment(self, slots: Slots, tried: int, plan: Plan) -> Assignment:
         given, fuel = self.costs.of(self.given), plan.certificate.fuel
         known = np.isfinite(given) and given > self.scenario.problem.negligible_fuel
-        ranks = [self.first] if slots == self.first else self.best
+        ranks = [self.first] if slots == self.first else self.ranking
         return Assignment(
             slots=slots,
             rank=ranks.index(slots) + 1 if slots in ranks else None,
@@ -178,69 +231,3 @@ class Considered:
 def _worth(plan: Plan) -> float:
     """Fuel of a safe plan, m/s²; of equals the first tried is kept."""
     return plan.certificate.fuel if plan.status == SOLVED else np.inf
-
-
-@dataclass(frozen=True, eq=False)
-class Interchangeable:
-    """A planner whose craft may take each other's goals.
-
-    It plans the assignment whose own optima cost least. Where that plan is not safe, or dear
-    because craft must keep apart, it plans the next best assignments too, and the given order, as
-    far as their own optima cost less than that plan, and keeps the cheapest safe one.
-
-    Attributes:
-        planner: who plans.
-        most: assignments that are planned at most, besides the given order.
-    """
-
-    planner: Planner
-    most: int = MOST
-
-    @property
-    def name(self) -> str:
-        """The planner's; its plans hold the assignment."""
-        return self.planner.name
-
-    @property
-    def requirements(self) -> Requirements:
-        """What its plans must satisfy, the planner's."""
-        return self.planner.requirements
-
-    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario, its goals in the order of ``Plan.assignment``.
-
-        The certificate's lower bound on the fuel is that of all assignments. Where it is proven
-        that every assignment asks more of some craft than its thrust limit, the plan is
-        INFEASIBLE, and of the given order.
-        """
-        if not scenarios:
-            return []
-        started = time.perf_counter()
-        looked = [Considered(one, own_costs(one), self.most) for one in scenarios]
-        asked = [[one.given if one.first is None else one.first] for one in looked]
-        found = time.perf_counter()
-        firsts = self._plans(looked, asked)
-        planned = time.perf_counter()
-        looked = [one.narrowed(*plan.values()) for one, plan in zip(looked, firsts, strict=True)]
-        again = [
-            [] if one.first is None or one.first in plan else [one.first]
-            for one, plan in zip(looked, firsts, strict=True)
-        ]
-        for plan, other in zip(firsts, self._plans(looked, again), strict=True):
-            plan.update(other)
-        others = [
-            one.others(plan[one.first]) if one.first in plan else []
-            for one, plan in zip(looked, firsts, strict=True)
-        ]
-        seconds = (time.perf_counter() - planned + found - started) / len(scenarios)
-        further = self._plans(looked, others)
-        both = zip(looked, firsts, further, strict=True)
-        return [one.kept({**first, **other}, seconds) for one, first, other in both]
-
-    def _plans(
-        self, looked: Sequence[Considered], asked: Sequence[Sequence[Slots]]
-    ) -> list[dict[Slots, Plan]]:
-        """The plans of some assignments of each scenario, all made at once."""
-        orders = [(one, slots) for one, some in zip(looked, asked, strict=True) for slots in some]
-        plans = iter(self.planner.plan([one.scenario.taking(slots) for one, slots in orders]))
-        return [{slots: next(plans) for slots in some} for some in asked]
