@@ -12,7 +12,7 @@ class Assignment:
 
     Attributes:
         slots: of each craft, the row of the scenario's given goals that it takes.
-        rank: its place among all assignments by their own optima's sum, from 1; None where the
+        rank: its place among all assignments by their decoupled cost, from 1; None where the
             given order was taken without being among those looked at.
         tried: assignments that were planned.
         given_fuel_lower_bound: what any plan for the given order burns at least, m/s²; None where
