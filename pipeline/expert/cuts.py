@@ -113,12 +113,8 @@ def passive_safety_cuts(found: Encounters, states: Float[Array, "n T 6"], proble
 
     The controls of a drifting craft count up to that node, so none from the first node on, and
     those of the other until it is on its goal's orbit. Where no control of one counts, its
-    position is fixed, and the cut is about the other alone, so that it joins no two craft.
-
-    Args:
-        found: encounters, in each of which controls of at least one craft count.
-        states: node states, m and m/s.
-        problem: the problem.
+    position is fixed, and the cut is about the other alone, so that it joins no two craft. In each
+    encounter the controls of at least one craft count. States are in m and m/s.
     """
     h, last = problem.time_step, problem.nodes - 1
     drifted, _ = problem.dynamics.step(h * (found.interval - found.node))
@@ -167,13 +163,9 @@ def normals(
     controls: Float[Array, "n intervals 3"],
     shift: Float[Array, "k 3"] | float = 0.0,
 ) -> Float[Array, "k 3"]:
-    """Direction n̂ between each cut's pair there and then.
+    """Direction n̂ between each cut's pair there and then, at a linearization point (SI units).
 
-    Args:
-        cuts: pairs and times.
-        states: node states of the linearization point, m and m/s.
-        controls: its controls, m/s².
-        shift: added to each gap before its direction is taken, m: passes on another side.
+    A shift in m, added to each gap before its direction is taken, passes on another side.
     """
     velocity = states[cuts.first, cuts.interval, 3:] - states[cuts.second, cuts.interval, 3:]
     return directions(gaps(cuts, states, controls) + shift, velocity)
@@ -214,15 +206,7 @@ def half_spaces(
     problem: Problem,
     separation: Float[Array, "k"] | float,
 ) -> HalfSpaces:
-    """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then.
-
-    Args:
-        cuts: pairs and times.
-        normal: direction of each cut.
-        initial: initial states, m and m/s.
-        problem: the problem.
-        separation: what to ask for, of all or of each, m.
-    """
+    """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then (m, m/s)."""
     maps = transfer_maps(problem)
     i, j, k = cuts.first, cuts.second, cuts.interval
     to_state = np.vecmat(normal, cuts.free)

@@ -46,18 +46,7 @@ def solve(
     settings: Settings | None = None,
     requirements: Requirements = AT_ALL_TIMES,
 ) -> Plan:
-    """The expert's plan for a scenario.
-
-    Args:
-        scenario: what the swarm is to do.
-        seed: node states that the first cuts are linearized about, m and m/s; they need neither be
-            safe nor obey the dynamics. Without one it is the decoupled optima.
-        settings: how to work.
-        requirements: what the plan must satisfy.
-
-    Raises:
-        InputError: for a seed of another shape or with values that are not finite.
-    """
+    """The expert's plan for a scenario; arguments and errors are as in ``solve_many``."""
     return solve_many([scenario], None if seed is None else [seed], settings, requirements)[0]
 
 
@@ -71,7 +60,8 @@ def solve_many(
 
     Args:
         scenarios: what swarms are to do; sizes may differ.
-        seeds: for each, as in ``solve``, or None.
+        seeds: for each, node states that its first cuts are linearized about, m and m/s, or None
+            for the decoupled optima. They need neither be safe nor obey the dynamics.
         settings: how to work.
         requirements: what every plan must satisfy.
 
@@ -114,16 +104,9 @@ def within_risk(
     all. As pairs that are held there come within the radius with a probability proportional to the
     normal distribution's tail, a few searches find the number. Each is seeded with the plan before.
 
-    Args:
-        scenario: what the swarm is to do.
-        plan: of any planner, which satisfies what is required of it without errors, or is not
-            SOLVED.
-        requirements: what it must satisfy with errors too.
-        settings: how the expert works.
-
-    Returns:
-        A plan whose certificate has the risk. It is UNSOLVED where the bound stays above what was
-        asked for: then it is the least risky of all, and its message says who is in the way.
+    The plan given, of any planner, satisfies what is required without errors, or is not SOLVED.
+    The certificate of that returned has the risk. It is UNSOLVED where the bound stays above what
+    was asked for: then it is the least risky of all, and its message says who is in the way.
     """
     limit = requirements.risk
     if limit is None or plan.status == INFEASIBLE:

@@ -69,12 +69,9 @@ class Incumbents:
     def results(
         self, controls: Float[Array, "n intervals 3"], cuts: Cuts, left: Bool[Array, "n"]
     ) -> list[SearchResult]:
-        """Each scenario's incumbent, or else the controls given.
+        """Each scenario's incumbent, or else the newest controls, m/s², after all cuts made.
 
-        Args:
-            controls: the newest ones, m/s².
-            cuts: all that were made.
-            left: craft that are neither done nor safe.
+        Craft that are ``left`` are neither done nor safe.
         """
         feasible, starts = np.isfinite(self._cheapest), self._batch.swarms.starts
         ended = np.where(feasible[self._swarm, None, None], self._best, controls)

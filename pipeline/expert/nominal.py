@@ -41,12 +41,8 @@ def nominal_plans(
 ) -> list[Plan]:
     """The expert's plans for scenarios of one problem, flown without errors.
 
-    Args:
-        scenarios: what swarms are to do; sizes may differ.
-        seeds: for each, as in ``solve``, or None.
-        settings: how to work.
-        requirements: what the plans must satisfy, of which a risk is not looked at here.
-        back_off: asked for beyond the collision radius because craft err, or None.
+    As in ``solve_many``, but for the risk, which is not looked at; ``back_off`` is what is asked
+    for beyond the collision radius because craft err.
 
     Raises:
         InputError: for a seed of another shape or with values that are not finite.

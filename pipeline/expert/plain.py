@@ -85,15 +85,10 @@ class PlainScp:
     def solve(self, scenario: Scenario, seed: Seed | None = None) -> Plan:
         """The cheapest plan that is clear at the nodes, when its iterates no longer improve.
 
-        Args:
-            scenario: of this n and problem.
-            seed: node states to linearize about at first, m and m/s. Without one the start is
-                blank: all states are zero, so no pair has a direction of its own, and every pair
-                is told to pass radially, the craft of the lower number above.
-
-        Returns:
-            A plan that is SOLVED where it is clear at the nodes, and UNSOLVED where no iterate
-            was: then it holds the newest one.
+        The seed is node states to linearize about at first, m and m/s. Without one the start is
+        blank: all states are zero, so no pair has a direction of its own, and every pair is told
+        to pass radially, the craft of the lower number above. The plan is UNSOLVED where no
+        iterate was clear at the nodes: then it holds the newest one.
 
         Raises:
             InputError: for a scenario of another n or problem, or a seed of another shape or with

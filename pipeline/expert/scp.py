@@ -98,21 +98,17 @@ class SearchProblem:
     @cached_property
     def detection(self) -> ConflictDetection:
         """What craft are kept apart by."""
-        batch, margin = self.batch, self.settings.margin
-        return ConflictDetection(
-            batch.problem, self.requirements, batch.swarms, margin, self.back_off
-        )
+        problem, swarms, margin = self.batch.problem, self.batch.swarms, self.settings.margin
+        return ConflictDetection(problem, self.requirements, swarms, margin, self.back_off)
 
     def part(self, which: Sequence[int]) -> "SearchProblem":
         """The same of some of the scenarios."""
         return replace(self, batch=self.batch.part(which))
 
     def search(self, seeds: Seeds | None = None, start: int = 0) -> list[SearchResult]:
-        """Search all scenarios.
+        """Search all scenarios, linearized at first about seeds, else about decoupled optima.
 
-        Args:
-            seeds: where to linearize first; about the decoupled optima without one.
-            start: further starts, from 1 on, pass on other sides at first.
+        Further starts, from 1 on, pass on other sides at first.
         """
         return Search(self, seeds, start).run()
 

@@ -140,13 +140,9 @@ def clarabel_solver(
 ) -> clarabel.DefaultSolver:
     """Clarabel with the subproblem as A x + s = b, s in cones; one thread, as instances run beside.
 
-    The rows are the goals, the signs of the variables, the limits and the half-spaces.
-
-    Args:
-        sub: the subproblem.
-        tolerance: relative, of the optimum and of feasibility.
-        careful: with equilibration and iterative refinement, which these well-scaled programs
-            hardly ever need and which take half of the time.
+    The rows are the goals, the signs of the variables, the limits and the half-spaces. The
+    tolerance is relative. A careful solver has equilibration and iterative refinement, which these
+    well-scaled programs hardly ever need and which take half of the time.
     """
     settings = clarabel.DefaultSettings()
     settings.verbose = False

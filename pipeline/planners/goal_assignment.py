@@ -180,11 +180,9 @@ class _Candidates:
         return [one for one in asked if one != self.first and costs[craft, one].sum() < least]
 
     def best(self, tried: Mapping[Slots, Plan], seconds: float) -> Plan:
-        """The cheapest safe plan, or else the first, with what is known of all assignments.
+        """The cheapest safe plan, or else the first tried, with what is known of all assignments.
 
-        Args:
-            tried: plans by assignment, the first one first.
-            seconds: that it took to find the assignments.
+        It took so many seconds to find the assignments.
         """
         slots = min(tried, key=lambda one: _worth(tried[one]))
         timing = {**tried[slots].timing, "assignment": seconds}

@@ -73,11 +73,7 @@ def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
 
     Controls are a plan already, so that without an effort the expert comes after them only where
     they are not proven safe, and ends at its first safe plan. States are a seed, and so are
-    controls where the expert is to better them.
-
-    Args:
-        network: the network.
-        effort: of the expert, of EFFORTS, or None.
+    controls where the expert is to better them. An effort is one of EFFORTS.
     """
     from pipeline.planners.network import FallbackPlanner, Seeded
 

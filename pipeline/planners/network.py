@@ -173,12 +173,8 @@ def check_problem(model: Model, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model was trained on.
 
     The collision radius and the limit on the control may differ: no network knows the limit,
-    one that reads the radius is told the scenario's, and the certificate judges by these.
-
-    Args:
-        model: the network.
-        problem: what it is to be tried on.
-        where: what has that problem, such as a dataset's folder.
+    one that reads the radius is told the scenario's, and the certificate judges by these. The
+    message says ``where`` the problem is from, such as a dataset's folder.
 
     Raises:
         InputError: with the field that differs.

@@ -68,14 +68,9 @@ def certified(
     seconds: float,
     requirements: Requirements,
 ) -> list[Plan]:
-    """Plans from controls, INFEASIBLE where it is proven that there is none.
+    """Plans from controls of all craft, m/s², INFEASIBLE where it is proven that there is none.
 
-    Args:
-        planner: its name.
-        scenarios: of one problem, at least one.
-        controls: of all their craft, one after the other, m/s².
-        seconds: that it took to make them all.
-        requirements: what the plans are judged by.
+    Scenarios, at least one, are of one problem; it took so many seconds to make all controls.
     """
     batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
     bound = batch.optima.bound

@@ -76,13 +76,7 @@ class Point:
 
 
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
-    """Numbers of arcs of durations spread evenly over a range.
-
-    Args:
-        first: shortest duration, s.
-        last: longest duration, s.
-        time_step: length of an arc, s.
-        steps: how many durations at most; there are no more than whole numbers of arcs.
+    """Numbers of arcs of at most so many durations, s, spread evenly over a range.
 
     Raises:
         InputError: where the range holds no whole number of arcs, or too short a transfer.
@@ -112,10 +106,7 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
 def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
     """The scenario with another number of thrust arcs of the same length.
 
-    Args:
-        scenario: as it was given.
-        arcs: how many.
-        goal: what is to be reached; a slot that moves drifts free, so on its passive orbit.
+    A goal that moves drifts free, so on its passive orbit.
     """
     problem = replace(scenario.problem, nodes=arcs + 1)
     if goal == "fixed":
@@ -131,15 +122,7 @@ def tradeoff(
     goal: Goal = "fixed",
     progress: Progress = SILENT,
 ) -> list[Point]:
-    """The plans for some numbers of arcs, in that order.
-
-    Args:
-        scenario: what the swarm is to do.
-        arcs: numbers of thrust arcs.
-        planner: who plans.
-        goal: what is to be reached at another time than the scenario's.
-        progress: told of each duration.
-    """
+    """The plans for some numbers of thrust arcs, in that order; progress is told of each."""
     progress.expect(len(arcs))
     points = []
     for number in arcs:
@@ -160,11 +143,8 @@ def knee(time: Float[Array, "points"], cost: Float[Array, "points"]) -> int | No
 
     Every curve has such a point, so one is called a knee only where it is a tenth below that line,
     and where time saves at most half as much after it as before it, on average. A straight line
-    with a steep first step has none, nor has 1/t over a range of less than a factor of 2.
-
-    Args:
-        time: ascending.
-        cost: of each time.
+    with a steep first step has none, nor has 1/t over a range of less than a factor of 2. Times
+    ascend.
     """
     faster = np.minimum.accumulate(np.concatenate([[np.inf], cost]))[:-1]
     efficient = np.flatnonzero(cost < faster)
