@@ -12,11 +12,12 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, Settings, all_within_risk, nominal_plans
+from pipeline.expert.batch import Batch
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
-from pipeline.planners.planner import Ends, Planner, certified_answers
+from pipeline.planners.planner import Planner, certified, stacked_ends
 from pipeline.scenario import Scenario
 
 SAME = 1e-6
@@ -53,16 +54,18 @@ class NetworkPlanner:
             InputError: where the weights do not fit the scenarios' number of nodes.
         """
 
-        def answer(initial: Ends, goal: Ends) -> Float[Array, "b n _ 3"]:
-            problem, model = scenarios[0].problem, self.model
+        def answer(batch: Batch) -> Float[Array, "n _ 3"]:
+            (initial, goal), problem, model = stacked_ends(batch), batch.problem, self.model
             if _other_field(model, problem) is not None:
                 model = model.on(problem)
             found = model.answer(initial, goal, problem.collision_radius)
             if model.answers == "states":
-                return project_to_flyable(found, initial, goal, problem)
-            return meet_goal(initial, found, goal, problem)
+                controls = project_to_flyable(found, initial, goal, problem)
+            else:
+                controls = meet_goal(initial, found, goal, problem)
+            return controls.reshape(-1, problem.intervals, 3)
 
-        return certified_answers(self.name, scenarios, answer, self.requirements)
+        return certified(self.name, scenarios, answer, self.requirements)
 
 
 @dataclass(frozen=True)

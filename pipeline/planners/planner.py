@@ -5,13 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.plan import INFEASIBLE, Made, Plan, Requirements, planned_all
-from pipeline.scenario import Scenario, shared_problem
+from pipeline.scenario import Scenario
 
 Ends = Float[Array, "b n 6"]
 """States of all craft at one end of some transfers, m and m/s."""
@@ -64,15 +63,19 @@ def _identified(value: Any) -> Any:
 def certified(
     planner: str,
     scenarios: Sequence[Scenario],
-    controls: Float[Array, "n intervals 3"],
-    seconds: float,
+    answer: Callable[[Batch], Float[Array, "n _ 3"]],
     requirements: Requirements,
 ) -> list[Plan]:
-    """Plans from controls of all craft, m/s², INFEASIBLE where it is proven that there is none.
+    """Plans from an answer to scenarios of one problem, INFEASIBLE where that is proven.
 
-    Scenarios, at least one, are of one problem; it took so many seconds to make all controls.
+    The answer is the controls of all their craft, one after the other, m/s², which meet the goals;
+    it is asked for once, and timed.
     """
-    batch, timing = Batch(scenarios), {"plan": seconds / len(scenarios)}
+    if not scenarios:
+        return []
+    started, batch = time.perf_counter(), Batch(scenarios)
+    controls = answer(batch)
+    timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
     bound = batch.optima.bound
     made = [Made(controls[craft], *bound(craft), timing=timing) for craft in batch.craft]
     plans = planned_all(planner, scenarios, made, requirements)
@@ -82,23 +85,7 @@ def certified(
     ]
 
 
-def certified_answers(
-    planner: str,
-    scenarios: Sequence[Scenario],
-    answer: Callable[[Ends, Ends], Float[Array, "b n _ 3"]],
-    requirements: Requirements,
-) -> list[Plan]:
-    """As ``certified``, from a function of initial and goal states to controls that meet the goal.
-
-    It is called and timed once, for all scenarios, which share one problem and one n.
-    """
-    if not scenarios:
-        return []
-    shared_problem(scenarios)
-    started = time.perf_counter()
-    initial = np.stack([scenario.initial for scenario in scenarios])
-    goal = np.stack([scenario.goal for scenario in scenarios])
-    controls = answer(initial, goal)
-    seconds = time.perf_counter() - started
-    flat = controls.reshape(-1, *controls.shape[2:])
-    return certified(planner, scenarios, flat, seconds, requirements)
+def stacked_ends(batch: Batch) -> tuple[Ends, Ends]:
+    """Initial and goal states of scenarios of one n."""
+    shape = len(batch.scenarios), -1, 6
+    return batch.initial.reshape(shape), batch.goal.reshape(shape)
