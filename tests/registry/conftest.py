@@ -2,27 +2,28 @@
 
 import shutil
 import socket
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-from children import Children
+from forked import Forked
 from noisy import network
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.reading.examples import Examples
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.examples import Examples
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
 from pipeline.training.loop import Epoch, Trained, train
 from registry.training import DatasetInfo, record_training
@@ -125,17 +126,16 @@ def register(
     return one
 
 
-@pytest.fixture(scope="session")
-def children() -> Iterator[Children]:
-    """What runs code in processes of its own, without the imports of each."""
-    with Children() as found:
-        yield found
-
-
 @pytest.fixture
-def child(children: Children, folder: Path) -> Callable[[str], int]:
-    """Run code in a process of its own, in the folder of the store."""
-    return lambda code: children.run(code, folder)
+def child(forked: Forked, folder: Path) -> Callable[[str], int]:
+    """Run code in a process of its own, in the folder of the store; its exit status."""
+
+    def run(code: str) -> int:
+        done = forked.run((), folder, code=code)
+        print(done.stderr, file=sys.stderr)
+        return done.returncode
+
+    return run
 
 
 @pytest.fixture

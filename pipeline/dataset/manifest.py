@@ -1,0 +1,276 @@
+"""The manifest of a dataset folder: what it is meant to hold, and the SHA-256 of every shard.
+
+Beside what any folder of shards has (pipeline/storage), a dataset holds
+
+    FOLDER/n=10/part-00000.parquet               solved instances
+    FOLDER/_scenarios/n=10/part-00000.parquet    the scenarios they come from
+    FOLDER/README.md                             the card, for people and dataset hubs
+    FOLDER/.git/, FOLDER/.gitattributes, ...     of tools that keep the folder; left alone
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any
+
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    PositiveInt,
+    TypeAdapter,
+    ValidationError,
+    WrapValidator,
+)
+
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.schema import FAMILY, SCHEMA, metadata
+from pipeline.documents import first_fault
+from pipeline.errors import InputError
+from pipeline.expert import Settings
+from pipeline.orbit.problem import Problem
+from pipeline.plan import Requirements
+from pipeline.scenario.families import scenario_id
+from pipeline.storage import COPY, DAMAGED, FOREIGN, LOCK, MANIFEST, TIMINGS, WRITTEN
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.ledger import read_checked
+from pipeline.storage.shards import Size
+
+CARD = "README.md"
+SCENARIOS = "_scenarios/"
+
+SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # names of shards
+OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
+
+BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
+"""Files that a dataset may hold beside its shards."""
+
+TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
+"""Files and folders directly inside the folder of a dataset."""
+
+MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
+
+FORMER_SOLVERS = {"cvxpy": "clarabel"}
+"""Solvers that datasets of earlier versions name, and what is used instead now."""
+
+REQUIRED = ("separation", "passive_safety")
+"""Requirements that are recorded, beside the settings of the expert."""
+
+
+def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
+    """How plans are made, for the manifest; InputError for a risk, which no column shows."""
+    if requirements.risk is not None:
+        raise InputError(
+            "a risk is asked for of a dataset, whose plans are flown without errors; expected "
+            "requirements without one."
+        )
+    return asdict(settings) | {name: getattr(requirements, name) for name in REQUIRED}
+
+
+def settings_of(record: Mapping[str, Any]) -> Settings:
+    """The settings of the expert in a record."""
+    return Settings(**{k: v for k, v in _current(record).items() if k not in REQUIRED})
+
+
+def _current(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    solver = record.get("solver")
+    return {**record, "solver": FORMER_SOLVERS[solver]} if solver in FORMER_SOLVERS else record
+
+
+def requirements_of(record: Mapping[str, Any]) -> Requirements:
+    """The requirements of plans in a record; ValueError where no plan can satisfy them."""
+    given = {name: record[name] for name in REQUIRED if name in record}
+    return TypeAdapter(Requirements).validate_python(given) and Requirements(**given)
+
+
+def _checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    try:
+        TypeAdapter(Settings).validate_python(_current(given))
+        settings_of(given), requirements_of(given)
+    except ValidationError as error:
+        raise ValueError(first_fault(error)) from None
+    except TypeError as error:  # an unknown name
+        raise ValueError(str(error)) from None
+    return given
+
+
+@dataclass(frozen=True)
+class MadeWith:
+    """Versions by name: of the sampling, and of the solving, once that has begun."""
+
+    sample: Mapping[str, str]
+    solve: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a dataset folder is meant to hold and what of it is there; laid out as in the file.
+
+    Attributes:
+        problem: the problem that all its instances share.
+        samples: how each swarm size is drawn.
+        solve: record of how plans are made, or nothing before the first solve.
+        made_with: versions that it was made with.
+        shards: SHA-256 of each finished shard, by path inside the folder.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    # As written: an integer stays one, since the metadata of shards repeats it to the letter.
+    problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
+    samples: Mapping[PositiveInt, Sample]
+    solve: Annotated[Mapping[str, Any], AfterValidator(_checked_record)]
+    made_with: MadeWith
+    shards: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        shards = sum(sample.shards for sample in self.samples.values())
+        if shards > MOST_SHARDS:
+            raise InputError(
+                f"its samples take {shards} shards; expected at most {MOST_SHARDS}: draw fewer "
+                "scenarios into one folder."
+            )
+
+    def fields(self) -> dict[str, Any]:
+        """Fields of its file, JSON-ready."""
+        fields = {"schema": SCHEMA, **asdict(self)}
+        for part in ("samples", "shards"):
+            fields[part] = dict(sorted(fields[part].items()))
+        return fields
+
+    def expected(self) -> "list[Shard]":
+        """All shards that it is meant to hold, in order."""
+        about = replace(self, shards={})
+        sizes = sorted(self.samples.items())
+        return [Shard(about, n, k) for n, one in sizes for k in range(one.shards)]
+
+    def digest(self, n: int | None = None) -> str:
+        """Digest of the solved data, or of one swarm size: the same bytes, the same digest."""
+        top = "n=" if n is None else f"n={n}/"
+        solved = {p: d for p, d in self.shards.items() if p.startswith(top)}
+        return hashlib.sha256(json.dumps(solved, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Some rows of a dataset, with all that decides what they are."""
+
+    about: Manifest  # the manifest without its digests, which a worker does not need
+    n: int  # swarm size
+    number: int  # which of that size's shards
+
+    @property
+    def sample(self) -> Sample:
+        """How its scenarios are drawn."""
+        return self.about.samples[self.n]
+
+    @property
+    def rows(self) -> range:
+        """Its rows, counted over the whole sample."""
+        return self.sample.rows(self.number)
+
+    @property
+    def scenario_ids(self) -> list[str]:
+        """Names of its scenarios, in order."""
+        one = self.sample
+        drawn = [one.drawn_as(row) for row in self.rows]
+        return [scenario_id(one.family, one.seed, self.n, k, split) for split, k in drawn]
+
+    @property
+    def most(self) -> Size:
+        """What its files may hold."""
+        return Size(len(self.rows), len(self.rows) * self.n * 6 * self.about.problem.nodes)
+
+    @property
+    def solved(self) -> str:
+        """Path of its solved instances inside the folder."""
+        return f"n={self.n}/part-{self.number:05d}.parquet"
+
+    @property
+    def scenarios(self) -> str:
+        """Path of the scenarios that they come from."""
+        return SCENARIOS + self.solved
+
+    @property
+    def timings(self) -> str:
+        """Path of how long each took."""
+        return TIMINGS + self.solved
+
+    def metadata(self, path: str) -> dict[bytes, bytes]:
+        """The schema metadata of its scenarios or of its solved instances."""
+        about, origin = self.about, self.sample.origin()
+        if path == self.scenarios:
+            return metadata(about.problem, origin, about.made_with.sample)
+        return metadata(about.problem, origin | dict(about.solve), about.made_with.solve)
+
+
+def read_manifest(where: Where | Folder) -> Manifest:
+    """The manifest of a dataset; InputError where it is damaged or there is no dataset."""
+    folder = open_folder(where)
+    manifest, fault = manifest_or_copy(folder)
+    if fault:
+        raise InputError(
+            f"{MANIFEST} in {folder} {fault}, and its copy is sound; mend it with "
+            f"`prolearn verify {folder} --repair`."
+        )
+    return manifest
+
+
+def is_begun(folder: Folder) -> bool:
+    """Whether a folder has a dataset's manifest, or only its copy."""
+    if folder.exists(MANIFEST):
+        return True
+    try:
+        return bool(_parsed(folder, COPY))
+    except DamagedError:
+        return False
+
+
+def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
+    """The manifest, or its copy where it is damaged and the fault; InputError where both are."""
+    try:
+        return _parsed(folder, MANIFEST), ""
+    except DamagedError as error:
+        fault = str(error)
+    try:
+        return _parsed(folder, COPY), fault
+    except DamagedError:
+        pass
+    if folder.exists(MANIFEST):
+        raise InputError(
+            f"{MANIFEST} in {folder} {fault}; delete it and give the command that made the dataset "
+            "again: shards that are sound are kept."
+        )
+    what = "does not exist"
+    if folder.is_there():
+        what = "holds no dataset" if folder.names() else "is empty"
+    raise InputError(
+        f"{folder} {what}; expected a dataset folder: make one with "
+        f"`prolearn dataset --preset demo --out {folder}`."
+    )
+
+
+class DamagedError(Exception):
+    """A manifest that is missing or cannot be what was written, and why."""
+
+
+def _parsed(folder: Folder, name: str) -> Manifest:
+    if not folder.exists(name):
+        raise DamagedError("is missing")
+    try:
+        document = read_checked(folder, name)
+        schema = document.pop("schema")
+        if schema == SCHEMA:
+            return TypeAdapter(Manifest).validate_python(document)
+        if not str(schema).startswith(FAMILY):
+            raise ValueError(f"its schema is {schema}")
+    except (OSError, ValueError, KeyError, TypeError, InputError) as error:
+        fault = repr(error) if isinstance(error, KeyError) else str(error).rstrip(".")
+        if isinstance(error, ValidationError):
+            fault = first_fault(error)
+        raise DamagedError(f"is damaged ({fault})") from error
+    raise InputError(
+        f"{folder} has schema {schema}, of another version of prolearn; expected {SCHEMA}: make "
+        "the dataset anew in another folder, or remove this one."
+    )

@@ -1,0 +1,139 @@
+"""Calls made by worker processes of this machine, by joblib's loky."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
+from multiprocessing import resource_tracker
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import joblib
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
+PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still there
+
+
+class WorkersLostError(Exception):
+    """Workers, or the connection to them, are lost with all calls under way.
+
+    Attributes:
+        again: what to say where it happens again and again.
+    """
+
+    def __init__(self, once: str, again: str) -> None:
+        super().__init__(once)
+        self.again = again
+
+
+def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
+    """Results of calls in the order in which they are done; a call is drawn when its turn comes.
+
+    Raises:
+        WorkersLostError: where a process was killed.
+    """
+    _remove_left_semaphores()
+    parallel = joblib.Parallel(
+        n_jobs=jobs,
+        backend="loky",
+        return_as="generator_unordered",
+        batch_size=1,
+        max_nbytes=None,  # nothing is large enough for a file in shared memory, which a kill leaves
+        initializer=end_with,
+        initargs=(os.getpid(),),
+    )
+    try:
+        with ExitStack() as stack:  # an interrupt that waited finds the results to close
+            with _starting_processes():
+                asked = (joblib.delayed(call)() for call in calls)
+                results = stack.enter_context(closing(parallel(asked)))
+            yield from results
+    except TerminatedWorkerError as error:
+        raise WorkersLostError(
+            "a worker process was killed, perhaps for want of memory; what it had in hand is done "
+            "again.",
+            "worker processes are killed again and again, perhaps for want of memory; the shards "
+            "that were done are kept: run the same command again with fewer --jobs.",
+        ) from error
+
+
+def end_with(parent: int) -> None:
+    """End this process when the one with this id has ended, even by a kill.
+
+    loky calls this first in a worker, before it takes any work.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_SECONDS)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _starting_processes() -> Iterator[None]:
+    """In the block Ctrl-C and SIGTERM wait, and processes that start never see a Ctrl-C.
+
+    A terminal sends Ctrl-C to all of them, and one that is still importing would print a
+    traceback; this process tells them when to stop.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    for tracker in (resource_tracker, loky_tracker):
+        tracker.ensure_running()  # one that started in the block would undo it
+    with _waiting_signals():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _waiting_signals() -> Iterator[None]:
+    """Signals that end this process are handled after the block.
+
+    A mask would not do: where another thread has none, this one still runs the handler.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def note(number: int, _: FrameType | None) -> None:
+        came.append(number)
+
+    before = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for ending, handler in before.items():
+            signal.signal(ending, handler)
+        for number in came:
+            signal.raise_signal(number)
+
+
+def _remove_left_semaphores() -> None:
+    """Remove the semaphores of processes that were killed together with their resource trackers.
+
+    loky names a semaphore after the process that made it.
+    """
+    for path in SEMAPHORES.glob("sem.loky-*"):
+        with suppress(OSError, ValueError):
+            if path.stat().st_uid == os.getuid() and not _runs(int(path.name.split("-")[1])):
+                path.unlink()
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True

@@ -1,0 +1,140 @@
+"""Tasks done by several processes, on this machine or on a Dask cluster.
+
+Workers are given values and give values back: they touch no file, so that a killed one leaves
+nothing behind, a cluster needs no shared disk, and only the process that holds the folder writes.
+"""
+
+import functools
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TypeVar
+
+import joblib
+from threadpoolctl import threadpool_limits
+
+from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.parallel.cluster import cluster
+from pipeline.parallel.processes import WorkersLostError, run_in_processes
+from pipeline.progress import SILENT, Progress
+from pipeline.provenance import DecidedBy, made_with, version_change
+
+MOST_LOSSES = 3  # times in a row that workers may be lost before a single task is done
+MOST_JOBS = 1024  # processes on this machine
+
+SCHEDULER_WAIT = 300.0
+"""Seconds in which a lost scheduler may come back, unless a person says otherwise."""
+
+MOST_WAIT = 1e7  # longest such wait, s: four months
+
+Task = TypeVar("Task")
+Content = TypeVar("Content")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster."""
+
+    jobs: int = -1
+    scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786
+    scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
+
+    def __post_init__(self) -> None:
+        if self.jobs == 0 or not -MOST_JOBS <= self.jobs <= MOST_JOBS:
+            raise InputError(
+                f"jobs is {self.jobs}; expected a number of processes up to {MOST_JOBS}, or -1 for "
+                "all cores."
+            )
+        check_range("the wait for a lost scheduler", self.scheduler_wait, 0, MOST_WAIT)
+
+    def work(
+        self,
+        function: Callable[[Task, Content], Result],
+        tasks: Sequence[Task],
+        load: Callable[[Task], Content],
+        progress: Progress = SILENT,
+    ) -> Generator[tuple[Task, Result], None, None]:
+        """Each task with its result, as they are done, in any order.
+
+        What a killed worker or a lost scheduler had in hand is done again. ``function`` is
+        importable on every worker; ``load`` reads here what else a task needs when its turn comes.
+
+        Raises:
+            ProlearnError: where workers are killed again and again, none can be had, or a lost
+                scheduler does not come back.
+        """
+        waiting, losses, again = dict(enumerate(tasks)), 0, False
+        while waiting:
+            try:
+                with closing(self._once(function, dict(waiting), load, again, progress)) as results:
+                    for number, result in results:
+                        losses = 0
+                        yield waiting.pop(number), result
+            except WorkersLostError as lost:
+                losses, again = losses + 1, True
+                if losses == MOST_LOSSES:
+                    raise ProlearnError(lost.again) from lost
+                progress.say(str(lost))
+
+    def _once(
+        self,
+        function: Callable[[Task, Content], Result],
+        tasks: Mapping[int, Task],
+        load: Callable[[Task], Content],
+        again: bool,
+        progress: Progress,
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Results by the tasks' numbers, until all are there or workers are lost."""
+        jobs = joblib.effective_n_jobs(self.jobs)
+        if self.scheduler is None and jobs == 1:
+            with threadpool_limits(1):
+                for number, task in tasks.items():
+                    yield number, function(task, load(task))
+            return
+        calls = (
+            functools.partial(_call, function, number, task, _loaded(load, task))
+            for number, task in tasks.items()
+        )
+        if self.scheduler is None:
+            yield from run_in_processes(calls, jobs)
+            return
+        with cluster(self.scheduler, self.scheduler_wait, again, progress) as workers:
+            yield from workers.results(calls)
+
+
+def _loaded(load: Callable[[Task], Content], task: Task) -> Content | Exception:
+    """What a task needs; joblib asks for it in a thread where an error would go unnoticed."""
+    try:
+        return load(task)
+    except Exception as error:
+        return error
+
+
+def _call(
+    function: Callable[[Task, Content], Result],
+    number: int,
+    task: Task,
+    content: Content | Exception,
+) -> tuple[int, Result]:
+    """In a worker: one task on one thread; an error in loading is raised here."""
+    if isinstance(content, Exception):
+        raise content
+    _use_one_thread()
+    return number, function(task, content)
+
+
+@functools.cache
+def _use_one_thread() -> None:
+    """One thread for linear algebra, so that sums do not depend on where they are made."""
+    threadpool_limits(1)
+
+
+def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
+    """In a worker: refuse other versions than the process that asked for the work has."""
+    change = version_change(expected, made_with(*decided_by))
+    if change:
+        raise ProlearnError(
+            f"the dataset is made with {change} on a worker; expected the same versions on all "
+            "machines: install them there and run the same command again."
+        )
