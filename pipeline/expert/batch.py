@@ -17,13 +17,9 @@ from pipeline.scenario import Scenario, shared_problem
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Scenarios of one problem, and the craft of all of them one after the other.
+    """Scenarios of one problem, and the craft of all of them one after the other."""
 
-    Attributes:
-        scenarios: at least one.
-    """
-
-    scenarios: Sequence[Scenario]
+    scenarios: Sequence[Scenario]  # at least one
 
     @cached_property
     def problem(self) -> Problem:

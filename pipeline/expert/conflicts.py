@@ -25,15 +25,10 @@ ENDS = 2 * PROVABLE
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Motion of all craft.
+    """Motion of all craft."""
 
-    Attributes:
-        controls: m/s².
-        states: node states that the controls fly, m and m/s.
-    """
-
-    controls: Float[Array, "n intervals 3"]
-    states: Float[Array, "n T 6"]
+    controls: Float[Array, "n intervals 3"]  # m/s²
+    states: Float[Array, "n T 6"]  # node states that the controls fly, m and m/s
 
 
 @dataclass(frozen=True)
@@ -42,14 +37,10 @@ class BackOff:
 
     No pair is asked for more of them than its own ends have: at the start throughout the first
     interval, at the goal throughout the last.
-
-    Attributes:
-        uncertainty: 1-σ errors of navigation and of thrust execution.
-        sigmas: how many standard deviations, along the line between the two craft.
     """
 
-    uncertainty: Uncertainty
-    sigmas: float
+    uncertainty: Uncertainty  # 1-σ errors of navigation and of thrust execution
+    sigmas: float  # how many standard deviations, along the line between the two craft
 
     def most(self, controls: Float[Array, "n intervals 3"], problem: Problem) -> float:
         """No pair's back-off is larger than this, m."""
@@ -83,22 +74,15 @@ class BackOff:
 
 @dataclass(frozen=True, eq=False)
 class ConflictDetection:
-    """What craft are kept apart by.
+    """What craft are kept apart by."""
 
-    Attributes:
-        problem: the problem.
-        requirements: say whether all times are looked at or the nodes only, and whether craft
-            that have lost their thrust are.
-        swarms: which craft belong together; by default all of them.
-        margin: asked for beyond the collision radius, m.
-        back_off: asked for besides, because craft err.
-    """
-
-    problem: Problem
+    problem: Problem  # the problem
+    # say whether all times are looked at or the nodes only, and whether craft that have lost their
+    # thrust are
     requirements: Requirements = AT_ALL_TIMES
-    swarms: Swarms | None = None
-    margin: float = 0.0
-    back_off: BackOff | None = None
+    swarms: Swarms | None = None  # which craft belong together; by default all of them
+    margin: float = 0.0  # asked for beyond the collision radius, m
+    back_off: BackOff | None = None  # asked for besides, because craft err
 
     def conflicts(
         self,

@@ -16,39 +16,25 @@ TOUCHING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class SecondCraft:
-    """How the position of a cut's second craft follows from its plan, where not as the first's.
+    """How the position of a cut's second craft follows from its plan, where not as the first's."""
 
-    Attributes:
-        interval: at whose start the craft's state counts.
-        free: from that state to its position.
-        pushed: from its control in that interval to its position.
-        offset: position of the first, or less that of the second, as far as it is fixed, m.
-    """
-
-    interval: Int[Array, "k"]
-    free: Float[Array, "k 3 6"]
-    pushed: Float[Array, "k 3 3"]
+    interval: Int[Array, "k"]  # at whose start the craft's state counts
+    free: Float[Array, "k 3 6"]  # from that state to its position
+    pushed: Float[Array, "k 3 3"]  # from its control in that interval to its position
+    # position of the first, or less that of the second, as far as it is fixed, m
     offset: Float[Array, "k 3"]
 
 
 @dataclass(frozen=True, eq=False)
 class Cuts:
-    """Pairs and times at which a separation is asked for.
-
-    Attributes:
-        first: first craft.
-        second: second craft.
-        interval: interval of the time.
-        free: from a craft's state at the interval's start to its position then.
-        pushed: from its control in the interval to its position then.
-        other: the same of the second craft, where some cuts are passive-safety cuts.
-    """
+    """Pairs and times at which a separation is asked for."""
 
     first: Int[Array, "k"]
     second: Int[Array, "k"]
-    interval: Int[Array, "k"]
-    free: Float[Array, "k 3 6"]
-    pushed: Float[Array, "k 3 3"]
+    interval: Int[Array, "k"]  # interval of the time
+    free: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position then
+    pushed: Float[Array, "k 3 3"]  # from its control in the interval to its position then
+    # the same of the second craft, where some cuts are passive-safety cuts
     other: SecondCraft | None = None
 
     def __len__(self) -> int:
@@ -186,17 +172,11 @@ def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces:
-    """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal.
+    """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal."""
 
-    Attributes:
-        row: m per m/s².
-        required: m.
-        other: m per m/s²; None where it is ``row``.
-    """
-
-    row: Float[Array, "k m"]
-    required: Float[Array, "k"]
-    other: Float[Array, "k m"] | None = None
+    row: Float[Array, "k m"]  # m per m/s²
+    required: Float[Array, "k"]  # m
+    other: Float[Array, "k m"] | None = None  # m per m/s²; None where it is ``row``
 
 
 def half_spaces(

@@ -31,23 +31,17 @@ LIMIT_SHARE = 1 - 1e-7
 
 @dataclass(frozen=True, eq=False)
 class DecoupledOptima:
-    """The L1-optimal transfer of each craft without the others.
+    """The L1-optimal transfer of each craft without the others."""
 
-    Attributes:
-        controls: m/s²; the minimum-energy transfer where no optimum was found.
-        lower_bound: proven lower bound on the fuel of each craft, m/s².
-        feasible: whether an optimum was found.
-        impossible: whether it is proven that the craft cannot make the transfer within the
-            thrust limit, or with any thrust; what is neither the solver failed at.
-        tabled: whether the bound is a vertex's of the table, or a program's.
-        basis: basic variables without a thrust limit, as in ``Subproblem``, where they are known.
-    """
-
+    # m/s²; the minimum-energy transfer where no optimum was found
     controls: Float[Array, "n intervals 3"]
-    lower_bound: Float[Array, "n"]
-    feasible: Bool[Array, "n"]
+    lower_bound: Float[Array, "n"]  # proven lower bound on the fuel of each craft, m/s²
+    feasible: Bool[Array, "n"]  # whether an optimum was found
+    # whether it is proven that the craft cannot make the transfer within the thrust limit, or with
+    # any thrust; what is neither the solver failed at
     impossible: Bool[Array, "n"]
-    tabled: Bool[Array, "n"]
+    tabled: Bool[Array, "n"]  # whether the bound is a vertex's of the table, or a program's
+    # basic variables without a thrust limit, as in ``Subproblem``, where they are known
     basis: Int[Array, "n 6"] | None = None
 
     def of(self, craft: Bool[Array, "n"]) -> "DecoupledOptima":

@@ -15,23 +15,15 @@ SLACK_TOLERANCE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What the search of a scenario ended with.
+    """What the search of a scenario ended with."""
 
-    Attributes:
-        controls: m/s².
-        convex_solves: rounds of programs, the clusters of a round counted as one.
-        joined: pairs of craft that cuts were made for.
-        feasible: whether the controls were seen to be safe as a whole.
-        obstacle: what stood in the way of a safe plan, or nothing.
-        infeasible: whether it is proven to stand in the way of every plan.
-    """
-
-    controls: Float[Array, "n intervals 3"]
-    convex_solves: int = 0
+    controls: Float[Array, "n intervals 3"]  # m/s²
+    convex_solves: int = 0  # rounds of programs, the clusters of a round counted as one
+    # pairs of craft that cuts were made for
     joined: Int[Array, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
-    feasible: bool = False
-    obstacle: str = ""
-    infeasible: bool = False
+    feasible: bool = False  # whether the controls were seen to be safe as a whole
+    obstacle: str = ""  # what stood in the way of a safe plan, or nothing
+    infeasible: bool = False  # whether it is proven to stand in the way of every plan
 
 
 class Incumbents:

@@ -81,18 +81,12 @@ def _groups(labels: Int[Array, "k"]) -> list[Int[Array, "_"]]:
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
-    """What is searched for, and how.
+    """What is searched for, and how."""
 
-    Attributes:
-        batch: the scenarios.
-        settings: of the expert.
-        requirements: what the plans must satisfy, but for a risk.
-        back_off: asked for beyond the collision radius because craft err, or None.
-    """
-
-    batch: Batch
-    settings: Settings
-    requirements: Requirements
+    batch: Batch  # the scenarios
+    settings: Settings  # of the expert
+    requirements: Requirements  # what the plans must satisfy, but for a risk
+    # asked for beyond the collision radius because craft err, or None
     back_off: BackOff | None = None
 
     @cached_property

@@ -40,49 +40,32 @@ class UnsolvableError(ProlearnError):
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Solution of a subproblem.
+    """Solution of a subproblem."""
 
-    Attributes:
-        controls: flattened controls of each craft, m/s².
-        slack: by how much each half-space is missed, m.
-        dual: what a metre more of each half-space would cost, m/s² per m.
-    """
-
-    controls: Float[Array, "n m"]
-    slack: Float[Array, "k"]
-    dual: Float[Array, "k"]
+    controls: Float[Array, "n m"]  # flattened controls of each craft, m/s²
+    slack: Float[Array, "k"]  # by how much each half-space is missed, m
+    dual: Float[Array, "k"]  # what a metre more of each half-space would cost, m/s² per m
 
 
 @dataclass(frozen=True, eq=False)
 class Subproblem:
-    """One convex program, for n craft and k half-spaces, in SI units.
+    """One convex program, for n craft and k half-spaces, in SI units."""
 
-    Attributes:
-        reach: effect of a craft's flattened controls on its final state.
-        miss: change of final state that each craft's controls must bring about, m and m/s.
-        first: first craft of each half-space.
-        second: second craft.
-        row: effect of the first craft's controls along the normal, m per m/s².
-        required: what the controls must contribute along the normal, m.
-        limit: largest component of a control, m/s², or infinity.
-        penalty: cost of a metre of slack, m/s².
-        unit: size of a typical control, m/s², which makes the solver's numbers of order one.
-        basis: basic variables of each craft's decoupled optimum, where they are known: the number
-            of a control, or m more where it acts in the negative direction.
-        other: effect of the second craft's controls against the normal; None where it is ``row``,
-            as it is for two craft that fly their plans.
-    """
-
-    reach: Float[Array, "6 m"]
+    reach: Float[Array, "6 m"]  # effect of a craft's flattened controls on its final state
+    # change of final state that each craft's controls must bring about, m and m/s
     miss: Float[Array, "n 6"]
-    first: Int[Array, "k"]
+    first: Int[Array, "k"]  # craft of each half-space
     second: Int[Array, "k"]
-    row: Float[Array, "k m"]
-    required: Float[Array, "k"]
-    limit: float
-    penalty: float
-    unit: float
+    row: Float[Array, "k m"]  # effect of the first craft's controls along the normal, m per m/s²
+    required: Float[Array, "k"]  # what the controls must contribute along the normal, m
+    limit: float  # largest component of a control, m/s², or infinity
+    penalty: float  # cost of a metre of slack, m/s²
+    unit: float  # size of a typical control, m/s², which makes the solver's numbers of order one
+    # basic variables of each craft's decoupled optimum, where they are known: the number of a
+    # control, or m more where it acts in the negative direction
     basis: Int[Array, "n 6"] | None = None
+    # effect of the second craft's controls against the normal; None where it is ``row``, as it is
+    # for two craft that fly their plans
     other: Float[Array, "k m"] | None = None
 
     @property

@@ -31,17 +31,13 @@ Slots = tuple[int, ...]
 
 @dataclass(frozen=True, eq=False)
 class DecoupledCosts:
-    """Fuel that every craft needs at least for every goal.
+    """Fuel that every craft needs at least for every goal."""
 
-    Attributes:
-        fuel: proven lower bounds, craft by goal, m/s²; infinite where it is proven that the craft
-            cannot reach the goal within the thrust limit. They are attained by the decoupled
-            optima of the given order and of the assignment of least cost.
-        proof: of the bounds, in words.
-    """
-
+    # proven lower bounds, craft by goal, m/s²; infinite where it is proven that the craft cannot
+    # reach the goal within the thrust limit. They are attained by the decoupled optima of the given
+    # order and of the assignment of least cost
     fuel: Float[Array, "n n"]
-    proof: str
+    proof: str  # of the bounds, in words
 
     def of(self, slots: Slots) -> float:
         """Cost of an assignment, m/s²."""
@@ -109,16 +105,11 @@ def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Some of all assignments, in Murty's way.
+    """Some of all assignments, in Murty's way."""
 
-    Attributes:
-        slots: the best of the part, or of the one that it was split from.
-        kept: craft before this one keep their goals of ``slots``.
-        forbidden: goals that some of the others do not take, by craft and goal.
-    """
-
-    slots: Slots
-    kept: int
+    slots: Slots  # the best of the part, or of the one that it was split from
+    kept: int  # craft before this one keep their goals of ``slots``
+    # goals that some of the others do not take, by craft and goal
     forbidden: tuple[tuple[int, int], ...]
 
     def costs(self, costs: Float[Array, "n n"]) -> Float[Array, "_ _"]:

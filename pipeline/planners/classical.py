@@ -20,17 +20,11 @@ Controls = Float[Array, "n intervals 3"]
 
 @dataclass(frozen=True)
 class Expert:
-    """Sequential convex programming on all scenarios at once.
+    """Sequential convex programming on all scenarios at once."""
 
-    Attributes:
-        settings: how to work.
-        name: what tables call it.
-        requirements: what its plans must satisfy.
-    """
-
-    settings: Settings = field(default_factory=Settings)
-    name: str = "expert"
-    requirements: Requirements = AT_ALL_TIMES
+    settings: Settings = field(default_factory=Settings)  # how to work
+    name: str = "expert"  # what tables call it
+    requirements: Requirements = AT_ALL_TIMES  # what its plans must satisfy
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
@@ -40,17 +34,12 @@ class Expert:
 
 @dataclass(frozen=True)
 class Baseline:
-    """A planner that plans each craft without the others.
+    """A planner that plans each craft without the others."""
 
-    Attributes:
-        name: what tables call it.
-        controls: from initial and goal states to controls in m/s² that meet the goal.
-        requirements: what its plans are judged by.
-    """
-
-    name: str
+    name: str  # what tables call it
+    # from initial and goal states to controls in m/s² that meet the goal
     controls: Callable[[States, States, Problem], Controls]
-    requirements: Requirements = AT_ALL_TIMES
+    requirements: Requirements = AT_ALL_TIMES  # what its plans are judged by
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""

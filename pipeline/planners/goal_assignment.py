@@ -113,18 +113,12 @@ class GoalAssignment:
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """The assignments of a scenario that are looked at.
+    """The assignments of a scenario that are looked at."""
 
-    Attributes:
-        scenario: as it was given.
-        costs: of every craft and goal.
-        most: how many of the best assignments.
-        allowed: goals that craft may take, where it is proven that others are of no use, or None.
-    """
-
-    scenario: Scenario
-    costs: DecoupledCosts
-    most: int
+    scenario: Scenario  # as it was given
+    costs: DecoupledCosts  # of every craft and goal
+    most: int  # how many of the best assignments
+    # goals that craft may take, where it is proven that others are of no use, or None
     allowed: Bool[Array, "n n"] | None = None
 
     @property

@@ -33,15 +33,11 @@ class NetworkPlanner:
 
     States are projected onto the transfers that can be flown; controls get the correction of
     least energy.
-
-    Attributes:
-        model: the network.
-        name: what tables and plans call it.
-        requirements: what its plans are judged by; the network knows the collision radius alone.
     """
 
     model: Model
-    name: str
+    name: str  # what tables and plans call it
+    # what its plans are judged by; the network knows the collision radius alone
     requirements: Requirements = AT_ALL_TIMES
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
@@ -70,15 +66,10 @@ class NetworkPlanner:
 
 @dataclass(frozen=True)
 class Seeded:
-    """Another planner, whose plans seed the expert.
+    """Another planner, whose plans seed the expert."""
 
-    Attributes:
-        planner: where the seeds come from.
-        settings: of the expert.
-    """
-
-    planner: Planner
-    settings: Settings = field(default_factory=lambda: Settings(stop="first-safe"))
+    planner: Planner  # where the seeds come from
+    settings: Settings = field(default_factory=lambda: Settings(stop="first-safe"))  # of the expert
 
     @property
     def name(self) -> str:

@@ -19,17 +19,11 @@ from pipeline.scenario import Scenario
 
 @dataclass(frozen=True)
 class Rule:
-    """The untrained refiner: the cheapest safe iterate of some rounds, or else the last.
+    """The untrained refiner: the cheapest safe iterate of some rounds, or else the last."""
 
-    Attributes:
-        rounds: how many.
-        null_space: whether steps lie in the null space, instead of each craft's program.
-        requirements: what its plans are judged by.
-    """
-
-    rounds: int
-    null_space: bool = False
-    requirements: Requirements = AT_ALL_TIMES
+    rounds: int  # how many
+    null_space: bool = False  # whether steps lie in the null space, instead of each craft's program
+    requirements: Requirements = AT_ALL_TIMES  # what its plans are judged by
 
     @property
     def name(self) -> str:

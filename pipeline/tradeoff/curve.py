@@ -42,15 +42,10 @@ LESS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A transfer time and the plan for it.
+    """A transfer time and the plan for it."""
 
-    Attributes:
-        scenario: as it is flown.
-        plan: with its certificate.
-    """
-
-    scenario: Scenario
-    plan: Plan
+    scenario: Scenario  # as it is flown
+    plan: Plan  # with its certificate
 
     @property
     def duration(self) -> float:
