@@ -6,15 +6,13 @@ from dataclasses import dataclass, field, replace
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.expert import Settings, decoupled_optima, solve_many
+from pipeline.expert import Settings, solve_many
 from pipeline.expert.batch import Batch
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.planners.planner import certified
 from pipeline.scenario import Scenario
 
-States = Float[Array, "n 6"]
 Controls = Float[Array, "n intervals 3"]
 
 
@@ -37,32 +35,31 @@ class Baseline:
     """A planner that plans each craft without the others."""
 
     name: str  # what tables call it
-    # from initial and goal states to controls in m/s² that meet the goal
-    controls: Callable[[States, States, Problem], Controls]
+    controls: Callable[[Batch], Controls]  # that meet the goals, m/s²
     requirements: Requirements = AT_ALL_TIMES  # what its plans are judged by
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
-
-        def answer(batch: Batch) -> Controls:
-            return self.controls(batch.initial, batch.goal, batch.problem)
-
-        return certified(self.name, scenarios, answer, self.requirements)
+        return certified(self.name, scenarios, self.controls, self.requirements)
 
 
-def _line(initial: States, goal: States, problem: Problem) -> Controls:
-    states = straight_line(initial, goal, problem.nodes)
-    return project_to_flyable(states, initial, goal, problem)
+def _straight_line(batch: Batch) -> Controls:
+    """The straight line made flyable."""
+    states = straight_line(batch.initial, batch.goal, batch.problem.nodes)
+    return project_to_flyable(states, batch.initial, batch.goal, batch.problem)
 
 
-def _decoupled(initial: States, goal: States, problem: Problem) -> Controls:
-    return decoupled_optima(initial, goal, problem).controls
+def _minimum_energy(batch: Batch) -> Controls:
+    return minimum_energy(batch.initial, batch.goal, batch.problem)
+
+
+def _decoupled(batch: Batch) -> Controls:
+    return batch.optima.controls
 
 
 BASELINES = (
-    Baseline("straight line", _line),
-    Baseline("minimum energy", minimum_energy),
+    Baseline("straight line", _straight_line),
+    Baseline("minimum energy", _minimum_energy),
     Baseline("own LP", _decoupled),
 )
-"""The straight line made flyable, the closed-form minimum-energy transfer, decoupled optima: they
-belong in every table."""
+"""They belong in every table."""
