@@ -7,7 +7,7 @@ craft err (a chance constraint).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts
@@ -19,6 +19,9 @@ from pipeline.orbit.thrust_loss import loss_encounters
 from pipeline.orbit.uncertainty import Uncertainty
 from pipeline.plan import AT_ALL_TIMES, Requirements
 
+Craft = Int[Array, "_"] | Bool[Array, "_"]
+"""Some craft, by their indices or a mask."""
+
 ENDS = 2 * PROVABLE
 """What pairs have left beyond what is asked for at the ends, where no control can move them, m."""
 
@@ -29,6 +32,22 @@ class Trajectory:
 
     controls: Float[Array, "n intervals 3"]  # m/s²
     states: Float[Array, "n T 6"]  # node states that the controls fly, m and m/s
+
+    def copy(self) -> "Trajectory":
+        """The same motion in arrays of its own."""
+        return Trajectory(self.controls.copy(), self.states.copy())
+
+    def of(self, craft: Craft) -> "Trajectory":
+        """Motion of some craft."""
+        return Trajectory(self.controls[craft], self.states[craft])
+
+    def set(self, craft: Craft, part: "Trajectory") -> None:
+        """Replace the motion of some craft."""
+        self.controls[craft], self.states[craft] = part.controls, part.states
+
+    def fuel(self, craft: Craft) -> float:
+        """Eq. 4 of some craft, m/s²."""
+        return float(np.abs(self.controls[craft]).sum())
 
 
 @dataclass(frozen=True)

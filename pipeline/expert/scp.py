@@ -130,7 +130,7 @@ class Search:
         self.separation = self.problem.collision_radius + self.settings.margin
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
         self.iterate = self._flown(self.batch.optima.controls)
-        self.reference = _copy(self.iterate)
+        self.reference = self.iterate.copy()
         self.incumbents = Incumbents(self.batch, self.iterate.controls)
         cuts, _ = asked.detection.conflicts(self.iterate, self.provable)
         in_conflict = np.isin(np.arange(len(self.batch.scenarios)), self.swarm[cuts.first])
@@ -151,7 +151,7 @@ class Search:
         if not chosen:
             return NO_CUTS
         given = np.isin(self.swarm, list(chosen))
-        _set(self.reference, given, self._flown(np.concatenate(list(chosen.values())), given))
+        self.reference.set(given, self._flown(np.concatenate(list(chosen.values())), given))
         near, bound = self.asked.detection.conflicts(
             self.reference,
             self.problem.collision_radius + SEED_LOOK,
@@ -254,12 +254,11 @@ class Search:
             i, j = self.cuts.first[cuts[k]], self.cuts.second[cuts[k]]
             self.incumbents.note_slack(int(i), int(j), float(best.slack[k]))
         for craft in clusters:
-            if self.accepted[craft].all() and (
-                _fuel(self.iterate, craft) >= _fuel(self.reference, craft)
-            ):
+            gained_nothing = self.iterate.fuel(craft) >= self.reference.fuel(craft)
+            if self.accepted[craft].all() and gained_nothing:
                 self._go_back(craft)
         moved = np.concatenate(clusters)
-        _set(self.iterate, moved, self._flown(self.iterate.controls[moved], moved))
+        self.iterate.set(moved, self._flown(self.iterate.controls[moved], moved))
         return [craft for craft in clusters if not self.failed[craft].any()]
 
     def _solve_cluster(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> Optimum:
@@ -326,10 +325,10 @@ class Search:
 
     def _accept(self, craft: Cluster, promised: float) -> None:
         """Linearize about a safe iterate from now on; done where that promises no more."""
-        settings, fuel = self.settings, _fuel(self.iterate, craft)
-        before = _fuel(self.reference, craft)
+        settings, fuel = self.settings, self.iterate.fuel(craft)
+        before = self.reference.fuel(craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf
-        self._move_reference(craft)
+        self.reference.set(craft, self.iterate.of(craft))
         self.accepted[craft] = True
         gap = gap_of(fuel, float(self.batch.optima.lower_bound[craft].sum()), self.problem)
         self.active[craft] = not (
@@ -345,23 +344,5 @@ class Search:
         for craft in self._clusters(unsafe):
             self.active[craft], self.failed[craft] = True, False
             if craft[0] in missed:
-                self._move_reference(craft)
+                self.reference.set(craft, self.iterate.of(craft))
                 self.accepted[craft] = False
-
-    def _move_reference(self, craft: Cluster) -> None:
-        self.reference.controls[craft] = self.iterate.controls[craft]
-        self.reference.states[craft] = self.iterate.states[craft]
-
-
-def _copy(flown: Trajectory) -> Trajectory:
-    return Trajectory(flown.controls.copy(), flown.states.copy())
-
-
-def _set(flown: Trajectory, craft: Cluster | Bool[Array, "n"], part: Trajectory) -> None:
-    """Replace the motion of some craft."""
-    flown.controls[craft], flown.states[craft] = part.controls, part.states
-
-
-def _fuel(flown: Trajectory, craft: Cluster) -> float:
-    """Eq. 4 of some craft, m/s²."""
-    return float(np.abs(flown.controls[craft]).sum())
