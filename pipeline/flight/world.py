@@ -97,8 +97,8 @@ class NonlinearWorld:
     """Craft about an oblate Earth, each integrated in an inertial frame; a ``World``.
 
     The LVLH frame is about a virtual craft that never burns. It is subject to the same forces as
-    all others, but for drag, which it has if told so; with the swarm's mean coefficient, the frame
-    goes down with the swarm, and what is left is drag that differs. Thrust is constant along the
+    all others, and to drag with a coefficient of its own; with the swarm's mean coefficient, the
+    frame decays with the swarm, and what is left is differential drag. Thrust is constant along the
     axes of that frame, which turns meanwhile.
 
     All craft and the reference are one system of equations, for the latter's state and the
