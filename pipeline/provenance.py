@@ -1,4 +1,4 @@
-"""What results are made with: versions of packages, and of the code of ours that they hang on."""
+"""Versions of packages, and digests of our own code, that results are made with."""
 
 import ast
 import hashlib

@@ -39,7 +39,7 @@ class Column:
 
     @property
     def field(self) -> pa.Field:
-        """In Arrow's schema."""
+        """Its field in Arrow's schema."""
         return pa.field(self.name, self.type, nullable=self.nullable)
 
 

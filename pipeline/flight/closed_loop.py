@@ -140,7 +140,7 @@ def apart_at(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
 
 
 class Choice:
-    """Of several plans for each of K trials, the one that is flown.
+    """The choice of the plan that is flown, of several for each of K trials.
 
     Attributes:
         controls: of the best so far, (K, n, intervals, 3), m/s².
