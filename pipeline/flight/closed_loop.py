@@ -65,8 +65,8 @@ class ClosedLoop:
         self.unsafe = np.zeros(trials, dtype=int)
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
 
-    def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """As ``Guidance.commanded``."""
+    def __call__(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
+        """As ``Guidance``."""
         problem = self._scenario.problem
         left = problem.intervals - node
         if node > 0:
