@@ -82,7 +82,7 @@ TIMING_FIELDS = [
 
 
 @dataclass(frozen=True)
-class Manifest:
+class TrialsManifest:
     """The manifest of a Monte Carlo: SHA-256 of each finished shard, by path inside the folder."""
 
     shards: Mapping[str, str]
@@ -188,12 +188,12 @@ def fly_all(
         return {loop.name: _read(ledger, of, loop, trials) for loop in loops}
 
 
-def _begin(folder: Folder) -> Manifest:
+def _begin(folder: Folder) -> TrialsManifest:
     """The manifest of the folder; without one, whole shards are adopted."""
     for name in (MANIFEST, COPY):
         with suppress(OSError, ValueError, KeyError, TypeError):
-            return Manifest(dict(read_checked(folder, name)["shards"]))
-    return Manifest({})
+            return TrialsManifest(dict(read_checked(folder, name)["shards"]))
+    return TrialsManifest({})
 
 
 def _portions(of: MonteCarlo, loop: Loop, trials: int) -> Iterator[Portion]:
@@ -201,7 +201,7 @@ def _portions(of: MonteCarlo, loop: Loop, trials: int) -> Iterator[Portion]:
         yield Portion(of, loop, number, range(first, min(first + of.portion, trials)))
 
 
-def _is_done(ledger: Ledger[Manifest], portion: Portion) -> bool:
+def _is_done(ledger: Ledger[TrialsManifest], portion: Portion) -> bool:
     """Whether a shard is sound, with its timings and the rows that are asked for.
 
     InputError where it was made with other settings or versions.
@@ -260,7 +260,7 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     return NewShard(portion.path, content, encode(timings))
 
 
-def _read(ledger: Ledger[Manifest], of: MonteCarlo, loop: Loop, trials: int) -> pa.Table:
+def _read(ledger: Ledger[TrialsManifest], of: MonteCarlo, loop: Loop, trials: int) -> pa.Table:
     """The first so many trials of a loop, with what their plans took."""
 
     def read(digests: Mapping[str, str], top: str = "") -> pa.Table:
