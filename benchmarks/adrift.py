@@ -22,8 +22,8 @@ from threadpoolctl import threadpool_limits
 from benchmarks.tables import Row, show, write_json
 from pipeline.expert import solve
 from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import fly
 from pipeline.plan import INFEASIBLE, SOLVED, Plan, Requirements
 from pipeline.scenario import FAMILIES, Scenario, draw

@@ -6,7 +6,7 @@ It keeps craft apart at the nodes only, which is less than the expert promises.
 import cvxpy as cp
 
 from pipeline.expert.plain import SwarmModel
-from pipeline.orbit.fuel import fuel
+from pipeline.orbit.transfer import fuel
 from pipeline.scenario import Scenario
 
 

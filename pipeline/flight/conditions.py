@@ -9,7 +9,7 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError, check_range
 from pipeline.flight.nonlinear import Drag, NonlinearWorld
 from pipeline.flight.perturbations import atmosphere_near
-from pipeline.orbit.elements import Elements
+from pipeline.orbit.inertial import Elements
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, Reference, radius_at
 

@@ -11,7 +11,7 @@ from pipeline.arrays import Array
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import Effect
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.fuel import fuel
+from pipeline.orbit.transfer import fuel
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 

@@ -7,8 +7,7 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.elements import Elements
-from pipeline.orbit.inertial import lvlh_frame
+from pipeline.orbit.inertial import Elements, lvlh_frame
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import Plan

@@ -15,11 +15,8 @@ R_EARTH = 6378137.0
 J2 = 1.0826266836e-3
 """Second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀."""
 
-LOWEST = 100e3
-"""Altitude in m under which air ends an orbit within a revolution."""
-
-HIGHEST = 1.5e9
-"""Of orbits about the Earth, altitude in m: about where the Sun's pull takes over."""
+LOWEST, HIGHEST = 100e3, 1.5e9
+"""Altitudes in m: below, air ends an orbit within a revolution; above, the Sun's pull prevails."""
 
 GEOSTATIONARY = 35_786e3
 """Altitude in m up to which a unit is guessed."""
@@ -27,10 +24,9 @@ GEOSTATIONARY = 35_786e3
 
 @dataclass(frozen=True)
 class Reference:
-    """Where and when the reference orbit is; its size follows from the mean motion.
+    """Epoch and attitude of the reference orbit; its size follows from the mean motion.
 
-    Angles are in degrees, as they are given, and refer to the Earth's mean equator and equinox of
-    J2000 (EME2000).
+    Angles are in degrees and refer to the Earth's mean equator and equinox of J2000 (EME2000).
 
     Attributes:
         epoch: of the first node, UTC.
@@ -61,10 +57,13 @@ def mean_motion_at(altitude: float) -> float:
     return sqrt(MU_EARTH / (R_EARTH + altitude) ** 3)
 
 
+def radius_at(mean_motion: float) -> float:
+    """Radius in m of the circular orbit with a mean motion in rad/s: r₀ = ∛(μ/e²)."""
+    return float((MU_EARTH / mean_motion**2) ** (1 / 3))
+
+
 def check_mean_motion(mean_motion: float) -> None:
     """Refuse a mean motion (rad/s) of orbits inside the Earth or its air.
-
-    No planet is denser than the Earth, so that none has faster orbits.
 
     Raises:
         InputError: with the value in rad/s, where it looks like deg/s or revolutions a day.
@@ -83,8 +82,3 @@ def check_mean_motion(mean_motion: float) -> None:
         f"mean_motion is {mean_motion:g} rad/s, that of an orbit inside the Earth or its air; "
         f"expected at most {most:.5g} rad/s{next(hints, '')}."
     )
-
-
-def radius_at(mean_motion: float) -> float:
-    """Radius in m of the circular orbit with a mean motion in rad/s: r₀ = ∛(μ/e²)."""
-    return float((MU_EARTH / mean_motion**2) ** (1 / 3))

@@ -33,10 +33,9 @@ from scipy.special import gammainccinv, ndtr
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
 from pipeline.orbit.bezier import dot, norm
-from pipeline.orbit.covariance import Dispersion, dispersion
+from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.uncertainty import Uncertainty
 
 FAR = 1e-12
 """Probability, over all pairs, that deviations exceed the size up to which they are looked at."""
@@ -62,11 +61,11 @@ class CollisionRisk:
     """Bounds on the probability that pairs come within the collision radius.
 
     Attributes:
-        first: first craft of each pair that is ever near, the one with the lower index, (p,).
-        second: second craft, (p,).
-        of_pair: bound of each, (p,).
-        at_ends: of each the part that its first and last node have at least, whichever is more: as
-            craft must be there, no other plan changes it but by other errors, (p,).
+        first: first craft of each pair that is ever near, the one with the lower index.
+        second: second craft.
+        of_pair: bound of each.
+        at_ends: of each the larger part of its first and last node, which no other plan changes
+            but by other errors.
         total: bound on the probability that any pair of the swarm does, at any time.
     """
 
@@ -83,11 +82,11 @@ Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]
 
 @dataclass(frozen=True, eq=False)
 class _Stretches:
-    """Pairs and intervals in which they may be near, by pair and interval.
+    """Intervals in which pairs may be near, by pair and interval.
 
     Attributes:
         problem: dynamics, time step and collision radius.
-        pair: number of the pair.
+        pair: number of the pair, in the order of ``pairs``.
         interval: which.
         state: mean difference of states at the interval's start, m and m/s.
         push: mean difference of controls, m/s².
@@ -110,22 +109,22 @@ class _Stretches:
     normals: float
 
     def maps(self, share: Float[Array, "k"]) -> Maps:
-        """To relative positions at shares of the interval."""
+        """Maps to relative positions at shares of the interval."""
         free, pushed = self.problem.dynamics.step(share * self.problem.time_step)
         return free[:, :3], pushed[:, :3]
 
     def position(self, which: Int[Array, "k"], maps: Maps) -> Float[Array, "k 3"]:
-        """The mean, m."""
+        """Mean relative position, m."""
         return np.matvec(maps[0], self.state[which]) + np.matvec(maps[1], self.push[which])
 
     def covariance(self, which: Int[Array, "k"], one: Maps, other: Maps) -> Float[Array, "k"]:
-        """Of two linear functionals of the errors."""
+        """Covariance of two linear functionals of the errors."""
         state, push = self.covariances
         found = dot(np.vecmat(one[0], state[which]), other[0])
         return found + dot(np.vecmat(one[1], push[which]), other[1])
 
     def directions(self, which: Int[Array, "k"], share: Float[Array, "k"]) -> Float[Array, "k 3"]:
-        """In which pairs are likeliest to meet, at shares of the interval."""
+        """Directions in which pairs are likeliest to meet, at shares of the interval."""
         (free, pushed), (state, push) = self.maps(share), self.covariances
         spread = free @ state[which] @ free.mT + pushed @ push[which] @ pushed.mT
         mean = self.position(which, (free, pushed))
@@ -147,8 +146,8 @@ class _Panels:
 
     Attributes:
         stretch: which.
-        begin: share of the interval at which each begins.
-        width: share of the interval that it is long.
+        begin: when each begins, as a share of the interval.
+        width: how long it is, as a share of the interval.
         first: direction of the check at its begin.
         last: of the one at its end.
     """
@@ -195,14 +194,7 @@ def collision_risk(
     problem: Problem,
     uncertainty: Uncertainty,
 ) -> CollisionRisk:
-    """The risk of flying controls in open loop, at any time from the first node to the last.
-
-    Args:
-        states: node states as planned, m and m/s.
-        controls: as planned, m/s².
-        problem: dynamics, time step and collision radius.
-        uncertainty: what is not known of the initial states, and not done as planned.
-    """
+    """The risk of flying planned states (m, m/s) and controls (m/s²) in open loop, at any time."""
     i, j = pairs(len(states))
     if len(i) == 0:
         return CollisionRisk(i, j, np.zeros(0), np.zeros(0), 0.0)
@@ -214,7 +206,9 @@ def collision_risk(
     total[broken] = 1.0
     shown = np.flatnonzero(total > FAR / len(total))
     i, j, each = i[shown], j[shown], np.minimum(total[shown], 1.0)
-    ends = [_at_node(node, i, j, states, spread, problem.collision_radius) for node in (0, -1)]
+    ends = [
+        _within(*_at_node(node, i, j, states, spread), problem.collision_radius) for node in (0, -1)
+    ]
     rounding = FAR + ROUNDING * len(chance)
     most = min(1.0, float(total.sum()) + rounding)
     return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most)
@@ -226,13 +220,18 @@ def _at_node(
     second: Int[Array, "k"],
     states: Float[Array, "n T 6"],
     spread: Dispersion,
-    radius: float,
-) -> Float[Array, "k"]:
-    """Bound on the probability that pairs are within a distance, m, at a node."""
-    gap = states[first, node, :3] - states[second, node, :3]
+) -> tuple[Float[Array, "k 3"], Float[Array, "k 3 3"]]:
+    """Mean and covariance of pairs' relative positions at a node, m and m²."""
     covariance = spread.state_covariance[first, node] + spread.state_covariance[second, node]
-    normal = likeliest_direction(gap, covariance[:, :3, :3], radius)
-    variance = dot(np.vecmat(normal, covariance[:, :3, :3]), normal)
+    return states[first, node, :3] - states[second, node, :3], covariance[:, :3, :3]
+
+
+def _within(
+    gap: Float[Array, "k 3"], covariance: Float[Array, "k 3 3"], radius: float
+) -> Float[Array, "k"]:
+    """Bound on the probability that Gaussian relative positions are within a distance, m."""
+    normal = likeliest_direction(gap, covariance, radius)
+    variance = dot(np.vecmat(normal, covariance), normal)
     sigma = np.sqrt(np.maximum(variance, 0.0))
     return ndtr((radius - dot(normal, gap)) / np.maximum(sigma, TINY))
 
@@ -246,11 +245,10 @@ def levels_at(
     distance: float,
 ) -> Float[Array, "k"]:
     """How many standard deviations pairs are further apart than a distance, m, at a node."""
-    gap = states[first, node, :3] - states[second, node, :3]
+    gap, covariance = _at_node(node, first, second, states, spread)
     apart = norm(gap)
     normal = gap / np.maximum(apart, TINY)[:, None]
-    covariance = spread.state_covariance[first, node] + spread.state_covariance[second, node]
-    sigma = np.sqrt(dot(np.vecmat(normal, covariance[:, :3, :3]), normal))
+    sigma = np.sqrt(dot(np.vecmat(normal, covariance), normal))
     return (apart - distance) / np.maximum(sigma, TINY)
 
 

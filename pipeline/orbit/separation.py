@@ -1,5 +1,6 @@
-"""How close craft come: at the nodes (Eq. 5) and, soundly, at any time between them."""
+"""Separation of craft: at the nodes (Eq. 5) and, proven, at any time between them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +15,14 @@ from pipeline.orbit.approaches import (
     close_approaches,
     least_of_each,
     pairs,
-    rounding,
     side_by_side,
 )
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import free_drift
+
+ROUNDING = 1e-14
+"""Share of the largest coordinate that a distance may be off by, with some room."""
 
 
 def node_distances(states: Float[Array, "*batch n T 6"]) -> Float[Array, "*batch p T"]:
@@ -56,7 +60,7 @@ class Separation:
 
     Attributes:
         distance: the separation attained, m.
-        bound: no pair is ever closer than this, m; at most a bracket below ``distance``.
+        bound: proven lower bound on it, m; at most a bracket below ``distance``.
         pair: the two craft; None for a craft alone.
         time: when, s since the start; None for a craft alone.
     """
@@ -70,7 +74,7 @@ class Separation:
 def least_separation(
     states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
 ) -> Separation:
-    """The least distance of any pair at any time of a flown trajectory."""
+    """The least distance of any pair of one swarm at any time of a flown trajectory."""
     return least_separations(states, controls, problem, side_by_side((len(states),)))[0]
 
 
@@ -83,74 +87,28 @@ def least_separations(
 ) -> list[Separation]:
     """The least distance of any pair of each swarm at any time, in brackets so wide, m.
 
-    The least at the nodes bounds it from above, so that no other pair and time needs to be looked
-    at; and where rounding hides that pair from the search as well, it is the least.
+    The least at the nodes bounds it from above, so that only closer pairs and times are searched;
+    and where rounding hides that pair from the search as well, it is the least.
     """
-    at_nodes = _least_at_nodes(states, swarms)
-    within = np.nan_to_num(at_nodes, posinf=0.0)  # where there is no pair, none is found
+    least = _closest_at_nodes(states, problem, swarms)
+    within = np.nan_to_num([one.distance for one in least], posinf=0.0)  # none without a pair
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
     times = found.interval * problem.time_step + found.offset
     label, start = swarms.label[found.first], swarms.starts
-    bound = np.full(len(at_nodes), np.inf)
+    bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
-    closest = dict(np.transpose(least_of_each(found.distance, label)).tolist())
-    separations = []
-    for swarm, one in enumerate(bound.tolist()):
-        k = closest.get(swarm)
-        if k is None:
-            craft = slice(start[swarm], start[swarm] + swarms.sizes[swarm])
-            separations.append(_closest_at_nodes(states[craft], problem))
-            continue
+    for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
         pair = int(found.first[k] - start[swarm]), int(found.second[k] - start[swarm])
-        separations.append(Separation(float(found.distance[k]), one, pair, float(times[k])))
-    return separations
-
-
-def _closest_at_nodes(states: Float[Array, "n T 6"], problem: Problem) -> Separation:
-    """The closest pair of a swarm at any node; its bound is lower by what rounding may hide."""
-    n, T, _ = states.shape
-    if n < 2:
-        return Separation(np.inf, np.inf, None, None)
-    if n <= FEW:
-        distances = node_distances(states)
-        k = int(distances.min(axis=1).argmin())
-        node, pair = int(distances[k].argmin()), [int(one[k]) for one in pairs(n)]
-        distance = float(distances[k, node])
-    else:
-        tree = _node_tree(states)
-        near, points = map(np.asarray, tree.query(tree.data, k=2))
-        point = int(near[:, 1].argmin())
-        distance, node = float(near[point, 1]), point % T
-        # The nearest is the craft itself, or one in the same place.
-        pair = sorted({point // T, *(points[point] // T).tolist()})
-    bound = distance - rounding(states)
-    return Separation(distance, bound, (pair[0], pair[1]), node * problem.time_step)
-
-
-def _least_at_nodes(states: Float[Array, "n T 6"], swarms: Swarms) -> Float[Array, "swarms"]:
-    """Distance of the closest pair of each swarm at any node, m; infinite without a pair."""
-    if not swarms.few:
-        parts = np.split(states, swarms.starts[1:])
-        return np.array([_nearest_at_nodes(part) for part in parts])
-    least = np.full(len(swarms.sizes), np.inf)
-    i, j = swarms.pairs
-    distance = norm(states[i, :, :3] - states[j, :, :3]).min(axis=1)
-    np.minimum.at(least, swarms.label[i], distance)
+        distance, time = float(found.distance[k]), float(times[k])
+        least[swarm] = Separation(distance, float(bound[swarm]), pair, time)
     return least
 
 
-def _nearest_at_nodes(states: Float[Array, "n T 6"]) -> float:
-    tree = _node_tree(states)
-    distance = np.asarray(tree.query(tree.data, k=2)[0])  # the nearest is the craft itself
-    return float(distance[:, 1].min()) if len(states) > 1 else np.inf
-
-
-def _node_tree(states: Float[Array, "n T 6"]) -> cKDTree:
-    """Positions at all nodes: as many planes of a fourth dimension, too far apart to meet."""
-    positions = states[..., :3]
-    size = 2 * float(np.ptp(positions, axis=(0, 1)).sum()) + 1.0
-    plane = np.broadcast_to(size * np.arange(states.shape[1])[:, None], (*states.shape[:2], 1))
-    return cKDTree(np.concatenate([positions, plane], axis=-1).reshape(-1, 4))
+def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[Array, "N"]:
+    """Lower bound on the separation of each formation's craft in an orbit of free drift, m."""
+    N, n, _ = states.shape
+    drift = free_drift(states.reshape(N * n, 6), problem)
+    return np.array([apart.bound for apart in least_separations(*drift, side_by_side((n,) * N))])
 
 
 def pair_conflicts(
@@ -159,3 +117,51 @@ def pair_conflicts(
     """Pairs that come within r_col at any time, at nodes or between them."""
     found = close_approaches(states, controls, problem, problem.collision_radius)
     return len(np.unique(np.stack([found.first, found.second]), axis=1).T)
+
+
+def _closest_at_nodes(
+    states: Float[Array, "n T 6"], problem: Problem, swarms: Swarms
+) -> list[Separation]:
+    """The closest pair of each swarm at any node; its bound is lower by what rounding may hide."""
+    closest = [Separation(np.inf, np.inf, None, None)] * len(swarms.sizes)
+    slack = ROUNDING * np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
+    found = _closest_of_few(states, swarms) if swarms.few else _closest_of_many(states, swarms)
+    for swarm, i, j, node, distance in found:
+        time = node * problem.time_step
+        closest[swarm] = Separation(distance, distance - float(slack[swarm]), (i, j), time)
+    return closest
+
+
+def _closest_of_few(
+    states: Float[Array, "n T 6"], swarms: Swarms
+) -> Iterator[tuple[int, int, int, int, float]]:
+    """Swarm, first craft, second craft, node and distance, all pairs compared."""
+    i, j = swarms.pairs
+    apart = norm(states[i, :, :3] - states[j, :, :3])
+    least = apart.min(axis=1)
+    for swarm, k in np.transpose(least_of_each(least, swarms.label[i])).tolist():
+        first, second = int(i[k] - swarms.starts[swarm]), int(j[k] - swarms.starts[swarm])
+        yield swarm, first, second, int(apart[k].argmin()), float(least[k])
+
+
+def _closest_of_many(
+    states: Float[Array, "n T 6"], swarms: Swarms
+) -> Iterator[tuple[int, int, int, int, float]]:
+    """The same by trees."""
+    T = states.shape[1]
+    for swarm, part in enumerate(np.split(states, swarms.starts[1:])):
+        if len(part) < 2:
+            continue
+        tree = _node_tree(part)
+        near, points = map(np.asarray, tree.query(tree.data, k=2))
+        point = int(near[:, 1].argmin())  # the nearest is the craft itself, or one in its place
+        i, j = sorted({point // T, *(points[point] // T).tolist()})[:2]
+        yield swarm, i, j, point % T, float(near[point, 1])
+
+
+def _node_tree(states: Float[Array, "n T 6"]) -> cKDTree:
+    """Positions at all nodes: as many planes of a fourth dimension, too far apart to meet."""
+    positions = states[..., :3]
+    size = 2 * float(np.ptp(positions, axis=(0, 1)).sum()) + 1.0
+    plane = np.broadcast_to(size * np.arange(states.shape[1])[:, None], (*states.shape[:2], 1))
+    return cKDTree(np.concatenate([positions, plane], axis=-1).reshape(-1, 4))

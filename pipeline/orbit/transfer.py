@@ -1,5 +1,6 @@
-"""Transfers as linear maps: states from controls, the cheapest by energy, the nearest flyable."""
+"""Transfers as linear maps: states from controls, least energy, projection, fuel, free drift."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -7,29 +8,32 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import MOST_NODES, Problem
 
 COAST = 1e-7
 """Share of a craft's largest control under which a control is a solver's rounding, not a burn."""
 
 UNCHANGED = 1e-9
-"""Change of a final state that is none, m; of velocities, m/s over the mean motion."""
+"""Change of a final state that counts as none, m; of velocities, m/s over the mean motion."""
 
 REGULAR = 1e9
-"""Condition up to which a map has an inverse, rounding considered."""
+"""Condition number up to which a map has an inverse, rounding considered."""
+
+ORBIT_INTERVALS = 16
+"""Intervals into which an orbit of free drift is cut."""
 
 
 @dataclass(frozen=True, eq=False)
 class TransferMaps:
-    """What is constant for a problem: s[t] = drift[t] s[1] + reach[t] u, u flattened by time.
+    """Constants of a problem: s[t] = drift[t] s[1] + reach[t] u, with u flattened by time.
 
     Attributes:
-        drift: powers of A, (T, 6, 6).
-        reach: effect of the flattened controls (T-1, 3) on each node's state, (T, 6, 3(T-1)).
+        drift: powers of A.
+        reach: effect of the flattened controls on each node's state, m = 3(T-1).
         to_goal: pseudo-inverse of reach[T]: the least-energy controls for a change of the
-            final state, (3(T-1), 6).
+            final state.
         project: the controls that fit given node states best while leaving the final state
-            unchanged, (3(T-1), 6T).
+            unchanged, (m, 6T).
     """
 
     drift: Float[Array, "T 6 6"]
@@ -40,7 +44,7 @@ class TransferMaps:
 
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
-    """The maps of a problem, made once."""
+    """The maps of a problem, computed once."""
     A, B = problem.dynamics.step(problem.time_step)
     T, m = problem.nodes, 3 * problem.intervals
     drift = np.stack([np.linalg.matrix_power(A, t) for t in range(T)])
@@ -58,9 +62,9 @@ def transfer_maps(problem: Problem) -> TransferMaps:
 
 
 def has_one_plan(problem: Problem) -> bool:
-    """Whether any two states are joined by one sequence of controls alone.
+    """Whether any two states are joined by exactly one sequence of controls.
 
-    Two intervals have six components, as many as a state, and act alike at special steps only.
+    Two intervals have six components, as many as a state; singular at special steps only.
     """
     reach = transfer_maps(problem).reach[-1] * _state_weight(problem)[:, None]
     return reach.shape == (6, 6) and float(np.linalg.cond(reach)) < REGULAR
@@ -84,15 +88,46 @@ def fly(
     return (free + pushed).reshape(*initial.shape[:-1], problem.nodes, 6)
 
 
+def free_drift(
+    states: Float[Array, "n 6"], problem: Problem, orbits: float = 1.0
+) -> tuple[Float[Array, "n T 6"], Float[Array, "n intervals 3"], Problem]:
+    """Free drift over so many orbits: node states, zero controls and the problem they belong to."""
+    intervals = min(max(2, math.ceil(orbits * ORBIT_INTERVALS)), MOST_NODES - 1)
+    drift = Problem(
+        mean_motion=problem.mean_motion,
+        time_step=orbits * 2 * np.pi / problem.mean_motion / intervals,
+        nodes=intervals + 1,
+    )
+    idle = np.zeros((len(states), intervals, 3))
+    return fly(states, idle, drift), idle, drift
+
+
 def dynamics_defect(
     states: Float[Array, "*batch T 6"],
     controls: Float[Array, "*batch intervals 3"],
     problem: Problem,
 ) -> Float[Array, "*batch intervals 6"]:
-    """s[t+1] - A s[t] - B u[t] in m and m/s, which Eq. 2 wants to be 0."""
+    """Violation of Eq. 2: s[t+1] - A s[t] - B u[t], m and m/s."""
     maps = transfer_maps(problem)
     A, B = maps.drift[1], maps.reach[1, :, :3]
     return states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
+
+
+def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Float[Array, "*batch"]:
+    """f_fuel = Σₜ Σᵢ ‖uᵢ[t]‖₁ in m/s², Eq. 4, of controls in m/s²."""
+    return np.asarray(np.abs(controls).sum(axis=(-3, -2, -1)))
+
+
+def implied_controls(
+    states: Float[Array, "*batch T 6"], problem: Problem
+) -> Float[Array, "*batch intervals 3"]:
+    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s².
+
+    Exact where the states obey Eq. 2. Others, such as a network's raw output, can look cheaper
+    than any transfer that can be flown.
+    """
+    A, B = problem.dynamics.step(problem.time_step)
+    return (states[..., 1:, :] - states[..., :-1, :] @ A.T) @ np.linalg.pinv(B).T
 
 
 def meet_goal(
@@ -108,36 +143,10 @@ def meet_goal(
     return controls + np.matvec(maps.to_goal, miss).reshape(controls.shape)
 
 
-def with_coasts(
-    controls: Float[Array, "n intervals 3"], problem: Problem
-) -> Float[Array, "n intervals 3"]:
-    """The controls with exact zeros where only rounding is left; final states stay as they are.
-
-    Where what is dropped moves a craft's final state, its other controls make up for it. Craft
-    whose others cannot keep what they have.
-    """
-    evasive = problem.collision_radius / problem.duration**2
-    largest = np.maximum(np.abs(controls).max(axis=(1, 2), keepdims=True), evasive)
-    burns = np.abs(controls) > COAST * largest
-    kept = np.where(burns, controls, 0.0)
-    reach, weight = transfer_maps(problem).reach[-1], _state_weight(problem)
-    dropped = (controls - kept).reshape(len(controls), -1)
-    change = weight * np.matvec(reach, dropped)
-    for k in np.flatnonzero(np.abs(change).max(axis=1) > UNCHANGED).tolist():
-        own = burns[k].ravel()
-        columns = weight[:, None] * reach[:, own]
-        added = np.linalg.lstsq(columns, change[k])[0]
-        if np.abs(columns @ added - change[k]).max() > UNCHANGED:
-            kept[k] = controls[k]
-        else:
-            kept[k][burns[k]] += added
-    return kept
-
-
 def minimum_energy(
     initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], problem: Problem
 ) -> Float[Array, "*batch intervals 3"]:
-    """Controls of least Σ‖u‖₂² that join two states, each craft on its own, in closed form."""
+    """Controls of least Σ‖u‖₂² that join two states, decoupled, in closed form."""
     idle = np.zeros((*initial.shape[:-1], problem.intervals, 3))
     return meet_goal(initial, idle, goal, problem)
 
@@ -162,9 +171,34 @@ def project_to_flyable(
 def straight_line(
     initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], nodes: int
 ) -> Float[Array, "*batch T 6"]:
-    """Node states on the straight line from initial to goal state; it obeys no dynamics."""
+    """Node states on the straight line between two states; it obeys no dynamics."""
     share = np.linspace(0.0, 1.0, nodes)[:, None]
     return (1 - share) * initial[..., None, :] + share * goal[..., None, :]
+
+
+def with_coasts(
+    controls: Float[Array, "n intervals 3"], problem: Problem
+) -> Float[Array, "n intervals 3"]:
+    """The controls with exact zeros where only rounding is left; final states stay as they are.
+
+    Where what is dropped moves a craft's final state, its other controls make up for it; a craft
+    whose other controls cannot keeps what it has.
+    """
+    evasive = problem.collision_radius / problem.duration**2
+    largest = np.maximum(np.abs(controls).max(axis=(1, 2), keepdims=True), evasive)
+    burns = np.abs(controls) > COAST * largest
+    kept = np.where(burns, controls, 0.0)
+    reach, weight = transfer_maps(problem).reach[-1], _state_weight(problem)
+    dropped = (controls - kept).reshape(len(controls), -1)
+    change = weight * np.matvec(reach, dropped)
+    for k in np.flatnonzero(np.abs(change).max(axis=1) > UNCHANGED).tolist():
+        columns = weight[:, None] * reach[:, burns[k].ravel()]
+        added = np.linalg.lstsq(columns, change[k])[0]
+        if np.abs(columns @ added - change[k]).max() > UNCHANGED:
+            kept[k] = controls[k]
+        else:
+            kept[k][burns[k]] += added
+    return kept
 
 
 def track(
@@ -174,8 +208,7 @@ def track(
     steps: int,
 ) -> Float[Array, "n _ 3"]:
     """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
-    offsets = problem.time_step / steps * np.arange(steps)
-    A, B = problem.dynamics.step(offsets)
+    A, B = problem.dynamics.step(problem.time_step / steps * np.arange(steps))
     between = np.einsum("qij,ntj->ntqi", A[:, :3], states[:, :-1])
     between += np.einsum("qij,ntj->ntqi", B[:, :3], controls)
     n = len(states)

@@ -6,8 +6,8 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Swarms
+from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_loss import least_after_loss
 
 
 @dataclass(frozen=True)

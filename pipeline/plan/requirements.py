@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from pipeline.errors import InputError
-from pipeline.orbit.thrust_loss import check_orbits
+from pipeline.orbit.passive_safety import check_orbits
 from pipeline.plan.risk import RiskLimit
 
 Separation = Literal["continuous", "nodes"]

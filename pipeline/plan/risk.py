@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.uncertainty import Uncertainty
 
 LEAST = 1e-9
 """Least risk that can be asked for; no error is Gaussian so far out."""

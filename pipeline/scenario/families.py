@@ -16,9 +16,10 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
-from pipeline.orbit.drift import drift_separations, free_drift
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
+from pipeline.orbit.separation import drift_separations
+from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 
 SEMI_MAJOR_AXIS = (100.0, 300.0)

@@ -10,12 +10,12 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
-from pipeline.orbit.drift import free_drift
-from pipeline.orbit.least_thrust import least_limits
-from pipeline.orbit.linearity import model_error
+from pipeline.orbit.decoupled import least_limits
+from pipeline.orbit.dynamics import model_error
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.orbit.separation import least_separation
+from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import Scenario
 
 ENERGY_TOLERANCE = 1e-5
@@ -221,7 +221,8 @@ def _reachable(scenario: Scenario) -> Finding:
 def _linear(scenario: Scenario) -> Finding:
     """Whether the linear model is off by less than the collision radius."""
     problem = scenario.problem
-    found = model_error(np.concatenate([scenario.initial, scenario.goal]), problem)
+    ends = np.concatenate([scenario.initial, scenario.goal])
+    found = model_error(ends, problem.mean_motion, problem.duration)
     off = f"about an oblate Earth craft end some {found.total:.2g} m off their goals"
     if found.total <= problem.collision_radius:
         return Finding(LINEAR, "transfer", off)

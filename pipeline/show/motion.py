@@ -4,9 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.drift import free_drift
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import track
+from pipeline.orbit.transfer import free_drift, track
 
 SAMPLES = 240
 """Times at which a transfer is shown: every 5 s of the reference problem's 20 minutes."""

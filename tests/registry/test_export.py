@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from cli.main import app
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.training.loop import Trained
 from registry.model_metrics import add_model_results
 from registry.training import DatasetInfo, record_training

@@ -11,11 +11,10 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.dataset.format.schema import stacked
 from pipeline.orbit.approaches import TOLERANCE, side_by_side
-from pipeline.orbit.fuel import fuel
+from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, node_collisions
-from pipeline.orbit.thrust_loss import least_after_loss
-from pipeline.orbit.transfer import dynamics_defect
+from pipeline.orbit.transfer import dynamics_defect, fuel
 from pipeline.plan import SOLVED, Requirements
 from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 

@@ -10,7 +10,7 @@ from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.nonlinear import NonlinearWorld
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.approaches import TOLERANCE
-from pipeline.orbit.elements import Elements
+from pipeline.orbit.inertial import Elements
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import least_separation

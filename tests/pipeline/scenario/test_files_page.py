@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pipeline.documents import document_from
 from pipeline.expert import solve
-from pipeline.orbit.uncertainty import Uncertainty
+from pipeline.orbit.covariance import Uncertainty
 from pipeline.plan import Certificate, Risk
 from pipeline.plan.document import PlanDocument
 from pipeline.scenario import findings

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from pipeline.expert import own_optima
-from pipeline.orbit.least_thrust import least_limits
+from pipeline.orbit.decoupled import least_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario import Scenario, draw, findings

@@ -1,4 +1,4 @@
-"""The least fuel of a craft on its own, by table: a gauge, looked up on the facets of a polytope.
+"""Decoupled optima of one craft: least fuel by a table of facets, least thrust limit by an LP.
 
 The fuel that brings about a change b of the final state is a linear program, min ‖u‖₁ subject to
 R u = b, and its value is the gauge of the convex hull of R's columns and their negatives: by how
@@ -17,25 +17,33 @@ a hull of its own, of few dimensions.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
+from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.arrays import Array
+from pipeline.errors import ProlearnError
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import transfer_maps
+from pipeline.orbit.transfer import minimum_energy, transfer_maps
 
 NEGLIGIBLE = 1e-12
-"""Share of the largest reach under which an entry of R is none, velocities times the duration."""
+"""Share of the largest entry of R under which one is 0, velocities times the duration."""
 
 FLAT = 1e10
-"""Condition from which a facet's corners span no volume: others cover what it would."""
+"""Condition number from which a facet is flat; others cover what it would."""
 
 ROUNDING = 1e-8
 """Share of the fuel by which a weight may be negative, or a primal exceed its dual."""
+
+SHORT = 1e-6
+"""Share of a change of state that a transfer may leave undone by rounding."""
+
+MISSED = np.repeat([1e-6, 1e-9], 3)
+"""What a transfer may leave undone in any case, m and m/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +51,11 @@ class Facets:
     """The hull of some decoupled components of the final state, F facets in d dimensions.
 
     Attributes:
-        component: components of the state, (d,).
-        column: control, flattened by time, at each corner of each facet, (F, d).
-        sign: direction in which it acts there, (F, d).
-        weights: from a change of the components to the corners' weights, (F, d, d).
-        dual: y of each facet, scaled so that |Rᵀy| ≤ 1 holds beyond rounding, (F, d).
+        component: components of the state.
+        column: control, flattened by time, at each corner of each facet.
+        sign: direction in which it acts there.
+        weights: from a change of the components to the corners' weights.
+        dual: y of each facet, scaled so that |Rᵀy| ≤ 1 holds beyond rounding.
     """
 
     component: Int[Array, "d"]
@@ -59,15 +67,15 @@ class Facets:
 
 @dataclass(frozen=True, eq=False)
 class LeastFuel:
-    """Optima of N craft without a thrust limit.
+    """Decoupled optima of N craft without a thrust limit.
 
     Attributes:
-        controls: (N, intervals, 3), m/s².
-        bound: proven lower bound on the fuel of each craft, (N,), m/s².
-        dual: y that proves it, (N, 6): bound = missᵀy and |reachᵀy| ≤ 1.
-        basis: basic variables, (N, 6): the number of a control, flattened by time, or 3(T-1) more
-            where it acts in the negative direction.
-        exact: whether the controls need no more than the bound but for rounding, (N,).
+        controls: m/s².
+        bound: proven lower bound on the fuel of each craft, m/s².
+        dual: y that proves it: bound = missᵀy and |reachᵀy| ≤ 1.
+        basis: basic variables: the number of a control, flattened by time, or 3(T-1) more where
+            it acts in the negative direction.
+        exact: whether the controls need no more than the bound but for rounding.
     """
 
     controls: Float[Array, "N intervals 3"]
@@ -106,11 +114,21 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
     return LeastFuel(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
 
 
+def _met(
+    facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
+) -> tuple[int, Float[Array, "d"]]:
+    """Of facets that share a plane, the one that the ray meets: whose weights are not negative."""
+    near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
+    weights = np.matvec(facets.weights[near], part)
+    k = int(weights.min(axis=1).argmax())
+    return int(near[k]), weights[k]
+
+
 @lru_cache(maxsize=32)
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
-    """The hulls of a problem, made once; None where some state is out of reach."""
-    scale = np.repeat([1.0, problem.duration], 3) / problem.duration**2
-    reach = transfer_maps(problem).reach[-1] * scale[:, None]  # all of order one
+    """The hulls of a problem, computed once; None where some state is out of reach."""
+    scale = _scale(problem)
+    reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
     _, label = connected_components(csr_array(acts @ acts.T), directed=False)
     parts = [np.flatnonzero(label == k) for k in np.unique(label)]
@@ -118,6 +136,11 @@ def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
         return tuple(_facets(reach, acts, component, scale[component]) for component in parts)
     except (QhullError, ValueError):  # flat, or nothing but a point
         return None
+
+
+def _scale(problem: Problem) -> Float[Array, "6"]:
+    """Turns changes of a state into m/s², all of order one."""
+    return np.repeat([1.0, problem.duration], 3) / problem.duration**2
 
 
 def _facets(
@@ -140,11 +163,43 @@ def _facets(
     return Facets(component, used[corner % len(used)], sign, weights, dual * scale)
 
 
-def _met(
-    facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
-) -> tuple[int, Float[Array, "d"]]:
-    """Where facets share a plane, the one that the ray meets: whose weights are not negative."""
-    near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
-    weights = np.matvec(facets.weights[near], part)
-    k = int(weights.min(axis=1).argmax())
-    return int(near[k]), weights[k]
+def least_limits(
+    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
+) -> Float[Array, "n"]:
+    """Min max|u| over all controls u that join the two states of each craft, m/s².
+
+    A linear program for each craft: with every component of w within ±1, how many times s the
+    change b of the final state can R w = s b be? A limit of 1/s is what it takes. All are solved
+    in one call, scaled by the minimum-energy transfers, which no limit needs to exceed. The
+    problem's own limit is ignored; infinite where no thrust reaches the goal.
+
+    Raises:
+        ProlearnError: where the solver fails.
+    """
+    from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
+
+    maps, scale = transfer_maps(problem), _scale(problem)
+    reach = maps.reach[-1] * scale[:, None]
+    miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
+    controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
+    left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
+    short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), MISSED * scale)
+    missed = (left > short).any(axis=1)
+    limits = np.where(missed, np.inf, 0.0)
+    moving = np.flatnonzero((enough > 0) & ~missed)  # the others arrive without thrust
+    if len(moving) == 0:
+        return limits
+    wanted = csr_array(block_diag(list((miss[moving] / enough[moving, None])[..., None])))
+    n, m = len(moving), reach.shape[1]
+    balance: Any = hstack([kron(eye_array(n), csr_array(reach)), -wanted], format="csr")
+    found = linprog(
+        np.repeat([0.0, -1.0], [n * m, n]),
+        A_eq=balance,
+        b_eq=np.zeros(6 * n),
+        bounds=[(-1.0, 1.0)] * (n * m) + [(0.0, np.inf)] * n,
+        method="highs",
+    )
+    if found.x is None:
+        raise ProlearnError(f"the least thrust limit was not found: {found.message}")
+    limits[moving] = enough[moving] / found.x[n * m :]
+    return limits

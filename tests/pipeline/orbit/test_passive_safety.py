@@ -8,14 +8,10 @@ from judge import Case, closest_adrift
 
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.infeasibility import unavoidable
+from pipeline.orbit.passive_safety import check_orbits, least_after_loss, loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.orbit.thrust_loss import (
-    check_orbits,
-    least_after_loss,
-    loss_encounters,
-    unavoidable,
-)
 from pipeline.orbit.transfer import fly, minimum_energy
 
 PERIOD = 2 * np.pi / Problem().mean_motion

@@ -1,0 +1,326 @@
+"""Passive safety: closest approaches of a craft that has lost its thrust at a node.
+
+One craft drifts on from that node; the others fly their plan to its end and then drift on from
+their goals. All of it is linear motion under controls that are constant over intervals, so the
+search is that of craft in flight, with proven bounds.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import (
+    NOTHING,
+    Closest,
+    Swarms,
+    closest_to_origin,
+    least_of_each,
+    side_by_side,
+)
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import ROUNDING
+
+MOST_ORBITS = 100.0
+"""Longest drift; over so many orbits linear motion says little of the real."""
+
+AT_ONCE = 1_000_000
+"""Pairs and intervals that are compared at once, which bounds memory."""
+
+NO_LENGTH = 1e-9
+"""A rest of an interval below this share of it is rounding."""
+
+_NONE = np.zeros(0, dtype=int)
+
+
+def check_orbits(orbits: float) -> None:
+    """Refuse lengths of a drift out of range.
+
+    Raises:
+        InputError: with what was given and what was expected.
+    """
+    if not 0 < orbits <= MOST_ORBITS:  # nor what is no number
+        raise InputError(
+            f"passive safety is asked for over {orbits:g} orbits; expected a number above 0 and at "
+            f"most {MOST_ORBITS:g}."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LossEncounters(Closest):
+    """Closest approaches of a drifting craft and one that flies on, within an interval.
+
+    Attributes:
+        lost: the drifting craft.
+        node: at which it lost its thrust; the last one, where it has none left to lose.
+        other: the craft that flies on.
+        interval: which interval, counted from the first node, and on beyond the last one.
+    """
+
+    lost: Int[Array, "k"]
+    node: Int[Array, "k"]
+    other: Int[Array, "k"]
+    interval: Int[Array, "k"]
+
+    def where(self, keep: Bool[Array, "k"]) -> "LossEncounters":
+        """Some of them."""
+        return LossEncounters(*(part[keep] for part in vars(self).values()))
+
+
+NO_ENCOUNTERS = LossEncounters(**vars(NOTHING), lost=_NONE, node=_NONE, other=_NONE, interval=_NONE)
+
+
+@dataclass(frozen=True)
+class LossSeparation:
+    """The least separation of a drifting craft and another.
+
+    Attributes:
+        distance: the separation attained, m.
+        bound: proven lower bound on that of any drifting craft, m.
+        pair: the drifting craft and the other.
+        node: at which the first lost its thrust; the last one: both drift on from their goals.
+        time: when, s since the first node.
+    """
+
+    distance: float
+    bound: float
+    pair: tuple[int, int]
+    node: int
+    time: float
+
+
+def loss_encounters(
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+    orbits: float,
+    within: float | Float[Array, "swarms"],
+    *,
+    swarms: Swarms | None = None,
+    moved: Bool[Array, "n"] | None = None,
+) -> LossEncounters:
+    """All encounters of drifting craft and others that may come within a distance.
+
+    Args:
+        states: node states, m and m/s.
+        controls: constant over each interval, m/s².
+        problem: dynamics and time step.
+        orbits: how long a craft drifts, from every node on.
+        within: distance of interest, m, of all swarms or of each.
+        swarms: how craft are stacked; by default one swarm.
+        moved: skip encounters that do not depend on the controls of the craft marked here.
+
+    Returns:
+        An entry for each drifting craft, node, other craft and interval whose lower bound is at
+        most ``within``.
+    """
+    swarms = swarms or side_by_side((len(states),))
+    reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
+    paths = _Paths.of(states, controls, problem, orbits)
+    found = []
+    for length, since in paths.pieces:
+        near = list(_candidates(paths, length, since, reach, swarms, moved))
+        if near:
+            which = tuple(map(np.concatenate, zip(*near, strict=True)))
+            found.append(_closest(paths, length, reach, *which))
+    if not found:
+        return NO_ENCOUNTERS
+    columns = zip(*(vars(one).values() for one in found), strict=True)
+    return LossEncounters(*map(np.concatenate, columns))
+
+
+def least_after_loss(
+    states: Float[Array, "n T 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+    orbits: float,
+    swarms: Swarms,
+) -> list[LossSeparation | None]:
+    """The least distance of a drifting craft to another, of each swarm; None for a craft alone.
+
+    As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
+    is the least where rounding hides it from the search.
+    """
+    least = _closest_at_steps(_Paths.of(states, controls, problem, orbits), swarms)
+    within = np.array([0.0 if one is None else one.distance for one in least])
+    found = loss_encounters(states, controls, problem, orbits, within, swarms=swarms)
+    time = found.interval * problem.time_step + found.offset
+    label, begin = swarms.label[found.lost], swarms.starts
+    bound = np.full(len(least), np.inf)
+    np.minimum.at(bound, label, found.bound)
+    for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
+        least[swarm] = LossSeparation(
+            distance=float(found.distance[k]),
+            bound=float(bound[swarm]),
+            pair=(int(found.lost[k] - begin[swarm]), int(found.other[k] - begin[swarm])),
+            node=int(found.node[k]),
+            time=float(time[k]),
+        )
+    return least
+
+
+@dataclass(frozen=True, eq=False)
+class _Paths:
+    """A plan flown to its end, with the drift from the goals that follows.
+
+    Attributes:
+        states: at nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
+        controls: zero after the plan, (n, T + M, 3), m/s².
+        problem: the plan's.
+        drift: powers of A, (M + 1, 6, 6).
+        rest: what is left of a drift after M time steps, s.
+    """
+
+    states: Float[Array, "n _ 6"]
+    controls: Float[Array, "n _ 3"]
+    problem: Problem
+    drift: Float[Array, "_ 6 6"]
+    rest: float
+
+    @classmethod
+    def of(
+        cls,
+        states: Float[Array, "n T 6"],
+        controls: Float[Array, "n intervals 3"],
+        problem: Problem,
+        orbits: float,
+    ) -> "_Paths":
+        """The paths of which every drift takes so many orbits."""
+        h = problem.time_step
+        steps = orbits * 2 * np.pi / problem.mean_motion / h
+        whole = int(steps + NO_LENGTH)
+        drift, _ = problem.dynamics.step(h * np.arange(whole + 1))
+        after = np.matvec(drift[1:], states[:, -1:])
+        idle = np.zeros((len(states), whole + 1, 3))
+        return cls(
+            np.concatenate([states, after], axis=1),
+            np.concatenate([controls, idle], axis=1),
+            problem,
+            drift,
+            rest=max(0.0, (steps - whole) * h),
+        )
+
+    @property
+    def last(self) -> int:
+        """The last node of the plan, or of what is left of it."""
+        return self.states.shape[1] - len(self.drift)
+
+    @property
+    def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
+        """Intervals of one length, s, and how many time steps after the loss they begin."""
+        whole = len(self.drift) - 1
+        if whole:
+            yield self.problem.time_step, np.arange(whole)
+        if self.rest > NO_LENGTH * self.problem.time_step or not whole:
+            yield self.rest, np.array([whole])
+
+
+def _candidates(
+    paths: _Paths,
+    length: float,
+    since: Int[Array, "steps"],
+    reach: Float[Array, "n"],
+    swarms: Swarms,
+    moved: Bool[Array, "n"] | None,
+) -> Iterator[tuple[Array, ...]]:
+    """Drifting craft, node, other craft and interval whose balls are within a distance."""
+    dynamics = paths.problem.dynamics
+    middle, radius = _balls(paths.states, paths.controls, dynamics, length)
+    for node in range(paths.last + 1):
+        drifting = np.matvec(paths.drift[since], paths.states[:, node, None])
+        idle = np.zeros((*drifting.shape[:2], 3))
+        centre, size = _balls(drifting, idle, dynamics, length)
+        for i, j, steps in _searched(node, paths.last, since, swarms, moved):
+            at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
+            apart = norm(centre[i, steps] - middle[j, at])
+            pair, step = np.nonzero(apart <= size[i, steps] + radius[j, at] + reach[i, None])
+            yield i[pair], np.full(len(pair), node), j[pair], at.start + step
+
+
+def _balls(
+    start: Float[Array, "*batch 6"],
+    controls: Float[Array, "*batch 3"],
+    dynamics: Dynamics,
+    h: float,
+) -> tuple[Float[Array, "*batch 3"], Float[Array, "*batch"]]:
+    """Middle and radius of a ball that each craft stays in over an interval of h s, m."""
+    A, B = dynamics.step(h)
+    begin, end = start[..., :3], start @ A[:3].T + controls @ B[:3].T
+    sag = dynamics.most_acceleration(start, controls, h) * h**2 / 8
+    return (begin + end) / 2, norm(end - begin) / 2 + sag
+
+
+def _searched(
+    node: int,
+    last: int,
+    since: Int[Array, "steps"],
+    swarms: Swarms,
+    moved: Bool[Array, "n"] | None,
+) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
+    """Drifting craft, others, and steps of a drift from a node, not too many at once.
+
+    All of them, or those that depend on the controls of moved craft.
+    """
+    one, other = swarms.pairs
+    lost, met = np.concatenate([one, other]), np.concatenate([other, one])
+    count = len(since)
+    if moved is None:
+        windows = [(np.ones(len(lost), dtype=bool), 0, count)]
+    else:  # from the first node and the last a drift is fixed, and so is one from a goal
+        flying = int(np.clip(last - node - since[0], 0, count))
+        lost_moved = moved[lost] & (0 < node < last)
+        windows = [(lost_moved | moved[met], 0, flying), (lost_moved, flying, count)]
+    for wanted, begin, end in windows:
+        chosen = np.flatnonzero(wanted)
+        if begin == end or len(chosen) == 0:
+            continue
+        for part in np.array_split(chosen, 1 + len(chosen) * (end - begin) // AT_ONCE):
+            yield lost[part], met[part], slice(begin, end)
+
+
+def _closest(
+    paths: _Paths,
+    length: float,
+    reach: Float[Array, "n"],
+    lost: Int[Array, "c"],
+    node: Int[Array, "c"],
+    other: Int[Array, "c"],
+    interval: Int[Array, "c"],
+) -> LossEncounters:
+    """The encounters among candidates."""
+    dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
+    drifting = np.matvec(paths.drift[interval - node], paths.states[lost, node])
+    start = drifting - paths.states[other, interval]
+    A, B = dynamics.step(length)
+    end = np.matvec(A, start) - np.matvec(B, held)
+    near, found = closest_to_origin(start, end, -held, dynamics, length, reach[lost])
+    return LossEncounters(
+        **vars(found), lost=lost[near], node=node[near], other=other[near], interval=interval[near]
+    )
+
+
+def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[LossSeparation | None]:
+    """The closest that a drifting craft is to another at any time step, of each swarm.
+
+    The bound is lower by what rounding may hide; None for a craft alone.
+    """
+    closest: list[LossSeparation | None] = [None] * len(swarms.sizes)
+    since, step = np.arange(len(paths.drift)), paths.problem.time_step
+    slack = ROUNDING * float(np.abs(paths.states[..., :3]).max())
+    for node in range(paths.last + 1):
+        drifting = np.matvec(paths.drift, paths.states[:, node, None])[..., :3]
+        for i, j, _ in _searched(node, paths.last, since, swarms, None):
+            apart = norm(drifting[i] - paths.states[j, node : node + len(since), :3])
+            least, label = apart.min(axis=1), swarms.label[i]
+            for swarm, k in np.transpose(least_of_each(least, label)).tolist():
+                distance, best, begin = float(least[k]), closest[swarm], swarms.starts[swarm]
+                if best is None or not best.distance <= distance:
+                    pair = int(i[k] - begin), int(j[k] - begin)
+                    time = float(node + apart[k].argmin()) * step
+                    closest[swarm] = LossSeparation(distance, distance - slack, pair, node, time)
+    return closest
