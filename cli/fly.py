@@ -84,7 +84,8 @@ def fly(
     not be a circle, under two-body gravity, J2 and, if asked for, drag. The table has a row for
     each effect, added to those above it: how far the worst craft then ends from its goal, what
     the effect added at most, its share of the final error, and which pair comes closest when.
-    Exit status 0: no pair comes within r_col at any time; 1: one does; 2: bad input.
+    Exit status 0: no pair comes within r_col at any time, or at the nodes where the plan was made
+    for these only; 1: one does; 2: bad input.
 
     With `--trials` it is flown so many times with errors of thrust, timing and navigation, and
     with `--replan every-node` also planned anew from where craft seem to be, without and with a
@@ -228,9 +229,13 @@ def _verdict(report: Mapping[str, Any]) -> str:
         "its goal"
     )
     pair, radius = report["min_separation_pair"], report["collision_radius"]
-    if report["safe"]:
+    at_nodes = report["separation"] == "nodes"
+    if report["safe"] and (pair is None or not at_nodes):
         return f"{miss}. No pair comes within {radius:g} m."
+    verdict = (
+        "No pair is too close at a node, and no more was asked" if report["safe"] else "Not safe"
+    )
     return (
-        f"{miss}. Not safe: craft {pair[0]} and {pair[1]} come within "
+        f"{miss}. {verdict}: craft {pair[0]} and {pair[1]} come within "
         f"{report['min_separation']:.2f} m of each other; collision_radius is {radius:g} m."
     )
