@@ -11,7 +11,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations
 from pipeline.orbit.transfer import fly
 from pipeline.plan import Plan
-from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
 SomeControls = Float[Array, "K n left 3"]
 

@@ -11,13 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from pipeline.documents import DIALECT, read_document, write_document
 from pipeline.errors import InputError
 from pipeline.files import stem_of
-from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
-from pipeline.plan.plan import Plan
+from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import Separation
 from pipeline.scenario import Scenario
-from pipeline.scenario.document import ScenarioDocument, document_of
-from pipeline.scenario.ends import Number, State
+from pipeline.scenario.document import Number, ScenarioDocument, State, document_of
 
 SCHEMA = "prolearn.plan/2"
 

@@ -1,10 +1,9 @@
-"""Families of scenarios, each a function of (root seed, n, index, split) alone.
+"""Families of random scenarios, each a function of root seed, n, index and split alone.
 
-The split is part of what a scenario is drawn from, so no two datasets can disagree about it: what
-is a test scenario in one is a training scenario in none, whatever their seeds, sizes and shares.
-
-Both formations of every scenario are passively safe: drifting free for a whole orbit, no pair
-comes within the collision radius. Draws that are not are drawn again from the same stream.
+The split seeds the draw, so that a test scenario of one dataset is a training scenario of none,
+whatever their seeds, sizes and shares. Both formations of every scenario are passively safe: in
+free drift over a whole orbit no pair comes within the collision radius. Draws that are not are
+drawn again from the same stream.
 """
 
 from collections.abc import Callable
@@ -35,7 +34,7 @@ REDRAWS = 2000
 """Tries after which a formation is said not to fit."""
 
 SPLITS = ("train", "valid", "test")
-"""What scenarios are for; their order is part of what is drawn."""
+"""Their order seeds the draw."""
 
 SEEDS = 2**32
 """Root seeds, sizes and indices are below this: each is one word of the generator's entropy."""
@@ -52,11 +51,7 @@ Ends = tuple[Formation, Formation]
 
 
 def check_family(family: str) -> None:
-    """Refuse a name that is no family's.
-
-    Raises:
-        InputError: with those there are.
-    """
+    """Refuse an unknown family with an InputError."""
     if family not in FAMILIES:
         raise InputError(f"family is {family!r}; expected one of {', '.join(FAMILIES)}.")
 
@@ -64,7 +59,7 @@ def check_family(family: str) -> None:
 def draw(
     family: str, seed: int, n: int, index: int, problem: Problem, split: str = "train"
 ) -> Scenario:
-    """Scenario ``index`` of a split of a family; it depends on nothing but the arguments.
+    """Draw scenario ``index`` of a split of a family, from the arguments alone.
 
     Args:
         family: of FAMILIES.
@@ -94,19 +89,16 @@ def draw(
 
 
 def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
-    """The name of a scenario that ``draw`` gives."""
+    """The name of a drawn scenario."""
     return f"{family}-s{seed}-n{n}-{split}-{index:06d}"
 
 
 def passively_safe(
     states: Formation, problem: Problem, *, added: Bool[Array, "n"] | None = None
 ) -> bool:
-    """Whether free drift over a whole orbit keeps every pair further apart than r_col.
+    """Whether every pair stays further apart than r_col in free drift over a whole orbit.
 
-    Args:
-        states: a formation, m and m/s.
-        problem: mean motion and collision radius.
-        added: look at pairs with at least one of these only, where the others are known.
+    Where ``added`` marks craft, pairs of others are known to.
     """
     i, j = pairs(len(states))
     if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= problem.collision_radius).any():
@@ -128,11 +120,12 @@ def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) ->
 
 
 def _growth(n: int) -> float:
+    """Factor of ring sizes."""
     return max(1.0, n / DENSITY_N)
 
 
 def _sizes(n: int, rings: int) -> list[int]:
-    """N craft divided evenly among rings, the first taking what is left over."""
+    """Numbers of craft of rings as equal as can be."""
     return [n // rings + (k < n % rings) for k in range(rings)]
 
 
@@ -146,7 +139,7 @@ def _angle(rng: Rng) -> float:
 
 
 def _rings_formation(rng: Rng, n: int, problem: Problem) -> Formation:
-    """One or two random rings, even odds."""
+    """One or two random rings, with equal probability."""
     rings = []
     for count in _sizes(n, int(rng.integers(1, 3))):
         a = _growth(n) * rng.uniform(*SEMI_MAJOR_AXIS)
@@ -158,10 +151,10 @@ def _rings_formation(rng: Rng, n: int, problem: Problem) -> Formation:
 
 def rings(rng: Rng, n: int, problem: Problem) -> Ends:
     """One or two random rings at each end, goal slots in random order (the default)."""
+    formation = partial(_rings_formation, rng, n, problem)
     safe = partial(passively_safe, problem=problem)
-    initial = _redraw(lambda: _rings_formation(rng, n, problem), safe)
-    goal = _redraw(lambda: _rings_formation(rng, n, problem), safe)
-    return initial, rng.permutation(goal)
+    initial = _redraw(formation, safe)
+    return initial, rng.permutation(_redraw(formation, safe))
 
 
 def dense(rng: Rng, n: int, problem: Problem) -> Ends:
@@ -169,7 +162,7 @@ def dense(rng: Rng, n: int, problem: Problem) -> Ends:
 
     def formation() -> Formation:
         states = _rings_formation(rng, n, problem)
-        if n == 1:  # as small as any two would have to be
+        if n == 1:  # of the size of the collision radius
             return states * problem.collision_radius / np.abs(states[:, :3]).max()
         # Free drift is linear, so separation grows and shrinks with the formation.
         apart = float(drift_separations(states[None], problem)[0])

@@ -11,11 +11,8 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 
-MOST_CRAFT = 10_000
-"""Far more than plans are made for, and few enough for a list of all pairs."""
-
-MOST_STATES = 1_000_000
-"""Craft times nodes."""
+MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
+"""Craft, few enough for a list of all pairs, and craft times nodes."""
 
 FURTHEST, FASTEST = 1e9, 1e6
 """Largest component of a position, m, and of a velocity, m/s, on any orbit."""
@@ -33,8 +30,8 @@ class Scenario:
         initial: states at the first node, (n, 6), m and m/s, LVLH; lists become arrays.
         goal: states at the last node, (n, 6).
         family: the family it was drawn from, or "custom".
-        name: what to call it in files and tables.
-        reference: where and when the reference orbit is, or None; planning has no use for it.
+        name: in files and tables.
+        reference: epoch and attitude of the reference orbit, or None; not used in planning.
     """
 
     problem: Problem

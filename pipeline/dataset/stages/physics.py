@@ -16,7 +16,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, node_collisions
 from pipeline.orbit.transfer import dynamics_defect, fuel
 from pipeline.plan import SOLVED, Requirements
-from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
 """Columns that every solved row has a value in."""

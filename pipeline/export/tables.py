@@ -10,9 +10,9 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
 from pipeline.files import STDIO, published
-from pipeline.handover.arcs import check_states
 from pipeline.plan import Plan
 from pipeline.plan.document import plan_document
+from pipeline.plan.judge import check_states
 from pipeline.scenario import Scenario
 
 METADATA_KEY = b"prolearn"
