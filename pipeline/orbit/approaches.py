@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import Controls, Indices, Marked, States, Values
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
@@ -28,7 +29,7 @@ FEW, MOST_PAIRS = 128, 300_000
 """Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree."""
 
 Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
-Candidates = tuple[Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]
+Candidates = tuple[Indices, Indices, Indices]
 """First craft, second craft and interval."""
 
 
@@ -77,7 +78,7 @@ def pairs(n: int) -> Pairs:
 
 
 def least_of_each(
-    value: Float[Array, "k"], label: Int[Array, "k"]
+    value: Values, label: Indices
 ) -> tuple[Int[Array, "labels"], Int[Array, "labels"]]:
     """The labels that occur, and the index of each one's least value; NaN is least."""
     order = np.lexsort((np.nan_to_num(value, nan=-np.inf, posinf=np.inf), label))
@@ -97,9 +98,9 @@ class Closest:
         pushed: map from the control in the interval to it.
     """
 
-    offset: Float[Array, "k"]
-    distance: Float[Array, "k"]
-    bound: Float[Array, "k"]
+    offset: Values
+    distance: Values
+    bound: Values
     free: Float[Array, "k 3 6"]
     pushed: Float[Array, "k 3 3"]
 
@@ -118,19 +119,19 @@ class Approaches(Closest):
         interval: which interval.
     """
 
-    first: Int[Array, "k"]
-    second: Int[Array, "k"]
-    interval: Int[Array, "k"]
+    first: Indices
+    second: Indices
+    interval: Indices
 
 
 def close_approaches(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
+    states: States,
+    controls: Controls,
     problem: Problem,
     within: float | Float[Array, "swarms"],
     *,
     swarms: Swarms | None = None,
-    moved: Bool[Array, "n"] | None = None,
+    moved: Marked | None = None,
     tolerance: float = TOLERANCE,
 ) -> Approaches:
     """All closest approaches, one a pair and interval, that may come within a distance.
@@ -172,7 +173,7 @@ def closest_to_origin(
     h: float,
     reach: Float[Array, "s"],
     tolerance: float = TOLERANCE,
-) -> tuple[Int[Array, "k"], Closest]:
+) -> tuple[Indices, Closest]:
     """Which relative motions over an interval may come within a distance, and when, how close.
 
     Args:
@@ -269,12 +270,12 @@ def _steps(
 
 
 def _candidates(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
+    states: States,
+    controls: Controls,
     problem: Problem,
     reach: Float[Array, "n"],
     swarms: Swarms,
-    moved: Bool[Array, "n"] | None,
+    moved: Marked | None,
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
     start, end, h = states[:, :-1], states[:, 1:], problem.time_step
@@ -300,10 +301,7 @@ def _candidates(
 
 
 def _by_tree(
-    middle: Float[Array, "n intervals 3"],
-    radius: Float[Array, "n intervals"],
-    reach: float,
-    swarms: Swarms,
+    middle: Controls, radius: Float[Array, "n intervals"], reach: float, swarms: Swarms
 ) -> Candidates:
     """Pairs and intervals no further apart than any could be.
 

@@ -4,10 +4,11 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import check_range
+from pipeline.orbit.arrays import Controls, Indices, Values, Vector, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
@@ -74,7 +75,7 @@ class Dispersion:
         return self.burn @ self.burn.mT
 
     def of_pairs(
-        self, first: Int[Array, "k"], second: Int[Array, "k"], interval: Int[Array, "k"]
+        self, first: Indices, second: Indices, interval: Indices
     ) -> tuple[Float[Array, "k 6 6"], Float[Array, "k 3 3"]]:
         """Covariances of the difference of two craft: state at an interval's start, and control."""
         state, burn = self.state_covariance, self.burn_covariance
@@ -103,9 +104,7 @@ class Dispersion:
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
 
 
-def dispersion(
-    controls: Float[Array, "n intervals 3"], problem: Problem, uncertainty: Uncertainty
-) -> Dispersion:
+def dispersion(controls: Controls, problem: Problem, uncertainty: Uncertainty) -> Dispersion:
     """The dispersion of craft that fly some controls (m/s²), whatever states they start from."""
     maps, n, (T, m) = transfer_maps(problem), len(controls), (problem.nodes, problem.intervals)
     known = np.repeat([uncertainty.position, uncertainty.velocity], 3)
@@ -117,9 +116,7 @@ def dispersion(
     return Dispersion(state, burn)
 
 
-def burn_deviation(
-    controls: Float[Array, "*batch 3"], uncertainty: Uncertainty
-) -> Float[Array, "*batch 3 3"]:
+def burn_deviation(controls: Vector, uncertainty: Uncertainty) -> Float[Array, "*batch 3 3"]:
     """The symmetric square root of a burn's covariance, by Gates's proportional model, m/s².
 
     ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖.
@@ -131,10 +128,10 @@ def burn_deviation(
 
 
 def deviation_along(
-    normal: Float[Array, "k 3"],
+    normal: Vectors,
     maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
     covariances: tuple[Float[Array, "k 6 6"], Float[Array, "k 3 3"]],
-) -> Float[Array, "k"]:
+) -> Values:
     """Standard deviation of a relative position along unit vectors, m.
 
     Maps to the position and covariances are of the state at the interval's start and the control.

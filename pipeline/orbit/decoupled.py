@@ -27,6 +27,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, transfer_maps
 
@@ -163,9 +164,7 @@ def _facets(
     return Facets(component, used[corner % len(used)], sign, weights, dual * scale)
 
 
-def least_limits(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
-) -> Float[Array, "n"]:
+def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
     """Min max|u| over all controls u that join the two states of each craft, m/s².
 
     A linear program for each craft: with every component of w within ±1, how many times s the

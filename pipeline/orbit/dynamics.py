@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, R_EARTH, radius_at
 
@@ -26,20 +27,16 @@ class Dynamics(Protocol):
         ...
 
     def step(
-        self, time: float | Float[Array, "*batch"]
+        self, time: float | Scalar
     ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
         """A and B of s(t) = A s(0) + B u at a time since an interval's start, s: Eq. 2."""
         ...
 
-    def most_acceleration(
-        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"], time: float
-    ) -> Float[Array, "*batch"]:
+    def most_acceleration(self, start: AnyState, control: Vector, time: float) -> Scalar:
         """Upper bound on ‖p̈‖ until a time since an interval's start, m/s²."""
         ...
 
-    def most_fourth_derivative(
-        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
-    ) -> Float[Array, "*batch"]:
+    def most_fourth_derivative(self, start: AnyState, control: Vector) -> Scalar:
         """Upper bound on ‖p⁗‖ at all times, m/s⁴: the error of a cubic interpolant."""
         ...
 
@@ -51,30 +48,24 @@ class ClohessyWiltshire:
     mean_motion: float
 
     def step(
-        self, time: float | Float[Array, "*batch"]
+        self, time: float | Scalar
     ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
         """A and B, Eq. 2."""
         return cw_matrices(self.mean_motion, time)
 
-    def most_acceleration(
-        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"], time: float
-    ) -> Float[Array, "*batch"]:
+    def most_acceleration(self, start: AnyState, control: Vector, time: float) -> Scalar:
         """Upper bound on ‖p̈‖, with ÿ = u - 2e ẋ."""
         e = self.mean_motion
         in_plane, cross = self._amplitudes(start, control)
         along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
         return np.sqrt(in_plane**2 + cross**2 + along**2)
 
-    def most_fourth_derivative(
-        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
-    ) -> Float[Array, "*batch"]:
+    def most_fourth_derivative(self, start: AnyState, control: Vector) -> Scalar:
         """Upper bound on ‖p⁗‖: x⁗ = -e² ẍ, z⁗ = -e² z̈, ‖y⁗‖ ≤ 2e² times ẍ's amplitude."""
         in_plane, cross = self._amplitudes(start, control)
         return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)
 
-    def _amplitudes(
-        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
-    ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    def _amplitudes(self, start: AnyState, control: Vector) -> tuple[Scalar, Scalar]:
         """Amplitudes of ẍ and z̈, which under constant control oscillate at e about 0 by Eq. 1."""
         e, (x, _, z, vx, vy, vz) = self.mean_motion, np.moveaxis(start, -1, 0)
         radial = 3 * e**2 * x + 2 * e * vy + control[..., 0]
@@ -83,7 +74,7 @@ class ClohessyWiltshire:
 
 
 def cw_matrices(
-    mean_motion: float, time_step: float | Float[Array, "*batch"]
+    mean_motion: float, time_step: float | Scalar
 ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
     """A and B of s[t+1] = A s[t] + B u[t] with u constant over the step (Eq. 2).
 
@@ -127,7 +118,7 @@ def cw_matrices(
     return A, B
 
 
-def _cubic_remainder(theta: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+def _cubic_remainder(theta: Scalar) -> Scalar:
     """(θ - sin θ) / θ³, without cancellation near 0."""
     x = theta**2
     series = (1 - x / 20 * (1 - x / 42 * (1 - x / 72 * (1 - x / 110)))) / 6
@@ -156,9 +147,7 @@ class ModelError:
         return self.curvature + self.oblateness
 
 
-def model_error(
-    states: Float[Array, "*batch 6"], mean_motion: float, duration: float
-) -> ModelError:
+def model_error(states: AnyState, mean_motion: float, duration: float) -> ModelError:
     """Order of magnitude of the linear model's error over a transfer of so many seconds.
 
     At a distance ρ the first neglected term of gravity is some (3/2) e² ρ²/r₀, and the pull of J2

@@ -5,6 +5,7 @@ from jaxtyping import Float
 from scipy.special import ndtr, owens_t
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import Values, Vectors
 from pipeline.orbit.bezier import norm
 
 TINY = 1e-100
@@ -15,12 +16,8 @@ NEWTON_STEPS = 8
 
 
 def falls_below(
-    mean: Float[Array, "k"],
-    variance: Float[Array, "k"],
-    step: Float[Array, "k"],
-    mixed: Float[Array, "k"],
-    step_variance: Float[Array, "k"],
-) -> Float[Array, "k"]:
+    mean: Values, variance: Values, step: Values, mixed: Values, step_variance: Values
+) -> Values:
     """P(X ≥ 0, X + D < 0) of jointly Gaussian X and D, by Owen's T function.
 
     Owen 1956, "Tables for computing bivariate normal probabilities". Means and variances are of X
@@ -40,9 +37,7 @@ def falls_below(
     return np.maximum(chance + np.where((u > 0) == (v > 0), 0.0, 0.5), 0.0)
 
 
-def likeliest_direction(
-    mean: Float[Array, "k 3"], covariance: Float[Array, "k 3 3"], radius: float
-) -> Float[Array, "k 3"]:
+def likeliest_direction(mean: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Vectors:
     """Unit vectors to the points of a sphere at which Gaussian points outside it are likeliest.
 
     The plane through the likeliest point q of the sphere that is square to it is the one that the

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import MU_EARTH
 
@@ -28,7 +29,7 @@ class Elements:
     eccentricity: float = 0.0
     argument_of_perigee: float = 0.0
 
-    def states(self, argument_of_latitude: Float[Array, "*batch"]) -> Float[Array, "*batch 6"]:
+    def states(self, argument_of_latitude: Scalar) -> AnyState:
         """Inertial states at u = ω + ν (rad), m and m/s.
 
         The orbit equation and the velocity along the radius and across it (Curtis, "Orbital
@@ -59,7 +60,7 @@ class Frame:
     """
 
     axes: Float[Array, "*batch 3 3"]
-    rate: Float[Array, "*batch 3"]
+    rate: Vector
 
     def to_inertial(self, states: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
         """Inertial position and velocity relative to the frame's origin, m and m/s."""
@@ -75,7 +76,7 @@ class Frame:
         return np.concatenate([position, moving - np.cross(self.rate, position)], axis=-1)
 
 
-def lvlh_axes(origin: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
+def lvlh_axes(origin: AnyState) -> Float[Array, "*batch 3 3"]:
     """Unit vectors along r, h × r and h = r × v of the origin's inertial state, as columns."""
     position, velocity = origin[..., :3], origin[..., 3:]
     momentum = np.cross(position, velocity)
@@ -84,7 +85,7 @@ def lvlh_axes(origin: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
     return np.stack([radial, np.cross(cross, radial), cross], axis=-1)
 
 
-def lvlh_frame(origin: Float[Array, "*batch 6"], acceleration: Float[Array, "*batch 3"]) -> Frame:
+def lvlh_frame(origin: AnyState, acceleration: Vector) -> Frame:
     """LVLH frames of an orbit from the origin's inertial states and its acceleration, m/s².
 
     The frame turns about its cross-track axis at h/r², and where the orbital plane itself is

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import close_approaches
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.passive_safety import LossSeparation
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import free_drift
@@ -22,7 +23,7 @@ SHORTEST = 2 * RANGES["time_step"][0]
 
 
 def unavoidable(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem, orbits: float
+    initial: Formation, goal: Formation, problem: Problem, orbits: float
 ) -> LossSeparation | None:
     """The closest encounter within the collision radius that follows from the ends, or None.
 
@@ -39,7 +40,7 @@ def unavoidable(
 
 
 def forced_goals(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem, orbits: float
+    initial: Formation, goal: Formation, problem: Problem, orbits: float
 ) -> Bool[Array, "n n"]:
     """Which goals craft may take, by craft and goal, where goals are not assigned yet.
 
@@ -56,15 +57,13 @@ def forced_goals(
     return allowed
 
 
-def _goals_together(
-    goal: Float[Array, "n 6"], problem: Problem, orbits: float
-) -> Iterator[LossSeparation]:
+def _goals_together(goal: Formation, problem: Problem, orbits: float) -> Iterator[LossSeparation]:
     """Encounters of craft that all drift on from their goals."""
     yield from _encounters(goal, problem, orbits, problem.nodes - 1)
 
 
 def _starts_with_goals(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem, orbits: float
+    initial: Formation, goal: Formation, problem: Problem, orbits: float
 ) -> Iterator[LossSeparation]:
     """Encounters, after the plan, of craft drifting from a start and others on a goal's orbit."""
     n = len(goal)

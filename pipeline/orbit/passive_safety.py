@@ -21,6 +21,7 @@ from pipeline.orbit.approaches import (
     least_of_each,
     side_by_side,
 )
+from pipeline.orbit.arrays import AnyState, Controls, Indices, Marked, Scalar, States, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
@@ -62,10 +63,10 @@ class LossEncounters(Closest):
         interval: which interval, counted from the first node, and on beyond the last one.
     """
 
-    lost: Int[Array, "k"]
-    node: Int[Array, "k"]
-    other: Int[Array, "k"]
-    interval: Int[Array, "k"]
+    lost: Indices
+    node: Indices
+    other: Indices
+    interval: Indices
 
     def where(self, keep: Bool[Array, "k"]) -> "LossEncounters":
         """Some of them."""
@@ -95,14 +96,14 @@ class LossSeparation:
 
 
 def loss_encounters(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
+    states: States,
+    controls: Controls,
     problem: Problem,
     orbits: float,
     within: float | Float[Array, "swarms"],
     *,
     swarms: Swarms | None = None,
-    moved: Bool[Array, "n"] | None = None,
+    moved: Marked | None = None,
 ) -> LossEncounters:
     """All encounters of drifting craft and others that may come within a distance.
 
@@ -135,11 +136,7 @@ def loss_encounters(
 
 
 def least_after_loss(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    orbits: float,
-    swarms: Swarms,
+    states: States, controls: Controls, problem: Problem, orbits: float, swarms: Swarms
 ) -> list[LossSeparation | None]:
     """The least distance of a drifting craft to another, of each swarm; None for a craft alone.
 
@@ -183,13 +180,7 @@ class _Paths:
     rest: float
 
     @classmethod
-    def of(
-        cls,
-        states: Float[Array, "n T 6"],
-        controls: Float[Array, "n intervals 3"],
-        problem: Problem,
-        orbits: float,
-    ) -> "_Paths":
+    def of(cls, states: States, controls: Controls, problem: Problem, orbits: float) -> "_Paths":
         """The paths of which every drift takes so many orbits."""
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
@@ -226,7 +217,7 @@ def _candidates(
     since: Int[Array, "steps"],
     reach: Float[Array, "n"],
     swarms: Swarms,
-    moved: Bool[Array, "n"] | None,
+    moved: Marked | None,
 ) -> Iterator[tuple[Array, ...]]:
     """Drifting craft, node, other craft and interval whose balls are within a distance."""
     dynamics = paths.problem.dynamics
@@ -243,11 +234,8 @@ def _candidates(
 
 
 def _balls(
-    start: Float[Array, "*batch 6"],
-    controls: Float[Array, "*batch 3"],
-    dynamics: Dynamics,
-    h: float,
-) -> tuple[Float[Array, "*batch 3"], Float[Array, "*batch"]]:
+    start: AnyState, controls: Vector, dynamics: Dynamics, h: float
+) -> tuple[Vector, Scalar]:
     """Middle and radius of a ball that each craft stays in over an interval of h s, m."""
     A, B = dynamics.step(h)
     begin, end = start[..., :3], start @ A[:3].T + controls @ B[:3].T
@@ -256,11 +244,7 @@ def _balls(
 
 
 def _searched(
-    node: int,
-    last: int,
-    since: Int[Array, "steps"],
-    swarms: Swarms,
-    moved: Bool[Array, "n"] | None,
+    node: int, last: int, since: Int[Array, "steps"], swarms: Swarms, moved: Marked | None
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
     """Drifting craft, others, and steps of a drift from a node, not too many at once.
 

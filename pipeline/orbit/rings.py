@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import AnyState, Formation, Scalar
 from pipeline.orbit.dynamics import cw_matrices
 
 DRIFT_FREE = 1e-6
@@ -17,7 +18,7 @@ def pro_states(
     cross_phase: float | Float[Array, "#n"],
     mean_motion: float,
     offset: float | Float[Array, "#n"] = 0.0,
-) -> Float[Array, "n 6"]:
+) -> Formation:
     """LVLH states (m, m/s) of craft on 2:1 relative orbits, bounded since they satisfy Eq. 3.
 
     x = (a/2) cos θ, y = offset - a sin θ, z = (a/2) tan(i) cos(θ + φ), with θ growing at the
@@ -44,12 +45,12 @@ def pro_states(
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
-def energy_mismatch(states: Float[Array, "*batch 6"], mean_motion: float) -> Float[Array, "*batch"]:
+def energy_mismatch(states: AnyState, mean_motion: float) -> Scalar:
     """ẏ + 2e x in m/s, which is 0 by Eq. 3: otherwise the craft drifts along-track."""
     return states[..., 4] + 2 * mean_motion * states[..., 0]
 
 
-def revolution(states: Float[Array, "n 6"], points: int) -> Float[Array, "n _ 3"] | None:
+def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
     """Positions in m over one revolution of free drift through states on PROs.
 
     None where they lie on none. The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.

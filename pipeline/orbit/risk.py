@@ -32,6 +32,7 @@ from scipy.special import gammainccinv, ndtr
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
+from pipeline.orbit.arrays import Controls, Indices, States, Values, Vectors
 from pipeline.orbit.bezier import dot, norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
@@ -108,22 +109,22 @@ class _Stretches:
     stray: Float[Array, "s"]
     normals: float
 
-    def maps(self, share: Float[Array, "k"]) -> Maps:
+    def maps(self, share: Values) -> Maps:
         """Maps to relative positions at shares of the interval."""
         free, pushed = self.problem.dynamics.step(share * self.problem.time_step)
         return free[:, :3], pushed[:, :3]
 
-    def position(self, which: Int[Array, "k"], maps: Maps) -> Float[Array, "k 3"]:
+    def position(self, which: Indices, maps: Maps) -> Vectors:
         """Mean relative position, m."""
         return np.matvec(maps[0], self.state[which]) + np.matvec(maps[1], self.push[which])
 
-    def covariance(self, which: Int[Array, "k"], one: Maps, other: Maps) -> Float[Array, "k"]:
+    def covariance(self, which: Indices, one: Maps, other: Maps) -> Values:
         """Covariance of two linear functionals of the errors."""
         state, push = self.covariances
         found = dot(np.vecmat(one[0], state[which]), other[0])
         return found + dot(np.vecmat(one[1], push[which]), other[1])
 
-    def directions(self, which: Int[Array, "k"], share: Float[Array, "k"]) -> Float[Array, "k 3"]:
+    def directions(self, which: Indices, share: Values) -> Vectors:
         """Directions in which pairs are likeliest to meet, at shares of the interval."""
         (free, pushed), (state, push) = self.maps(share), self.covariances
         spread = free @ state[which] @ free.mT + pushed @ push[which] @ pushed.mT
@@ -189,10 +190,7 @@ class _Panels:
 
 
 def collision_risk(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    uncertainty: Uncertainty,
+    states: States, controls: Controls, problem: Problem, uncertainty: Uncertainty
 ) -> CollisionRisk:
     """The risk of flying planned states (m, m/s) and controls (m/s²) in open loop, at any time."""
     i, j = pairs(len(states))
@@ -215,20 +213,14 @@ def collision_risk(
 
 
 def _at_node(
-    node: int,
-    first: Int[Array, "k"],
-    second: Int[Array, "k"],
-    states: Float[Array, "n T 6"],
-    spread: Dispersion,
-) -> tuple[Float[Array, "k 3"], Float[Array, "k 3 3"]]:
+    node: int, first: Indices, second: Indices, states: States, spread: Dispersion
+) -> tuple[Vectors, Float[Array, "k 3 3"]]:
     """Mean and covariance of pairs' relative positions at a node, m and m²."""
     covariance = spread.state_covariance[first, node] + spread.state_covariance[second, node]
     return states[first, node, :3] - states[second, node, :3], covariance[:, :3, :3]
 
 
-def _within(
-    gap: Float[Array, "k 3"], covariance: Float[Array, "k 3 3"], radius: float
-) -> Float[Array, "k"]:
+def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:
     """Bound on the probability that Gaussian relative positions are within a distance, m."""
     normal = likeliest_direction(gap, covariance, radius)
     variance = dot(np.vecmat(normal, covariance), normal)
@@ -237,13 +229,8 @@ def _within(
 
 
 def levels_at(
-    node: int,
-    first: Int[Array, "k"],
-    second: Int[Array, "k"],
-    states: Float[Array, "n T 6"],
-    spread: Dispersion,
-    distance: float,
-) -> Float[Array, "k"]:
+    node: int, first: Indices, second: Indices, states: States, spread: Dispersion, distance: float
+) -> Values:
     """How many standard deviations pairs are further apart than a distance, m, at a node."""
     gap, covariance = _at_node(node, first, second, states, spread)
     apart = norm(gap)
@@ -253,10 +240,7 @@ def levels_at(
 
 
 def _stretches(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    spread: Dispersion,
+    states: States, controls: Controls, problem: Problem, spread: Dispersion
 ) -> tuple[_Stretches, Int[Array, "b"]]:
     """Where pairs may be near, and the pairs whose planned motion itself comes too close.
 
@@ -290,7 +274,7 @@ def _stretches(
     ), broken
 
 
-def _numbers(found: Approaches, n: int) -> Int[Array, "k"]:
+def _numbers(found: Approaches, n: int) -> Indices:
     """Of the pairs, in the order of ``pairs``."""
     i, j = found.first, found.second
     return i * (2 * n - i - 1) // 2 + j - i - 1

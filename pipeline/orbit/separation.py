@@ -17,6 +17,7 @@ from pipeline.orbit.approaches import (
     pairs,
     side_by_side,
 )
+from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import free_drift
@@ -43,7 +44,7 @@ def node_collisions(
 
 
 def swarm_node_collisions(
-    states: Float[Array, "n T 6"], collision_radius: float, swarms: Swarms
+    states: States, collision_radius: float, swarms: Swarms
 ) -> Int[Array, "swarms"]:
     """f_col of each of several swarms."""
     if not swarms.few:
@@ -71,16 +72,14 @@ class Separation:
     time: float | None
 
 
-def least_separation(
-    states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
-) -> Separation:
+def least_separation(states: States, controls: Controls, problem: Problem) -> Separation:
     """The least distance of any pair of one swarm at any time of a flown trajectory."""
     return least_separations(states, controls, problem, side_by_side((len(states),)))[0]
 
 
 def least_separations(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
+    states: States,
+    controls: Controls,
     problem: Problem,
     swarms: Swarms,
     tolerance: float = TOLERANCE,
@@ -111,17 +110,13 @@ def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[
     return np.array([apart.bound for apart in least_separations(*drift, side_by_side((n,) * N))])
 
 
-def pair_conflicts(
-    states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
-) -> int:
+def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
     """Pairs that come within r_col at any time, at nodes or between them."""
     found = close_approaches(states, controls, problem, problem.collision_radius)
     return len(np.unique(np.stack([found.first, found.second]), axis=1).T)
 
 
-def _closest_at_nodes(
-    states: Float[Array, "n T 6"], problem: Problem, swarms: Swarms
-) -> list[Separation]:
+def _closest_at_nodes(states: States, problem: Problem, swarms: Swarms) -> list[Separation]:
     """The closest pair of each swarm at any node; its bound is lower by what rounding may hide."""
     closest = [Separation(np.inf, np.inf, None, None)] * len(swarms.sizes)
     slack = ROUNDING * np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
@@ -132,9 +127,7 @@ def _closest_at_nodes(
     return closest
 
 
-def _closest_of_few(
-    states: Float[Array, "n T 6"], swarms: Swarms
-) -> Iterator[tuple[int, int, int, int, float]]:
+def _closest_of_few(states: States, swarms: Swarms) -> Iterator[tuple[int, int, int, int, float]]:
     """Swarm, first craft, second craft, node and distance, all pairs compared."""
     i, j = swarms.pairs
     apart = norm(states[i, :, :3] - states[j, :, :3])
@@ -144,9 +137,7 @@ def _closest_of_few(
         yield swarm, first, second, int(apart[k].argmin()), float(least[k])
 
 
-def _closest_of_many(
-    states: Float[Array, "n T 6"], swarms: Swarms
-) -> Iterator[tuple[int, int, int, int, float]]:
+def _closest_of_many(states: States, swarms: Swarms) -> Iterator[tuple[int, int, int, int, float]]:
     """The same by trees."""
     T = states.shape[1]
     for swarm, part in enumerate(np.split(states, swarms.starts[1:])):
@@ -159,7 +150,7 @@ def _closest_of_many(
         yield swarm, i, j, point % T, float(near[point, 1])
 
 
-def _node_tree(states: Float[Array, "n T 6"]) -> cKDTree:
+def _node_tree(states: States) -> cKDTree:
     """Positions at all nodes: as many planes of a fourth dimension, too far apart to meet."""
     positions = states[..., :3]
     size = 2 * float(np.ptp(positions, axis=(0, 1)).sum()) + 1.0

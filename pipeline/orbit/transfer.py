@@ -8,6 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import (
+    AnyControls,
+    AnyState,
+    AnyStates,
+    Controls,
+    Formation,
+    Scalar,
+    States,
+)
 from pipeline.orbit.problem import MOST_NODES, Problem
 
 COAST = 1e-7
@@ -82,11 +91,7 @@ def _state_weight(problem: Problem) -> Float[Array, "6"]:
     return np.repeat([1.0, 1.0 / problem.mean_motion], 3)
 
 
-def fly(
-    initial: Float[Array, "*batch 6"],
-    controls: Float[Array, "*batch intervals 3"],
-    problem: Problem,
-) -> Float[Array, "*batch T 6"]:
+def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates:
     """Node states (m, m/s) from initial states and controls (m/s²), by Eq. 2."""
     maps, m = transfer_maps(problem), 3 * problem.intervals
     # Row by row, since what a matrix product rounds depends on how many rows there are.
@@ -96,8 +101,8 @@ def fly(
 
 
 def free_drift(
-    states: Float[Array, "n 6"], problem: Problem, orbits: float = 1.0
-) -> tuple[Float[Array, "n T 6"], Float[Array, "n intervals 3"], Problem]:
+    states: Formation, problem: Problem, orbits: float = 1.0
+) -> tuple[States, Controls, Problem]:
     """Free drift over so many orbits: node states, zero controls and the problem they belong to."""
     intervals = min(max(2, math.ceil(orbits * ORBIT_INTERVALS)), MOST_NODES - 1)
     drift = Problem(
@@ -112,9 +117,7 @@ def free_drift(
 
 
 def dynamics_defect(
-    states: Float[Array, "*batch T 6"],
-    controls: Float[Array, "*batch intervals 3"],
-    problem: Problem,
+    states: AnyStates, controls: AnyControls, problem: Problem
 ) -> Float[Array, "*batch intervals 6"]:
     """Violation of Eq. 2: s[t+1] - A s[t] - B u[t], m and m/s."""
     maps = transfer_maps(problem)
@@ -122,14 +125,12 @@ def dynamics_defect(
     return states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
 
 
-def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Float[Array, "*batch"]:
+def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Scalar:
     """f_fuel = Σₜ Σᵢ ‖uᵢ[t]‖₁ in m/s², Eq. 4, of controls in m/s²."""
     return np.asarray(np.abs(controls).sum(axis=(-3, -2, -1)))
 
 
-def implied_controls(
-    states: Float[Array, "*batch T 6"], problem: Problem
-) -> Float[Array, "*batch intervals 3"]:
+def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
     """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s².
 
     Exact where the states obey Eq. 2. Others, such as a network's raw output, can look cheaper
@@ -140,11 +141,8 @@ def implied_controls(
 
 
 def meet_goal(
-    initial: Float[Array, "*batch 6"],
-    controls: Float[Array, "*batch intervals 3"],
-    goal: Float[Array, "*batch 6"],
-    problem: Problem,
-) -> Float[Array, "*batch intervals 3"]:
+    initial: AnyState, controls: AnyControls, goal: AnyState, problem: Problem
+) -> AnyControls:
     """The controls plus the least-energy correction after which the goal is met exactly."""
     maps = transfer_maps(problem)
     flat = controls.reshape(*controls.shape[:-2], 3 * problem.intervals)
@@ -152,20 +150,15 @@ def meet_goal(
     return controls + np.matvec(maps.to_goal, miss).reshape(controls.shape)
 
 
-def minimum_energy(
-    initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], problem: Problem
-) -> Float[Array, "*batch intervals 3"]:
+def minimum_energy(initial: AnyState, goal: AnyState, problem: Problem) -> AnyControls:
     """Controls of least Σ‖u‖₂² that join two states, decoupled, in closed form."""
     idle = np.zeros((*initial.shape[:-1], problem.intervals, 3))
     return meet_goal(initial, idle, goal, problem)
 
 
 def project_to_flyable(
-    states: Float[Array, "*batch T 6"],
-    initial: Float[Array, "*batch 6"],
-    goal: Float[Array, "*batch 6"],
-    problem: Problem,
-) -> Float[Array, "*batch intervals 3"]:
+    states: AnyStates, initial: AnyState, goal: AnyState, problem: Problem
+) -> AnyControls:
     """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly.
 
     Nearest in the sum of squares over all nodes, with velocities weighted by 1/e. The set of
@@ -177,17 +170,13 @@ def project_to_flyable(
     return meet_goal(initial, controls + flat.reshape(controls.shape), goal, problem)
 
 
-def straight_line(
-    initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], nodes: int
-) -> Float[Array, "*batch T 6"]:
+def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
     """Node states on the straight line between two states; it obeys no dynamics."""
     share = np.linspace(0.0, 1.0, nodes)[:, None]
     return (1 - share) * initial[..., None, :] + share * goal[..., None, :]
 
 
-def with_coasts(
-    controls: Float[Array, "n intervals 3"], problem: Problem
-) -> Float[Array, "n intervals 3"]:
+def with_coasts(controls: Controls, problem: Problem) -> Controls:
     """The controls with exact zeros where only rounding is left; final states stay as they are.
 
     Where what is dropped moves a craft's final state, its other controls make up for it; a craft
@@ -211,10 +200,7 @@ def with_coasts(
 
 
 def track(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    steps: int,
+    states: States, controls: Controls, problem: Problem, steps: int
 ) -> Float[Array, "n _ 3"]:
     """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
     A, B = problem.dynamics.step(problem.time_step / steps * np.arange(steps))

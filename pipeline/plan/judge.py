@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
@@ -35,7 +34,7 @@ class Made:
         timing: seconds by stage.
     """
 
-    controls: Float[Array, "n intervals 3"]
+    controls: Controls
     fuel_lower_bound: float
     proof: str = ""
     convex_solves: int = 0
@@ -88,7 +87,7 @@ def planned(
 
 def judge(
     certificate: Certificate,
-    controls: Float[Array, "n intervals 3"],
+    controls: Controls,
     problem: Problem,
     requirements: Requirements = AT_ALL_TIMES,
 ) -> tuple[str, str]:
@@ -101,7 +100,7 @@ def judge(
 
 def violations(
     certificate: Certificate,
-    controls: Float[Array, "n intervals 3"],
+    controls: Controls,
     problem: Problem,
     requirements: Requirements = AT_ALL_TIMES,
 ) -> dict[str, str]:
@@ -151,7 +150,7 @@ def _missed(certificate: Certificate) -> str:
     return f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
 
 
-def _too_strong(controls: Float[Array, "n intervals 3"], problem: Problem) -> str:
+def _too_strong(controls: Controls, problem: Problem) -> str:
     limit, used = problem.max_acceleration, float(np.abs(controls).max())
     if limit is None or used <= problem.most_control:
         return ""

@@ -4,9 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from jaxtyping import Float
-
-from pipeline.arrays import Array
+from pipeline.orbit.arrays import Controls, States
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.requirements import Requirements, Separation
 from pipeline.scenario import Scenario
@@ -78,8 +76,8 @@ class Plan:
 
     planner: str
     status: str
-    states: Float[Array, "n T 6"]
-    controls: Float[Array, "n intervals 3"]
+    states: States
+    controls: Controls
     certificate: Certificate
     convex_solves: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)

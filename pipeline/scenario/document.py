@@ -23,6 +23,7 @@ from pipeline.arrays import Array
 from pipeline.documents import DIALECT, document_from, read_document, write_document
 from pipeline.errors import InputError
 from pipeline.files import stem_of
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.rings import pro_states
@@ -122,7 +123,7 @@ class RingDocument(BaseModel):
         n = self.craft or 1
         return np.deg2rad(self.first_phase_deg) + 2 * np.pi * np.arange(n) / n
 
-    def states(self, mean_motion: float) -> Float[Array, "n 6"]:
+    def states(self, mean_motion: float) -> Formation:
         """LVLH states of its craft in m and m/s, mean motion in rad/s."""
         tilt, cross = np.deg2rad([self.tilt_deg, self.cross_phase_deg]).tolist()
         return pro_states(self.size, tilt, self.phase, cross, mean_motion, self.offset)
@@ -165,7 +166,7 @@ End = Annotated[
 """Initial or goal states of a scenario file."""
 
 
-def _end_states(end: list[list[float]] | RingsDocument, mean_motion: float) -> Float[Array, "n 6"]:
+def _end_states(end: list[list[float]] | RingsDocument, mean_motion: float) -> Formation:
     """The states of an end in m and m/s, whichever form it has; mean motion in rad/s."""
     if isinstance(end, RingsDocument):
         return np.concatenate([ring.states(mean_motion) for ring in end.rings])

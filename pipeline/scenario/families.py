@@ -10,11 +10,12 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.separation import drift_separations
@@ -46,7 +47,6 @@ CROWDED = 1.75
 """Largest half extent of a dense formation, in collision radii times the square root of n."""
 
 Rng = np.random.Generator
-Formation = Float[Array, "n 6"]
 Ends = tuple[Formation, Formation]
 
 
@@ -93,9 +93,7 @@ def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
     return f"{family}-s{seed}-n{n}-{split}-{index:06d}"
 
 
-def passively_safe(
-    states: Formation, problem: Problem, *, added: Bool[Array, "n"] | None = None
-) -> bool:
+def passively_safe(states: Formation, problem: Problem, *, added: Marked | None = None) -> bool:
     """Whether every pair stays further apart than r_col in free drift over a whole orbit.
 
     Where ``added`` marks craft, pairs of others are known to.

@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 from math import ceil, floor, log10
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.decoupled import least_limits
 from pipeline.orbit.dynamics import model_error
 from pipeline.orbit.problem import Problem
@@ -24,8 +23,6 @@ ENERGY_TOLERANCE = 1e-5
 APART, MATCHED = "craft apart", "energy-matched"
 PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"
 """The rules."""
-
-Formation = Float[Array, "n 6"]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import TOLERANCE, close_approaches
+from pipeline.orbit.arrays import Controls, Formation, States, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_distances
@@ -94,7 +95,7 @@ def steps_of(n: int, problem: Problem) -> int:
     return max(1, round(SAMPLES * min(1.0, CROWD / n) / problem.intervals))
 
 
-def sample_times(n: int, problem: Problem, further: Float[Array, "k"]) -> Float[Array, "S"]:
+def sample_times(n: int, problem: Problem, further: Values) -> Float[Array, "S"]:
     """Times at which to show a transfer, s: evenly spaced with the nodes among them, and others."""
     steps = steps_of(n, problem)
     even = problem.time_step / steps * np.arange(problem.intervals * steps + 1)
@@ -102,10 +103,7 @@ def sample_times(n: int, problem: Problem, further: Float[Array, "k"]) -> Float[
 
 
 def positions_at(
-    times: Float[Array, "S"],
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
+    times: Float[Array, "S"], states: States, controls: Controls, problem: Problem
 ) -> Float[Array, "n S 3"]:
     """Positions in m at any times of a transfer, s: Eq. 2 from the node before each."""
     interval = np.clip(times // problem.time_step, 0, problem.intervals - 1).astype(int)
@@ -114,17 +112,14 @@ def positions_at(
     return free + np.einsum("sij,nsj->nsi", B[:, :3], controls[:, interval])
 
 
-def orbits(states: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n P 3"]:
+def orbits(states: Formation, problem: Problem) -> Float[Array, "n P 3"]:
     """Positions in m along an orbit of free drift from each state (m, m/s)."""
     steps = ORBIT_STEPS if len(states) <= CROWD else 1
     return track(*free_drift(states, problem), steps)
 
 
 def closest_pairs(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    most: int = MOST,
+    states: States, controls: Controls, problem: Problem, most: int = MOST
 ) -> list[Pair]:
     """The pairs of least separation at any time, the closest first; all where there are few."""
     n = len(states)
@@ -144,9 +139,7 @@ def closest_pairs(
     return [Pair(*row) for row in zip(*(c[closest].tolist() for c in columns), strict=True)]
 
 
-def nearest_pair(
-    positions: Float[Array, "n S 3"],
-) -> tuple[Int[Array, "S 2"], Float[Array, "S"]]:
+def nearest_pair(positions: Float[Array, "n S 3"]) -> tuple[Int[Array, "S 2"], Float[Array, "S"]]:
     """The two craft that are closest at each time, and how far apart they are, m."""
     found = [cKDTree(at).query(at, k=2) for at in positions.swapaxes(0, 1)]
     distance = np.array([apart for apart, _ in found])[..., 1]
