@@ -20,21 +20,13 @@ from pipeline.plan.judge import check_states
 from pipeline.scenario import Scenario
 from pipeline.text import visible
 
-FEWEST = 8
-"""States of an arc, so that readers that take eight for degree 7 find them."""
-
+FEWEST = 8  # states of an arc, so that readers that take eight for degree 7 find them
+# Largest angle between states as the reference orbit turns, rad: polynomials of degree 7 through
+# states this near miss a circle by less than 1e-6 of a metre at any altitude up to geostationary
 SPACING = 0.05
-"""Largest angle between states as the reference orbit turns, rad: polynomials of degree 7 through
-states this near miss a circle by less than 1e-6 of a metre at any altitude up to geostationary."""
-
-DEGREE = 7
-"""Of the Hermite interpolation that files ask for."""
-
-LONGEST = 100
-"""Characters of a comment on one line; messages have at most 254 on any."""
-
-ORIGINATOR = "ORIGINATOR = PROLEARN"
-"""The line by which files of ours are known."""
+DEGREE = 7  # of the Hermite interpolation that files ask for
+LONGEST = 100  # characters of a comment on one line; messages have at most 254 on any
+ORIGINATOR = "ORIGINATOR = PROLEARN"  # the line by which files of ours are known
 
 
 def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -> list[Path]:
@@ -72,17 +64,11 @@ def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """Inertial states of every craft over intervals of constant thrust.
+    """Inertial states of every craft over intervals of constant thrust."""
 
-    Attributes:
-        epoch: of the first node, UTC.
-        microseconds: since the epoch; an arc ends when the next begins.
-        states: in EME2000 at those times, m and m/s.
-    """
-
-    epoch: datetime
-    microseconds: Int[Array, "intervals q"]
-    states: Float[Array, "n intervals q 6"]
+    epoch: datetime  # of the first node, UTC
+    microseconds: Int[Array, "intervals q"]  # since the epoch; an arc ends when the next begins
+    states: Float[Array, "n intervals q 6"]  # in EME2000 at those times, m and m/s
 
 
 def thrust_arcs(plan: Plan, scenario: Scenario) -> Arcs:

@@ -13,24 +13,16 @@ from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier,
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
-TOLERANCE = 1e-4
-"""Width in m of the bracket in which a least separation is found."""
-
+TOLERANCE = 1e-4  # width in m of the bracket in which a least separation is found
+# Margin over a distance, m, with which any later bracket's bound exceeds it, rounding too
 PROVABLE = 1.01 * TOLERANCE
-"""Margin over a distance, m, with which any later bracket's bound exceeds it, rounding too."""
-
-MOST_PARTS = 64
-"""Parts of an interval in one search; longer intervals are searched piece by piece."""
-
-AT_ONCE = 250
-"""Motions whose pieces are searched at once, which bounds memory."""
-
+MOST_PARTS = 64  # parts of an interval in one search; longer intervals are searched piece by piece
+AT_ONCE = 250  # motions whose pieces are searched at once, which bounds memory
+# Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree
 FEW, MOST_PAIRS = 128, 300_000
-"""Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree."""
 
 Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
-Candidates = tuple[Indices, Indices, Indices]
-"""First craft, second craft and interval."""
+Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and interval
 
 
 @dataclass(frozen=True)
@@ -88,21 +80,14 @@ def least_of_each(
 
 @dataclass(frozen=True, eq=False)
 class Closest:
-    """Relative motions over an interval, each where it is closest to the origin.
+    """Relative motions over an interval, each where it is closest to the origin."""
 
-    Attributes:
-        offset: time since the interval's start, s.
-        distance: separation at that time, m.
-        bound: proven lower bound on the separation in the interval, m.
-        free: map from the state at the interval's start to the position at that time.
-        pushed: map from the control in the interval to it.
-    """
-
-    offset: Values
-    distance: Values
-    bound: Values
+    offset: Values  # time since the interval's start, s
+    distance: Values  # separation at that time, m
+    bound: Values  # proven lower bound on the separation in the interval, m
+    # map from the state at the interval's start to the position at that time
     free: Float[Array, "k 3 6"]
-    pushed: Float[Array, "k 3 3"]
+    pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
 
 _EMPTY = np.zeros(0)
@@ -111,17 +96,11 @@ NOTHING = Closest(_EMPTY, _EMPTY, _EMPTY, np.zeros((0, 3, 6)), np.zeros((0, 3, 3
 
 @dataclass(frozen=True, eq=False)
 class Approaches(Closest):
-    """Closest approaches of two craft within an interval.
+    """Closest approaches of two craft within an interval."""
 
-    Attributes:
-        first: first craft, the one with the lower index.
-        second: second craft.
-        interval: which interval.
-    """
-
-    first: Indices
-    second: Indices
-    interval: Indices
+    first: Indices  # first craft, the one with the lower index
+    second: Indices  # second craft
+    interval: Indices  # which interval
 
 
 def close_approaches(

@@ -11,8 +11,7 @@ from pipeline.arrays import Array
 Formation = Float[Array, "n 6"]
 States = Float[Array, "n T 6"]
 Controls = Float[Array, "n intervals 3"]
-Marked = Bool[Array, "n"]
-"""Some of n craft."""
+Marked = Bool[Array, "n"]  # some of n craft
 
 AnyState = Float[Array, "*batch 6"]
 AnyStates = Float[Array, "*batch T 6"]
@@ -22,5 +21,4 @@ Scalar = Float[Array, "*batch"]
 
 Indices = Int[Array, "k"]
 Values = Float[Array, "k"]
-Vectors = Float[Array, "k 3"]
-"""Of k pairs, times or the like."""
+Vectors = Float[Array, "k 3"]  # of k pairs, times or the like

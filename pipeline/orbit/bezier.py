@@ -7,15 +7,11 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 
-MAX_SPLITS = 40
-"""More than enough: each split at least quarters the error of the bracket."""
-
+MAX_SPLITS = 40  # more than enough: each split at least quarters the error of the bracket
+# Enough to be within rounding of a minimum on a stretch where motion is nearly uniform
 NEWTON_STEPS = 2
-"""Enough to be within rounding of a minimum on a stretch where motion is nearly uniform."""
-
-EDGE = 0.02
-"""A cubic that is closest this near to an end is halved instead of split there."""
-
+EDGE = 0.02  # a cubic that is closest this near to an end is halved instead of split there
+# Bernstein coefficients of |c|², degree 6, from the 16 products of c's four Bezier points
 SQUARED = np.array(
     [
         [comb(3, i) * comb(3, j) / comb(6, i + j) * (k == i + j) for k in range(7)]
@@ -23,7 +19,6 @@ SQUARED = np.array(
         for j in range(4)
     ]
 )
-"""Bernstein coefficients of |c|², degree 6, from the 16 products of c's four Bezier points."""
 
 
 def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:

@@ -13,6 +13,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
+# Largest errors, SI: beyond any with which craft would be flown near each other
 MOST = {
     **dict.fromkeys(("position", "position_bias"), 1e3),
     **dict.fromkeys(("velocity", "velocity_bias", "magnitude_fixed", "direction_fixed"), 10.0),
@@ -20,7 +21,6 @@ MOST = {
     "timing": 1e3,
     "missed": 1.0,
 }
-"""Largest errors, SI: beyond any with which craft would be flown near each other."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,10 @@ class Dispersion:
 
     The normals are the six components of a craft's initial state and the three of each burn. Craft
     err independently, so that covariances of a pair's difference are the sums of both craft's.
-
-    Attributes:
-        state: of those normals on each node's state, m and m/s.
-        burn: of an interval's three on its control, m/s².
     """
 
-    state: Float[Array, "n T 6 J"]
-    burn: Float[Array, "n intervals 3 3"]
+    state: Float[Array, "n T 6 J"]  # of those normals on each node's state, m and m/s
+    burn: Float[Array, "n intervals 3 3"]  # of an interval's three on its control, m/s²
 
     @cached_property
     def state_covariance(self) -> Float[Array, "n T 6 6"]:

@@ -31,59 +31,36 @@ from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, transfer_maps
 
+# Share of the largest entry of R under which one is 0, velocities times the duration
 NEGLIGIBLE = 1e-12
-"""Share of the largest entry of R under which one is 0, velocities times the duration."""
-
-FLAT = 1e10
-"""Condition number from which a facet is flat; others cover what it would."""
-
-ROUNDING = 1e-8
-"""Share of the fuel by which a weight may be negative, or a primal exceed its dual."""
-
-SHORT = 1e-6
-"""Share of a change of state that a transfer may leave undone by rounding."""
-
-MISSED = np.repeat([1e-6, 1e-9], 3)
-"""What a transfer may leave undone in any case, m and m/s."""
+FLAT = 1e10  # condition number from which a facet is flat; others cover what it would
+ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a primal exceed its dual
+SHORT = 1e-6  # share of a change of state that a transfer may leave undone by rounding
+MISSED = np.repeat([1e-6, 1e-9], 3)  # what a transfer may leave undone in any case, m and m/s
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """The hull of some decoupled components of the final state, F facets in d dimensions.
+    """The hull of some decoupled components of the final state, F facets in d dimensions."""
 
-    Attributes:
-        component: components of the state.
-        column: control, flattened by time, at each corner of each facet.
-        sign: direction in which it acts there.
-        weights: from a change of the components to the corners' weights.
-        dual: y of each facet, scaled so that |Rᵀy| ≤ 1 holds beyond rounding.
-    """
-
-    component: Int[Array, "d"]
-    column: Int[Array, "F d"]
-    sign: Float[Array, "F d"]
-    weights: Float[Array, "F d d"]
-    dual: Float[Array, "F d"]
+    component: Int[Array, "d"]  # components of the state
+    column: Int[Array, "F d"]  # control, flattened by time, at each corner of each facet
+    sign: Float[Array, "F d"]  # direction in which it acts there
+    weights: Float[Array, "F d d"]  # from a change of the components to the corners' weights
+    dual: Float[Array, "F d"]  # y of each facet, scaled so that |Rᵀy| ≤ 1 holds beyond rounding
 
 
 @dataclass(frozen=True, eq=False)
 class LeastFuel:
-    """Decoupled optima of N craft without a thrust limit.
+    """Decoupled optima of N craft without a thrust limit."""
 
-    Attributes:
-        controls: m/s².
-        bound: proven lower bound on the fuel of each craft, m/s².
-        dual: y that proves it: bound = missᵀy and |reachᵀy| ≤ 1.
-        basis: basic variables: the number of a control, flattened by time, or 3(T-1) more where
-            it acts in the negative direction.
-        exact: whether the controls need no more than the bound but for rounding.
-    """
-
-    controls: Float[Array, "N intervals 3"]
-    bound: Float[Array, "N"]
-    dual: Float[Array, "N 6"]
+    controls: Float[Array, "N intervals 3"]  # m/s²
+    bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, m/s²
+    dual: Float[Array, "N 6"]  # y that proves it: bound = missᵀy and |reachᵀy| ≤ 1
+    # basic variables: the number of a control, flattened by time, or 3(T-1) more where it acts in
+    # the negative direction
     basis: Int[Array, "N 6"]
-    exact: Bool[Array, "N"]
+    exact: Bool[Array, "N"]  # whether the controls need no more than the bound but for rounding
 
 
 def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:

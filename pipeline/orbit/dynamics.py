@@ -11,8 +11,7 @@ from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, R_EARTH, radius_at
 
-SERIES_BELOW = 0.1
-"""Angle in rad under which θ - sin θ is taken from its series."""
+SERIES_BELOW = 0.1  # angle in rad under which θ - sin θ is taken from its series
 
 
 @runtime_checkable
@@ -129,17 +128,11 @@ def _cubic_remainder(theta: Scalar) -> Scalar:
 
 @dataclass(frozen=True)
 class ModelError:
-    """Estimated miss of a goal outside the linear model, on a circular orbit.
+    """Estimated miss of a goal outside the linear model, on a circular orbit."""
 
-    Attributes:
-        reach: largest distance of a craft from the origin, m.
-        curvature: miss by the terms of gravity that the model leaves out, m.
-        oblateness: miss by the Earth's J2, m.
-    """
-
-    reach: float
-    curvature: float
-    oblateness: float
+    reach: float  # largest distance of a craft from the origin, m
+    curvature: float  # miss by the terms of gravity that the model leaves out, m
+    oblateness: float  # miss by the Earth's J2, m
 
     @property
     def total(self) -> float:

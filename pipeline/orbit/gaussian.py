@@ -8,11 +8,9 @@ from pipeline.arrays import Array
 from pipeline.orbit.arrays import Values, Vectors
 from pipeline.orbit.bezier import norm
 
-TINY = 1e-100
-"""Divisor in place of 0."""
-
+TINY = 1e-100  # divisor in place of 0
+# More than it takes to be near the likeliest point; any direction will do for a bound
 NEWTON_STEPS = 8
-"""More than it takes to be near the likeliest point; any direction will do for a bound."""
 
 
 def falls_below(

@@ -13,21 +13,13 @@ from pipeline.orbit.reference import MU_EARTH
 
 @dataclass(frozen=True)
 class Elements:
-    """Osculating elements of a two-body orbit about the Earth; angles in rad.
+    """Osculating elements of a two-body orbit about the Earth; angles in rad."""
 
-    Attributes:
-        semi_major_axis: m.
-        inclination: i.
-        raan: Ω, right ascension of the ascending node.
-        eccentricity: from 0 to below 1.
-        argument_of_perigee: ω, from the ascending node; without meaning for a circle.
-    """
-
-    semi_major_axis: float
-    inclination: float = 0.0
-    raan: float = 0.0
-    eccentricity: float = 0.0
-    argument_of_perigee: float = 0.0
+    semi_major_axis: float  # m
+    inclination: float = 0.0  # i
+    raan: float = 0.0  # Ω, right ascension of the ascending node
+    eccentricity: float = 0.0  # from 0 to below 1
+    argument_of_perigee: float = 0.0  # ω, from the ascending node; without meaning for a circle
 
     def states(self, argument_of_latitude: Scalar) -> AnyState:
         """Inertial states at u = ω + ν (rad), m and m/s.
@@ -52,15 +44,10 @@ class Elements:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """LVLH frames of an orbit at some times.
+    """LVLH frames of an orbit at some times."""
 
-    Attributes:
-        axes: radial, along-track and cross-track unit vectors as columns.
-        rate: angular velocity of the frame along these axes, rad/s.
-    """
-
-    axes: Float[Array, "*batch 3 3"]
-    rate: Vector
+    axes: Float[Array, "*batch 3 3"]  # radial, along-track and cross-track unit vectors as columns
+    rate: Vector  # angular velocity of the frame along these axes, rad/s
 
     def to_inertial(self, states: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
         """Inertial position and velocity relative to the frame's origin, m and m/s."""

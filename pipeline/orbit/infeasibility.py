@@ -18,8 +18,8 @@ from pipeline.orbit.passive_safety import LossSeparation
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import free_drift
 
+# Drift in s below which nothing is proven of the ends alone; plans are held to it all the same
 SHORTEST = 2 * RANGES["time_step"][0]
-"""Drift in s below which nothing is proven of the ends alone; plans are held to it all the same."""
 
 
 def unavoidable(

@@ -27,14 +27,9 @@ from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import ROUNDING
 
-MOST_ORBITS = 100.0
-"""Longest drift; over so many orbits linear motion says little of the real."""
-
-AT_ONCE = 1_000_000
-"""Pairs and intervals that are compared at once, which bounds memory."""
-
-NO_LENGTH = 1e-9
-"""A rest of an interval below this share of it is rounding."""
+MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
+AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
+NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
 
 _NONE = np.zeros(0, dtype=int)
 
@@ -54,19 +49,12 @@ def check_orbits(orbits: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LossEncounters(Closest):
-    """Closest approaches of a drifting craft and one that flies on, within an interval.
+    """Closest approaches of a drifting craft and one that flies on, within an interval."""
 
-    Attributes:
-        lost: the drifting craft.
-        node: at which it lost its thrust; the last one, where it has none left to lose.
-        other: the craft that flies on.
-        interval: which interval, counted from the first node, and on beyond the last one.
-    """
-
-    lost: Indices
-    node: Indices
-    other: Indices
-    interval: Indices
+    lost: Indices  # the drifting craft
+    node: Indices  # at which it lost its thrust; the last one, where it has none left to lose
+    other: Indices  # the craft that flies on
+    interval: Indices  # which interval, counted from the first node, and on beyond the last one
 
     def where(self, keep: Bool[Array, "k"]) -> "LossEncounters":
         """Some of them."""
@@ -78,21 +66,13 @@ NO_ENCOUNTERS = LossEncounters(**vars(NOTHING), lost=_NONE, node=_NONE, other=_N
 
 @dataclass(frozen=True)
 class LossSeparation:
-    """The least separation of a drifting craft and another.
+    """The least separation of a drifting craft and another."""
 
-    Attributes:
-        distance: the separation attained, m.
-        bound: proven lower bound on that of any drifting craft, m.
-        pair: the drifting craft and the other.
-        node: at which the first lost its thrust; the last one: both drift on from their goals.
-        time: when, s since the first node.
-    """
-
-    distance: float
-    bound: float
-    pair: tuple[int, int]
-    node: int
-    time: float
+    distance: float  # the separation attained, m
+    bound: float  # proven lower bound on that of any drifting craft, m
+    pair: tuple[int, int]  # the drifting craft and the other
+    node: int  # at which the first lost its thrust; the last one: both drift on from their goals
+    time: float  # when, s since the first node
 
 
 def loss_encounters(
@@ -163,21 +143,14 @@ def least_after_loss(
 
 @dataclass(frozen=True, eq=False)
 class _Paths:
-    """A plan flown to its end, with the drift from the goals that follows.
+    """A plan flown to its end, with the drift from the goals that follows."""
 
-    Attributes:
-        states: at nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
-        controls: zero after the plan, (n, T + M, 3), m/s².
-        problem: the plan's.
-        drift: powers of A, (M + 1, 6, 6).
-        rest: what is left of a drift after M time steps, s.
-    """
-
+    # at nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s
     states: Float[Array, "n _ 6"]
-    controls: Float[Array, "n _ 3"]
-    problem: Problem
-    drift: Float[Array, "_ 6 6"]
-    rest: float
+    controls: Float[Array, "n _ 3"]  # zero after the plan, (n, T + M, 3), m/s²
+    problem: Problem  # the plan's
+    drift: Float[Array, "_ 6 6"]  # powers of A, (M + 1, 6, 6)
+    rest: float  # what is left of a drift after M time steps, s
 
     @classmethod
     def of(cls, states: States, controls: Controls, problem: Problem, orbits: float) -> "_Paths":

@@ -8,22 +8,19 @@ from pipeline.errors import InputError, check_range
 from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
 
+# Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds
 RANGES = {
     "mean_motion": (1e-15, mean_motion_at(LOWEST)),
     "time_step": (1e-3, 1e6),
     "collision_radius": (1e-6, 1e6),
     "max_acceleration": (1e-12, 1e6),
 }
-"""Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds."""
 
-LIMIT_ROUNDING = 1e-6
-"""Share of the limit on the control that counts as rounding."""
-
+LIMIT_ROUNDING = 1e-6  # share of the limit on the control that counts as rounding
+# Fuel that counts as none, in controls that move a craft by the collision radius
 NEGLIGIBLE = 1e-10
-"""Fuel that counts as none, in controls that move a craft by the collision radius."""
-
+# Nodes of a transfer, and revolutions of the reference orbit that it may take
 MOST_NODES, MOST_TURNS = 1000, 1000
-"""Nodes of a transfer, and revolutions of the reference orbit that it may take."""
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,12 @@ from math import pi, radians, sqrt
 
 from pipeline.errors import InputError, check_range
 
-MU_EARTH = 398600.4418e9
-"""Gravitational parameter of the Earth, m³/s²."""
-
-R_EARTH = 6378137.0
-"""Equatorial radius of the Earth, m."""
-
-J2 = 1.0826266836e-3
-"""Second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀."""
-
+MU_EARTH = 398600.4418e9  # gravitational parameter of the Earth, m³/s²
+R_EARTH = 6378137.0  # equatorial radius of the Earth, m
+J2 = 1.0826266836e-3  # second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀
+# Altitudes in m: below, air ends an orbit within a revolution; above, the Sun's pull prevails
 LOWEST, HIGHEST = 100e3, 1.5e9
-"""Altitudes in m: below, air ends an orbit within a revolution; above, the Sun's pull prevails."""
-
-GEOSTATIONARY = 35_786e3
-"""Altitude in m up to which a unit is guessed."""
+GEOSTATIONARY = 35_786e3  # altitude in m up to which a unit is guessed
 
 
 @dataclass(frozen=True)
@@ -27,18 +19,12 @@ class Reference:
     """Epoch and attitude of the reference orbit; its size follows from the mean motion.
 
     Angles are in degrees and refer to the Earth's mean equator and equinox of J2000 (EME2000).
-
-    Attributes:
-        epoch: of the first node, UTC.
-        inclination_deg: i, deg.
-        raan_deg: Ω, right ascension of the ascending node, deg.
-        argument_of_latitude_deg: u, from the ascending node to the origin of the LVLH frame at
-            the epoch, deg.
     """
 
-    epoch: datetime
-    inclination_deg: float
-    raan_deg: float
+    epoch: datetime  # of the first node, UTC
+    inclination_deg: float  # i, deg
+    raan_deg: float  # Ω, right ascension of the ascending node, deg
+    # u, from the ascending node to the origin of the LVLH frame at the epoch, deg
     argument_of_latitude_deg: float
 
 

@@ -7,8 +7,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.arrays import AnyState, Formation, Scalar
 from pipeline.orbit.dynamics import cw_matrices
 
-DRIFT_FREE = 1e-6
-"""Relative misfit of Eq. 3 up to which states lie on passive relative orbits."""
+DRIFT_FREE = 1e-6  # relative misfit of Eq. 3 up to which states lie on passive relative orbits
 
 
 def pro_states(

@@ -38,76 +38,49 @@ from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
 
+# Probability, over all pairs, that deviations exceed the size up to which they are looked at
 FAR = 1e-12
-"""Probability, over all pairs, that deviations exceed the size up to which they are looked at."""
-
-ACCURACY = 0.02
-"""Share of the sum that margins may still make up, estimated from above."""
-
+ACCURACY = 0.02  # share of the sum that margins may still make up, estimated from above
+# Width of the bracket in which least separations of pairs that may be near are found, m
 COARSE = 1.0
-"""Width of the bracket in which least separations of pairs that may be near are found, m."""
-
+# Share of an interval under which panels are not halved: what is safe by rounding alone
 SHORTEST = 1e-9
-"""Share of an interval under which panels are not halved: what is safe by rounding alone."""
-
-MOST_PANELS = 200_000
-"""Which bounds the memory that it takes."""
-
-ROUNDING = 1e-15
-"""Of the probability of a panel."""
+MOST_PANELS = 200_000  # which bounds the memory that it takes
+ROUNDING = 1e-15  # of the probability of a panel
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionRisk:
-    """Bounds on the probability that pairs come within the collision radius.
+    """Bounds on the probability that pairs come within the collision radius."""
 
-    Attributes:
-        first: first craft of each pair that is ever near, the one with the lower index.
-        second: second craft.
-        of_pair: bound of each.
-        at_ends: of each the larger part of its first and last node, which no other plan changes
-            but by other errors.
-        total: bound on the probability that any pair of the swarm does, at any time.
-    """
-
+    # first craft of each pair that is ever near, the one with the lower index
     first: Int[Array, "p"]
-    second: Int[Array, "p"]
-    of_pair: Float[Array, "p"]
+    second: Int[Array, "p"]  # second craft
+    of_pair: Float[Array, "p"]  # bound of each
+    # of each the larger part of its first and last node, which no other plan changes but by other
+    # errors
     at_ends: Float[Array, "p"]
-    total: float
+    total: float  # bound on the probability that any pair of the swarm does, at any time
 
 
+# Linear in the state at an interval's start and in the control
 Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]
-"""Linear in the state at an interval's start and in the control."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Stretches:
-    """Intervals in which pairs may be near, by pair and interval.
+    """Intervals in which pairs may be near, by pair and interval."""
 
-    Attributes:
-        problem: dynamics, time step and collision radius.
-        pair: number of the pair, in the order of ``pairs``.
-        interval: which.
-        state: mean difference of states at the interval's start, m and m/s.
-        push: mean difference of controls, m/s².
-        covariances: of both.
-        near: distance from which the pair is far, m.
-        bend: bound on the mean relative acceleration, m/s².
-        stray: bound on the relative acceleration along any direction, m/s².
-        normals: K.
-    """
-
-    problem: Problem
-    pair: Int[Array, "s"]
-    interval: Int[Array, "s"]
-    state: Float[Array, "s 6"]
-    push: Float[Array, "s 3"]
-    covariances: tuple[Float[Array, "s 6 6"], Float[Array, "s 3 3"]]
-    near: Float[Array, "s"]
-    bend: Float[Array, "s"]
-    stray: Float[Array, "s"]
-    normals: float
+    problem: Problem  # dynamics, time step and collision radius
+    pair: Int[Array, "s"]  # number of the pair, in the order of ``pairs``
+    interval: Int[Array, "s"]  # which
+    state: Float[Array, "s 6"]  # mean difference of states at the interval's start, m and m/s
+    push: Float[Array, "s 3"]  # mean difference of controls, m/s²
+    covariances: tuple[Float[Array, "s 6 6"], Float[Array, "s 3 3"]]  # of both
+    near: Float[Array, "s"]  # distance from which the pair is far, m
+    bend: Float[Array, "s"]  # bound on the mean relative acceleration, m/s²
+    stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
+    normals: float  # K
 
     def maps(self, share: Values) -> Maps:
         """Maps to relative positions at shares of the interval."""
@@ -143,21 +116,13 @@ class _Stretches:
 
 @dataclass(frozen=True, eq=False)
 class _Panels:
-    """Times between two checks, by stretch and time.
+    """Times between two checks, by stretch and time."""
 
-    Attributes:
-        stretch: which.
-        begin: when each begins, as a share of the interval.
-        width: how long it is, as a share of the interval.
-        first: direction of the check at its begin.
-        last: of the one at its end.
-    """
-
-    stretch: Int[Array, "q"]
-    begin: Float[Array, "q"]
-    width: Float[Array, "q"]
-    first: Float[Array, "q 3"]
-    last: Float[Array, "q 3"]
+    stretch: Int[Array, "q"]  # which
+    begin: Float[Array, "q"]  # when each begins, as a share of the interval
+    width: Float[Array, "q"]  # how long it is, as a share of the interval
+    first: Float[Array, "q 3"]  # direction of the check at its begin
+    last: Float[Array, "q 3"]  # of the one at its end
 
     def where(self, keep: Bool[Array, "q"] | Int[Array, "j"]) -> "_Panels":
         """Some of them."""

@@ -22,8 +22,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import free_drift
 
-ROUNDING = 1e-14
-"""Share of the largest coordinate that a distance may be off by, with some room."""
+ROUNDING = 1e-14  # share of the largest coordinate that a distance may be off by, with some room
 
 
 def node_distances(states: Float[Array, "*batch n T 6"]) -> Float[Array, "*batch p T"]:
@@ -57,19 +56,12 @@ def swarm_node_collisions(
 
 @dataclass(frozen=True)
 class Separation:
-    """The least separation of any pair at any time; infinite for a craft alone.
+    """The least separation of any pair at any time; infinite for a craft alone."""
 
-    Attributes:
-        distance: the separation attained, m.
-        bound: proven lower bound on it, m; at most a bracket below ``distance``.
-        pair: the two craft; None for a craft alone.
-        time: when, s since the start; None for a craft alone.
-    """
-
-    distance: float
-    bound: float
-    pair: tuple[int, int] | None
-    time: float | None
+    distance: float  # the separation attained, m
+    bound: float  # proven lower bound on it, m; at most a bracket below ``distance``
+    pair: tuple[int, int] | None  # the two craft; None for a craft alone
+    time: float | None  # when, s since the start; None for a craft alone
 
 
 def least_separation(states: States, controls: Controls, problem: Problem) -> Separation:

@@ -18,7 +18,6 @@ from pipeline.scenario import Scenario
 from pipeline.scenario.document import Number, ScenarioDocument, State, document_of
 
 SCHEMA = "prolearn.plan/2"
-
 WHAT = f"a plan file (schema {SCHEMA})"
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -178,8 +177,8 @@ def json_schema() -> dict[str, Any]:
     return made
 
 
+# Fields of a certificate that are there only where they were asked for
 OPTIONAL = ("risk", "passive_safety")
-"""Fields of a certificate that are there only where they were asked for."""
 
 
 def _certificate(certificate: Certificate) -> dict[str, Any]:

@@ -15,30 +15,19 @@ from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
 
-POSITION_TOLERANCE = 1e-6
-"""Largest miss of a position that counts as rounding, m."""
-
-VELOCITY_TOLERANCE = 1e-9
-"""Largest miss of a velocity that counts as rounding, m/s."""
+POSITION_TOLERANCE = 1e-6  # largest miss of a position that counts as rounding, m
+VELOCITY_TOLERANCE = 1e-9  # largest miss of a velocity that counts as rounding, m/s
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A planner's controls for a scenario, before they are flown and judged.
+    """A planner's controls for a scenario, before they are flown and judged."""
 
-    Attributes:
-        controls: m/s².
-        fuel_lower_bound: sum of the decoupled optima, m/s².
-        proof: of that bound, in words.
-        convex_solves: joint convex programs that it took.
-        timing: seconds by stage.
-    """
-
-    controls: Controls
-    fuel_lower_bound: float
-    proof: str = ""
-    convex_solves: int = 0
-    timing: Mapping[str, float] = field(default_factory=dict)
+    controls: Controls  # m/s²
+    fuel_lower_bound: float  # sum of the decoupled optima, m/s²
+    proof: str = ""  # of that bound, in words
+    convex_solves: int = 0  # joint convex programs that it took
+    timing: Mapping[str, float] = field(default_factory=dict)  # seconds by stage
 
 
 def planned_all(

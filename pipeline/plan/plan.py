@@ -9,26 +9,21 @@ from pipeline.plan.certificate import Certificate
 from pipeline.plan.requirements import Requirements, Separation
 from pipeline.scenario import Scenario
 
-SOLVED = "solved"
-"""Dynamics, both ends in all six components, thrust limit and separation all hold."""
-
+SOLVED = "solved"  # dynamics, both ends in all six components, thrust limit and separation all hold
+# Flies to the goal, but does not satisfy all that is required; the message says what
 UNSAFE = "unsafe"
-"""Flies to the goal, but does not satisfy all that is required; the message says what."""
-
+# Proven: some craft cannot reach its goal, a pair is too close at an end, the only controls there
+# are bring craft together, or a craft is in the way of another after a loss of thrust, whatever is
+# planned; the message says which
 INFEASIBLE = "infeasible"
-"""Proven: some craft cannot reach its goal, a pair is too close at an end, the only controls there
-are bring craft together, or a craft is in the way of another after a loss of thrust, whatever is
-planned; the message says which."""
-
+# The planner has no safe plan and no proof that there is none; the message says why
 UNSOLVED = "unsolved"
-"""The planner has no safe plan and no proof that there is none; the message says why."""
-
+# Fields of the certificate that a summary has
 SUMMARY = (
     *("fuel", "delta_v", "craft_delta_v", "craft_delta_v_2norm", "fuel_lower_bound"),
     *("optimality_gap", "min_separation", "min_separation_pair", "min_separation_time"),
     "min_separation_bound",
 )
-"""Fields of the certificate that a summary has."""
 
 
 @dataclass(frozen=True)

@@ -15,28 +15,22 @@ from pipeline.plan.plan import SOLVED, Plan
 from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
 
-RELATIVE = 1e-6
-"""Share by which a claimed cost may differ from the one found anew."""
-
+RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
+# Share by which a claimed risk may be below the one found anew: its quadrature is so exact
 SAME = 1e-2
-"""Share by which a claimed risk may be below the one found anew: its quadrature is so exact."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rechecked:
-    """A plan as its controls fly it.
+    """A plan as its controls fly it."""
 
-    Attributes:
-        plan: states, certificate and status found anew from the scenario and the controls; the
-            lower bound on the fuel and how it was proven are as the file has them.
-        safe: whether no pair comes within r_col, at any time or at the nodes, whichever was asked,
-            nor after a loss of thrust where that is claimed.
-        faults: what is wrong with it, in sentences; empty where it is solved.
-    """
-
+    # states, certificate and status found anew from the scenario and the controls; the lower bound
+    # on the fuel and how it was proven are as the file has them
     plan: Plan
+    # whether no pair comes within r_col, at any time or at the nodes, whichever was asked, nor
+    # after a loss of thrust where that is claimed
     safe: bool
-    faults: tuple[str, ...]
+    faults: tuple[str, ...]  # what is wrong with it, in sentences; empty where it is solved
 
 
 def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:

@@ -10,11 +10,10 @@ from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.passive_safety import check_orbits
 from pipeline.orbit.problem import Problem
 
+# When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)
 Separation = Literal["continuous", "nodes"]
-"""When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)."""
 
-LEAST = 1e-9
-"""Least risk that can be asked for; no error is Gaussian so far out."""
+LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
 
 
 @dataclass(frozen=True)
@@ -100,5 +99,4 @@ class Requirements:
         return replace(self, risk=None)
 
 
-AT_ALL_TIMES = Requirements()
-"""Craft apart at all times, and nothing besides."""
+AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides

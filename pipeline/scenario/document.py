@@ -31,11 +31,8 @@ from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 from pipeline.scenario.validation import check
 
 SCHEMA = "prolearn.scenario/1"
-
 WHAT = f"a scenario file (schema {SCHEMA})"
-
-YEARS = (1960, 2200)
-"""Of an epoch: since there is UTC, and no further than anyone plans."""
+YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
 
 
 def _strict(**one_of: str) -> ConfigDict:
@@ -155,6 +152,7 @@ def _form(given: Any) -> str | None:
     return "(rings)" if isinstance(given, dict | RingsDocument) else None
 
 
+# Initial or goal states of a scenario file
 End = Annotated[
     Annotated[States, Tag("(states)")] | Annotated[RingsDocument, Tag("(rings)")],
     Discriminator(
@@ -163,7 +161,6 @@ End = Annotated[
         custom_error_message='give a list of states, or {"rings": [...]}',
     ),
 ]
-"""Initial or goal states of a scenario file."""
 
 
 def _end_states(end: list[list[float]] | RingsDocument, mean_motion: float) -> Formation:

@@ -22,29 +22,16 @@ from pipeline.orbit.separation import drift_separations
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 
-SEMI_MAJOR_AXIS = (100.0, 300.0)
-"""Range of ring sizes a, m."""
-
-TILT = np.deg2rad(45.0)
-"""Largest ring tilt either way, rad."""
-
-DENSITY_N = 30
-"""Above this many craft the rings grow with n, so that the density stays."""
-
-REDRAWS = 2000
-"""Tries after which a formation is said not to fit."""
-
-SPLITS = ("train", "valid", "test")
-"""Their order seeds the draw."""
-
+SEMI_MAJOR_AXIS = (100.0, 300.0)  # range of ring sizes a, m
+TILT = np.deg2rad(45.0)  # largest ring tilt either way, rad
+DENSITY_N = 30  # above this many craft the rings grow with n, so that the density stays
+REDRAWS = 2000  # tries after which a formation is said not to fit
+SPLITS = ("train", "valid", "test")  # their order seeds the draw
+# Root seeds, sizes and indices are below this: each is one word of the generator's entropy
 SEEDS = 2**32
-"""Root seeds, sizes and indices are below this: each is one word of the generator's entropy."""
-
-DENSE = 1.02
-"""Least separation of a dense formation in free drift, in collision radii."""
-
+DENSE = 1.02  # least separation of a dense formation in free drift, in collision radii
+# Largest half extent of a dense formation, in collision radii times the square root of n
 CROWDED = 1.75
-"""Largest half extent of a dense formation, in collision radii times the square root of n."""
 
 Rng = np.random.Generator
 Ends = tuple[Formation, Formation]

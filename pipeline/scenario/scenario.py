@@ -11,14 +11,11 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 
+# Craft, few enough for a list of all pairs, and craft times nodes
 MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
-"""Craft, few enough for a list of all pairs, and craft times nodes."""
-
+# Largest component of a position, m, and of a velocity, m/s, on any orbit
 FURTHEST, FASTEST = 1e9, 1e6
-"""Largest component of a position, m, and of a velocity, m/s, on any orbit."""
-
-RELATIVE = 0.1
-"""Share of the reference orbit's radius beyond which no motion is relative."""
+RELATIVE = 0.1  # share of the reference orbit's radius beyond which no motion is relative
 
 
 @dataclass(frozen=True, eq=False)

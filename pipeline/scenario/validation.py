@@ -17,46 +17,30 @@ from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import Scenario
 
+# Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit
 ENERGY_TOLERANCE = 1e-5
-"""Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit."""
-
 APART, MATCHED = "craft apart", "energy-matched"
-PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"
-"""The rules."""
+PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
 
 
 @dataclass(frozen=True)
 class Case:
-    """One fault.
+    """One fault."""
 
-    Attributes:
-        craft: whose it is.
-        text: what is wrong, and by how much.
-        numbers: what the text says, in SI units.
-    """
-
-    craft: tuple[int, ...]
-    text: str
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    craft: tuple[int, ...]  # whose it is
+    text: str  # what is wrong, and by how much
+    numbers: Mapping[str, float] = field(default_factory=dict)  # what the text says, in SI units
 
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """Outcome of a rule at one end, or for the transfer.
+    """Outcome of a rule at one end, or for the transfer."""
 
-    Attributes:
-        rule: what was looked at.
-        end: "initial", "goal" or "transfer".
-        text: what was found, in words.
-        cases: faults, worst first; none where all is well.
-        cure: what to do about them.
-    """
-
-    rule: str
-    end: str
-    text: str
-    cases: tuple[Case, ...] = ()
-    cure: str = ""
+    rule: str  # what was looked at
+    end: str  # "initial", "goal" or "transfer"
+    text: str  # what was found, in words
+    cases: tuple[Case, ...] = ()  # faults, worst first; none where all is well
+    cure: str = ""  # what to do about them
 
     @property
     def fine(self) -> bool:

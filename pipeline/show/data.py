@@ -17,40 +17,23 @@ from pipeline.orbit.transfer import free_drift, track
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 
-SAMPLES = 240
-"""Times at which a transfer is shown: every 5 s of the reference problem's 20 minutes."""
-
-CROWD = 100
-"""Craft beyond which a page would grow too large: each then has fewer samples."""
-
-ORBIT_STEPS = 4
-"""Samples in each of the intervals into which an orbit of free drift is cut."""
-
-MOST = 6
-"""Pairs whose separation is shown, each in a colour that can be told from the others."""
-
-PADDING = 0.04
-"""Free space around what is drawn, as a share of its extent."""
-
+SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference problem's 20 minutes
+CROWD = 100  # craft beyond which a page would grow too large: each then has fewer samples
+ORBIT_STEPS = 4  # samples in each of the intervals into which an orbit of free drift is cut
+MOST = 6  # pairs whose separation is shown, each in a colour that can be told from the others
+PADDING = 0.04  # free space around what is drawn, as a share of its extent
+# Least extent of the box on any axis, as a share of the largest: axes need room for labels
 FLATTEST = 0.3
-"""Least extent of the box on any axis, as a share of the largest: axes need room for labels."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two craft at their closest.
+    """Two craft at their closest."""
 
-    Attributes:
-        first: the craft of lower index.
-        second: the other.
-        distance: their least separation at any time, m.
-        time: when, s since the start.
-    """
-
-    first: int
-    second: int
-    distance: float
-    time: float
+    first: int  # the craft of lower index
+    second: int  # the other
+    distance: float  # their least separation at any time, m
+    time: float  # when, s since the start
 
 
 def page_data(plan: Plan, scenario: Scenario) -> tuple[dict[str, Any], list[Pair]]:

@@ -14,17 +14,11 @@ Rows = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What stands at the top of a page.
+    """What stands at the top of a page."""
 
-    Attributes:
-        good: whether the plan is safe and nothing is wrong with it.
-        headline: the verdict in few words.
-        reasons: in sentences.
-    """
-
-    good: bool
-    headline: str
-    reasons: tuple[str, ...]
+    good: bool  # whether the plan is safe and nothing is wrong with it
+    headline: str  # the verdict in few words
+    reasons: tuple[str, ...]  # in sentences
 
 
 def verdict(shown: Rechecked, problem: Problem, claimed_status: str) -> Verdict:
