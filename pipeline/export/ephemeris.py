@@ -33,17 +33,10 @@ def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -
     """Write an OEM for each craft into a folder, a segment for each interval of constant thrust.
 
     Thrust jumps at nodes, and no interpolation may reach across a jump. Files of craft that an
-    earlier plan had there, and this one has not, are removed.
-
-    Args:
-        plan: whose states and controls.
-        scenario: what it is for, with its reference orbit.
-        folder: where the files go, as craft-0.oem and so on.
-        name: of the plan, which objects are named by.
+    earlier plan had there, and this one has not, are removed. Objects are named by ``name``.
 
     Raises:
-        InputError: where the scenario has no reference orbit, or the plan's states are not what
-            its controls lead to.
+        InputError: as ``thrust_arcs``.
     """
     arcs = thrust_arcs(plan, scenario)
     created = _stamp(datetime.now(UTC))

@@ -120,20 +120,11 @@ def close_approaches(
     relative position is a cubic Hermite interpolant up to h⁴/384 max|p⁗|, which the dynamics
     bound; and the cubic's squared distance is nowhere below its least Bernstein coefficient. So
     every stretch has a lower bound; stretches that cannot matter are dropped, the others split,
-    until the bracket around the minimum is ``tolerance`` wide.
+    until the bracket [bound, distance] is ``tolerance`` wide, m.
 
-    Args:
-        states: node states, m and m/s.
-        controls: constant over each interval, m/s².
-        problem: dynamics and time step.
-        within: distance of interest, m, of all swarms or of each.
-        swarms: how craft are stacked; by default one swarm.
-        moved: skip pairs of which neither is marked here.
-        tolerance: width of the bracket [bound, distance], m.
-
-    Returns:
-        An entry for each pair and interval whose lower bound is at most ``within``, by interval,
-        first and second craft.
+    The distance ``within``, m, is of all swarms or of each; by default there is one swarm. Pairs
+    of which neither is ``moved`` are skipped. There is an entry for each pair and interval whose
+    bound is at most ``within``, by interval, first and second craft.
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
@@ -153,16 +144,9 @@ def closest_to_origin(
     reach: Float[Array, "s"],
     tolerance: float = TOLERANCE,
 ) -> tuple[Indices, Closest]:
-    """Which relative motions over an interval may come within a distance, and when, how close.
+    """Which relative motions over an interval of h s may come within a distance, and when.
 
-    Args:
-        start: relative states at the interval's start, m and m/s.
-        end: at its end.
-        push: relative controls, m/s².
-        dynamics: how craft move.
-        h: length of the interval, s.
-        reach: distance of interest of each, m.
-        tolerance: width of the bracket [bound, distance], m.
+    Relative states at both ends, relative controls, and the distance of interest of each, m.
     """
     remainder = h**4 / 384 * dynamics.most_fourth_derivative(start, push)
     near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= reach)
@@ -194,10 +178,9 @@ def _closest_in_interval(
 ) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
     """When each motion is closest, as a share of the interval, and a bound on how close.
 
-    The interval is cut into equal parts with exact states at their ends, so many that the cubics
-    between them are near enough: the bracket is twice a part's remainder wide, and what branch
-    and bound leaves. Each motion has its own number of parts, so that results do not depend on
-    what is searched beside it.
+    Equal parts have exact states at their ends, and cubics between them that are off by no more
+    than a quarter of the tolerance. Each motion has its own number of parts, so that results do
+    not depend on what is searched beside it.
     """
     parts = np.maximum(1, np.ceil((remainder / (tolerance / 4)) ** 0.25)).astype(int)
     row = np.repeat(np.arange(len(parts)), parts)

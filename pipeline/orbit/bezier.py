@@ -69,15 +69,9 @@ def branch_and_bound(
     """When each group of cubics is closest to the origin, and a lower bound on that distance.
 
     Cubics are split where they are closest: on either side |c|² then mostly grows, which its
-    Bernstein coefficients prove at once.
-
-    Args:
-        curve: the cubics.
-        remainder: error bound of each cubic.
-        group: which motion each is a stretch of.
-        stretch: where each begins and how long it is, as shares of that motion.
-        within: distance of interest of each group.
-        tolerance: width of the bracket beside the remainders.
+    Bernstein coefficients prove at once. Each cubic is off by at most its remainder, beside which
+    brackets are ``tolerance`` wide, and is a stretch of a group's motion, which begins and is as
+    long as such shares of it; stretches beyond their group's distance of interest are dropped.
     """
     left, width = stretch
     best = np.full(len(within), np.inf)

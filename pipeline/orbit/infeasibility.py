@@ -25,14 +25,7 @@ SHORTEST = 2 * RANGES["time_step"][0]
 def unavoidable(
     initial: Formation, goal: Formation, problem: Problem, orbits: float
 ) -> LossSeparation | None:
-    """The closest encounter within the collision radius that follows from the ends, or None.
-
-    Args:
-        initial: states at the first node, m and m/s.
-        goal: states at the last.
-        problem: dynamics, duration and collision radius.
-        orbits: how long a craft drifts.
-    """
+    """The closest encounter within the collision radius that follows from the ends, or None."""
     starts = _starts_with_goals(initial, goal, problem, orbits)
     others = [one for one in starts if one.pair[0] != one.pair[1]]  # a craft takes its own goal
     met = [*_goals_together(goal, problem, orbits), *others]
@@ -45,7 +38,7 @@ def forced_goals(
     """Which goals craft may take, by craft and goal, where goals are not assigned yet.
 
     Who drifts from its start into one that drifts on from some goal must take that goal itself;
-    none may take any where two goals drift into each other. Arguments as in ``unavoidable``.
+    none may take any where two goals drift into each other.
     """
     n = len(goal)
     allowed = np.ones((n, n), dtype=bool)

@@ -35,11 +35,7 @@ _NONE = np.zeros(0, dtype=int)
 
 
 def check_orbits(orbits: float) -> None:
-    """Refuse lengths of a drift out of range.
-
-    Raises:
-        InputError: with what was given and what was expected.
-    """
+    """Refuse lengths of a drift out of range with an InputError."""
     if not 0 < orbits <= MOST_ORBITS:  # nor what is no number
         raise InputError(
             f"passive safety is asked for over {orbits:g} orbits; expected a number above 0 and at "
@@ -87,18 +83,9 @@ def loss_encounters(
 ) -> LossEncounters:
     """All encounters of drifting craft and others that may come within a distance.
 
-    Args:
-        states: node states, m and m/s.
-        controls: constant over each interval, m/s².
-        problem: dynamics and time step.
-        orbits: how long a craft drifts, from every node on.
-        within: distance of interest, m, of all swarms or of each.
-        swarms: how craft are stacked; by default one swarm.
-        moved: skip encounters that do not depend on the controls of the craft marked here.
-
-    Returns:
-        An entry for each drifting craft, node, other craft and interval whose lower bound is at
-        most ``within``.
+    A craft drifts for so many orbits from every node on. The distance ``within``, m, is of all
+    swarms or of each; by default there is one swarm. Encounters that do not depend on the controls
+    of ``moved`` craft are skipped.
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]

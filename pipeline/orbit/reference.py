@@ -31,8 +31,7 @@ class Reference:
 def mean_motion_at(altitude: float) -> float:
     """Mean motion in rad/s of the circular orbit at an altitude in m: e = √(μ/r₀³).
 
-    Raises:
-        InputError: for an altitude that no orbit about the Earth has.
+    An altitude that no orbit about the Earth has is an InputError.
     """
     if LOWEST / 1e3 <= altitude < LOWEST:
         raise InputError(
@@ -49,11 +48,7 @@ def radius_at(mean_motion: float) -> float:
 
 
 def check_mean_motion(mean_motion: float) -> None:
-    """Refuse a mean motion (rad/s) of orbits inside the Earth or its air.
-
-    Raises:
-        InputError: with the value in rad/s, where it looks like deg/s or revolutions a day.
-    """
+    """Refuse a mean motion (rad/s) of orbits inside the Earth or its air with an InputError."""
     most = mean_motion_at(LOWEST)
     if not mean_motion > most:
         return

@@ -123,14 +123,10 @@ def certify(
     bounds: Sequence[tuple[float, str]],
     requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Certificate]:
-    """The certificates of node states (m, m/s) and controls (m/s²), craft after craft.
+    """The certificates of scenarios of one problem, from states and controls of all their craft.
 
-    Args:
-        scenarios: of one problem.
-        states: of all their craft.
-        controls: of all their craft.
-        bounds: lower bound on the fuel of each scenario, m/s², and how it is proven.
-        requirements: what was asked; passive safety and risk are looked at only where they were.
+    Bounds are lower bounds on the fuel, m/s², and how they are proven. Passive safety and risk are
+    looked at only where they are required.
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     starts, step = swarms.starts, problem.time_step

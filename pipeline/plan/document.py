@@ -105,11 +105,9 @@ class PlanDocument(BaseModel):
 
 
 def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
-    """The fields of a plan file; what is infinite or absent becomes null.
+    """The fields of a plan file for the scenario that it flies, its goals in assigned order.
 
-    Args:
-        plan: the plan.
-        scenario: what is flown; where the plan has an assignment, with the goals in that order.
+    What is infinite or absent becomes null.
     """
     problem = scenario.problem
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}

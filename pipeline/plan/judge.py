@@ -117,11 +117,7 @@ def is_safe(
 
 
 def check_states(plan: Plan, scenario: Scenario) -> None:
-    """Refuse a plan whose states do not begin at the scenario's or break the dynamics.
-
-    Raises:
-        InputError: saying how far they are off.
-    """
+    """Refuse a plan whose states start elsewhere or break the dynamics with an InputError."""
     defect = dynamics_defect(plan.states, plan.controls, scenario.problem)[..., :3]
     start = (plan.states[:, 0] - scenario.initial)[:, :3]
     off = max(float(np.abs(defect).max()), float(np.abs(start).max()))

@@ -26,13 +26,8 @@ def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Rechecked]:
 
     It refers to nothing outside itself, and its policy lets it run no script but its own two.
 
-    Args:
-        claimed: the plan as read.
-        scenario: what it is for.
-        name: what to call it, such as the name of its file.
-
     Raises:
-        InputError: where the controls lead nowhere that a number could say.
+        InputError: as ``recheck``.
     """
     shown = recheck(claimed, scenario)
     data, pairs = page_data(shown.plan, scenario)
