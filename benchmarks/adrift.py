@@ -101,8 +101,7 @@ def _least(plan: Plan, scenario: Scenario, orbits: float, parts: int = 1) -> flo
     finer = replace(problem, time_step=step, nodes=nodes)
     controls = np.repeat(plan.controls, parts, axis=1)
     states = fly(scenario.initial, controls, finer)
-    least = least_after_loss(states, controls, finer, orbits, side_by_side((scenario.n,)))[0]
-    return np.inf if least is None else least.bound
+    return least_after_loss(states, controls, finer, orbits, side_by_side((scenario.n,)))[0].bound
 
 
 if __name__ == "__main__":

@@ -113,7 +113,7 @@ def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Ar
 def what_no_plan_can_help(scenario: Scenario, orbits: float) -> str:
     """Why no plan is passively safe, in words, where the ends alone say so; else nothing."""
     found = unavoidable(scenario.initial, scenario.goal, scenario.problem, orbits)
-    if found is None:
+    if found is None or found.pair is None:
         return ""
     (i, j), problem = found.pair, scenario.problem
     whence = "its start" if found.node == 0 else "its goal"

@@ -110,7 +110,7 @@ class Choice:
         if orbits is None or n == 1:
             return bounds
         adrift = least_after_loss(states, flat, self._problem, orbits, swarms)
-        return np.minimum(bounds, [np.inf if one is None else one.bound for one in adrift])
+        return np.minimum(bounds, [one.bound for one in adrift])
 
 
 def _nodes(

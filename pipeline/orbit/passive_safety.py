@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
@@ -25,7 +25,7 @@ from pipeline.orbit.arrays import AnyState, Controls, Indices, Marked, Scalar, S
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import ROUNDING
+from pipeline.orbit.separation import ROUNDING, Separation, closer
 
 MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
@@ -52,23 +52,8 @@ class LossEncounters(Closest):
     other: Indices  # the craft that flies on
     interval: Indices  # which interval, counted from the first node, and on beyond the last one
 
-    def where(self, keep: Bool[Array, "k"]) -> "LossEncounters":
-        """Some of them."""
-        return LossEncounters(*(part[keep] for part in vars(self).values()))
-
 
 NO_ENCOUNTERS = LossEncounters(**vars(NOTHING), lost=_NONE, node=_NONE, other=_NONE, interval=_NONE)
-
-
-@dataclass(frozen=True)
-class LossSeparation:
-    """The least separation of a drifting craft and another."""
-
-    distance: float  # the separation attained, m
-    bound: float  # proven lower bound on that of any drifting craft, m
-    pair: tuple[int, int]  # the drifting craft and the other
-    node: int  # at which the first lost its thrust; the last one: both drift on from their goals
-    time: float  # when, s since the first node
 
 
 def loss_encounters(
@@ -104,28 +89,17 @@ def loss_encounters(
 
 def least_after_loss(
     states: States, controls: Controls, problem: Problem, orbits: float, swarms: Swarms
-) -> list[LossSeparation | None]:
-    """The least distance of a drifting craft to another, of each swarm; None for a craft alone.
+) -> list[Separation]:
+    """The least distance of a drifting craft to another, of each swarm.
 
     As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
     is the least where rounding hides it from the search.
     """
     least = _closest_at_steps(_Paths.of(states, controls, problem, orbits), swarms)
-    within = np.array([0.0 if one is None else one.distance for one in least])
+    within = np.nan_to_num([one.distance for one in least], posinf=0.0)  # none without a pair
     found = loss_encounters(states, controls, problem, orbits, within, swarms=swarms)
-    time = found.interval * problem.time_step + found.offset
-    label, begin = swarms.label[found.lost], swarms.starts
-    bound = np.full(len(least), np.inf)
-    np.minimum.at(bound, label, found.bound)
-    for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
-        least[swarm] = LossSeparation(
-            distance=float(found.distance[k]),
-            bound=float(bound[swarm]),
-            pair=(int(found.lost[k] - begin[swarm]), int(found.other[k] - begin[swarm])),
-            node=int(found.node[k]),
-            time=float(time[k]),
-        )
-    return least
+    times = found.interval * problem.time_step + found.offset
+    return closer(least, found, found.lost, found.other, times, swarms, found.node)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,12 +222,12 @@ def _closest(
     )
 
 
-def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[LossSeparation | None]:
+def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
     """The closest that a drifting craft is to another at any time step, of each swarm.
 
-    The bound is lower by what rounding may hide; None for a craft alone.
+    The bound is lower by what rounding may hide.
     """
-    closest: list[LossSeparation | None] = [None] * len(swarms.sizes)
+    closest = [Separation()] * len(swarms.sizes)
     since, step = np.arange(len(paths.drift)), paths.problem.time_step
     slack = ROUNDING * float(np.abs(paths.states[..., :3]).max())
     for node in range(paths.last + 1):
@@ -263,8 +237,8 @@ def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[LossSeparation | No
             least, label = apart.min(axis=1), swarms.label[i]
             for swarm, k in np.transpose(least_of_each(least, label)).tolist():
                 distance, best, begin = float(least[k]), closest[swarm], swarms.starts[swarm]
-                if best is None or not best.distance <= distance:
+                if not best.distance <= distance:
                     pair = int(i[k] - begin), int(j[k] - begin)
                     time = float(node + apart[k].argmin()) * step
-                    closest[swarm] = LossSeparation(distance, distance - slack, pair, node, time)
+                    closest[swarm] = Separation(distance, distance - slack, pair, time, node)
     return closest

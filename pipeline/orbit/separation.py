@@ -11,13 +11,14 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import (
     FEW,
     TOLERANCE,
+    Closest,
     Swarms,
     close_approaches,
     least_of_each,
     pairs,
     side_by_side,
 )
-from pipeline.orbit.arrays import Controls, States
+from pipeline.orbit.arrays import Controls, Indices, States, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import free_drift
@@ -58,10 +59,11 @@ def swarm_node_collisions(
 class Separation:
     """The least separation of any pair at any time; infinite for a craft alone."""
 
-    distance: float  # the separation attained, m
-    bound: float  # proven lower bound on it, m; at most a bracket below ``distance``
-    pair: tuple[int, int] | None  # the two craft; None for a craft alone
-    time: float | None  # when, s since the start; None for a craft alone
+    distance: float = np.inf  # the separation attained, m
+    bound: float = np.inf  # proven lower bound on it, m; at most a bracket below
+    pair: tuple[int, int] | None = None  # the two craft; a drifting one first
+    time: float | None = None  # when, s since the first node
+    node: int | None = None  # at which the first lost its thrust; the last: both are at their goals
 
 
 def least_separation(states: States, controls: Controls, problem: Problem) -> Separation:
@@ -85,13 +87,27 @@ def least_separations(
     within = np.nan_to_num([one.distance for one in least], posinf=0.0)  # none without a pair
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
     times = found.interval * problem.time_step + found.offset
-    label, start = swarms.label[found.first], swarms.starts
+    return closer(least, found, found.first, found.second, times, swarms)
+
+
+def closer(
+    least: list[Separation],
+    found: Closest,
+    first: Indices,
+    second: Indices,
+    time: Values,
+    swarms: Swarms,
+    node: Indices | None = None,
+) -> list[Separation]:
+    """The least separation of each swarm, replaced where an approach was found."""
+    label, start = swarms.label[first], swarms.starts
     bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
     for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
-        pair = int(found.first[k] - start[swarm]), int(found.second[k] - start[swarm])
-        distance, time = float(found.distance[k]), float(times[k])
-        least[swarm] = Separation(distance, float(bound[swarm]), pair, time)
+        pair = int(first[k] - start[swarm]), int(second[k] - start[swarm])
+        lost = None if node is None else int(node[k])
+        distance = float(found.distance[k])
+        least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
     return least
 
 
@@ -110,7 +126,7 @@ def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
 
 def _closest_at_nodes(states: States, problem: Problem, swarms: Swarms) -> list[Separation]:
     """The closest pair of each swarm at any node; its bound is lower by what rounding may hide."""
-    closest = [Separation(np.inf, np.inf, None, None)] * len(swarms.sizes)
+    closest = [Separation()] * len(swarms.sizes)
     slack = ROUNDING * np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
     found = _closest_of_few(states, swarms) if swarms.few else _closest_of_many(states, swarms)
     for swarm, i, j, node, distance in found:

@@ -171,8 +171,8 @@ def with_coasts(controls: Controls, problem: Problem) -> Controls:
     Where what is dropped moves a craft's final state, its other controls make up for it; a craft
     whose other controls cannot keeps what it has.
     """
-    evasive = problem.collision_radius / problem.duration**2
-    largest = np.maximum(np.abs(controls).max(axis=(1, 2), keepdims=True), evasive)
+    largest = np.abs(controls).max(axis=(1, 2), keepdims=True)
+    largest = np.maximum(largest, problem.evasive_control)
     burns = np.abs(controls) > COAST * largest
     kept = np.where(burns, controls, 0.0)
     reach, weight = transfer_maps(problem).reach[-1], _state_weight(problem)

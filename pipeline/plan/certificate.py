@@ -206,7 +206,7 @@ def _passive_safety(
         return [None] * len(swarms.sizes)
     return [
         PassiveSafety(orbits)
-        if least is None
+        if least.pair is None
         else PassiveSafety(orbits, least.distance, least.bound, least.pair, least.node, least.time)
         for least in least_after_loss(states, controls, problem, orbits, swarms)
     ]

@@ -1,7 +1,7 @@
 """plan.json (schema prolearn.plan/2): a plan with the scenario that it is for, written and read."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -90,18 +90,9 @@ class PlanDocument(BaseModel):
     @property
     def plan(self) -> Plan:
         """The plan that the fields describe."""
-        return Plan(
-            self.planner,
-            self.status,
-            np.array(self.states),
-            np.array(self.controls),
-            self.certificate,
-            self.convex_solves,
-            self.timing,
-            self.message,
-            self.assignment,
-            self.separation,
-        )
+        given: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(Plan)}
+        arrays = {name: np.array(given[name]) for name in ("states", "controls")}
+        return Plan(**given | arrays)
 
 
 def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:

@@ -127,4 +127,4 @@ def _close_adrift(
     swarm = side_by_side((states.shape[1],))
     rows = zip(states, controls, strict=True)
     found = [least_after_loss(*row, problem, orbits, swarm)[0] for row in rows]
-    return np.array([one is None or one.bound <= problem.collision_radius for one in found])
+    return np.array([one.bound <= problem.collision_radius for one in found])
