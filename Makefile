@@ -105,8 +105,11 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/python -c 'from registry.store import connect; connect()'
 	$(BIN)/mlflow ui --backend-store-uri $${MLFLOW_TRACKING_URI:-sqlite:///mlflow.db} --port $(PORT)
 
-test: $(BIN)/pytest ## the tests
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+MARKS ?= system or not system
+TEST = --numprocesses 2 --dist worksteal -m "$(MARKS)"
+test: $(BIN)/pytest ## the tests; MARKS="not system" without those that need a browser, servers or kills
+	$(BIN)/python -m pytest $(TEST) tests/pipeline tests/judge tests/benchmarks --jaxtyping-packages=pipeline,beartype.beartype
+	$(BIN)/python -m pytest $(TEST) --ignore tests/pipeline --ignore tests/judge --ignore tests/benchmarks tests
 
 KILLS ?= 100
 FLIPS ?= 500

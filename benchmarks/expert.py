@@ -26,11 +26,11 @@ from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve as solve_dataset
-from pipeline.exhibits.style import PAGE_WIDTH, save
 from pipeline.expert import BEST, FIRST_SAFE, Settings, simplex, solve, solve_many
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import own_seed
 from pipeline.expert.subproblem import Optimum, Subproblem
+from pipeline.figures.style import PAGE_WIDTH, save
 from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Requirements, Separation
@@ -100,8 +100,8 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
         return plain.solve(scenario, own_seed(scenario))
 
     peers: list[tuple[str, Separation, int, Work]] = [
-        ("the same SCP in cvxpy", "continuous", instances, by_plain),
-        ("the same SCP in cvxpy", "nodes", instances, by_plain),
+        ("plain SCP", "continuous", instances, by_plain),
+        ("plain SCP", "nodes", instances, by_plain),
     ]
     if dccp:
         peers.append(("DCCP", "continuous", dccp, solve_dccp))

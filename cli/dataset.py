@@ -107,10 +107,9 @@ def solve(
     scheduler_wait: SchedulerWait = None,
     separation: Separation = "continuous",
     solver: Annotated[
-        Literal["simplex", "clarabel", "cvxpy"],
+        Literal["simplex", "clarabel"],
         typer.Option(
-            help="Of the convex programs: the simplex method of HiGHS, Clarabel's interior points, "
-            "or the readable form in cvxpy."
+            help="Of the convex programs: HiGHS' simplex method or Clarabel's interior points."
         ),
     ] = "simplex",
 ) -> None:

@@ -49,7 +49,7 @@ from cli.trials import (
     refuse,
 )
 from pipeline.errors import InputError
-from pipeline.exhibits.numbers import MISSING, error, number
+from pipeline.figures.labels import MISSING, error, number
 from pipeline.files import stem_of
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cli.output import echo, print_table
-from pipeline.exhibits.numbers import MISSING, number
+from pipeline.figures.labels import MISSING, number
 
 Row = Mapping[str, Any]
 """A plan's summary, with the files of ``scenario`` and ``plan``, and the linear model's error."""

@@ -16,7 +16,7 @@ from cli.plan import Assigned, Effort, planner_of
 from cli.plan_table import HEADINGS, cells, who, wrong
 from cli.progress import progress
 from pipeline.errors import InputError
-from pipeline.exhibits.numbers import MISSING, number
+from pipeline.figures.labels import MISSING, number
 from pipeline.files import stem_of
 
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}

@@ -12,7 +12,7 @@ from cli.completion import planners
 from cli.output import print_table
 from cli.plan import Effort
 from pipeline.errors import InputError
-from pipeline.exhibits.numbers import MISSING, error, number, percents, share
+from pipeline.figures.labels import MISSING, error, number, percents, share
 
 if TYPE_CHECKING:
     from pipeline.flight.errors import Errors

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Array
-from pipeline.exhibits.style import CONFLICT_COLOUR, INITIAL_COLOUR, PAGE_WIDTH, in_style
+from pipeline.figures.style import CONFLICT_COLOUR, INITIAL_COLOUR, PAGE_WIDTH, in_style
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import track

@@ -12,9 +12,9 @@ import pandas as pd
 from mlflow.exceptions import MlflowException
 
 from pipeline.errors import ProlearnError
-from pipeline.exhibits.style import save as save_figure
-from pipeline.exhibits.style import styles
-from pipeline.experiments.trainings.figure import curves_figure
+from pipeline.experiments.trainings import curves_figure
+from pipeline.figures.style import save as save_figure
+from pipeline.figures.style import styles
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe

@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from cli.stages.entrants import Network, newest_on
 from cli.stages.experiment import HeldOut, held_out, listed
 from pipeline.errors import InputError
-from pipeline.experiments.ablations.run import run_ablations
-from pipeline.experiments.answer import FREE
-from pipeline.experiments.trials import Entrant
+from pipeline.experiments.findings import DECOUPLED
+from pipeline.experiments.rows import TABLES
+from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.networks.refiner.ablations import REFINER, SHORT, TUNED
 from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
 from pipeline.planners.baselines import BASELINES
@@ -27,7 +28,7 @@ from registry.version import ModelVersion
 DENSE, DENSE_CRAFT = "dense", 10
 """The family that is tried beside the data's, and spacecraft of each such swarm."""
 
-OWN_LP = next(planner for planner in BASELINES if planner.name == FREE)
+OWN_LP = next(planner for planner in BASELINES if planner.name == DECOUPLED)
 """What any refiner plans without a round."""
 
 
@@ -73,23 +74,31 @@ def ablate(
     own = _common_rounds(ground.networks)
     counts = sorted({0, *rounds, own})
 
-    def entrants(count: int) -> list[Entrant]:
+    def entrants(count: int) -> list[EvaluatedPlanner]:
         """The refiners and the rule; without a round all of them are the own LP."""
         if count == 0:
-            return [Entrant(OWN_LP)]
+            return [EvaluatedPlanner(OWN_LP)]
         if count == own:
             every = [_with_rounds(network, count) for network in ground.networks]
-            return [*every, Entrant(Rule(count)), Entrant(Rule(count, null_space=True))]
+            rules = (Rule(count), Rule(count, null_space=True))
+            return [*every, *map(EvaluatedPlanner, rules)]
         # The others are of interest as an answer alone.
         whole = [one for one in ground.networks if one.version.recipe in (TUNED, SHORT)]
-        return [*(_with_rounds(network, count) for network in whole), Entrant(Rule(count))]
+        return [*(_with_rounds(network, count) for network in whole), EvaluatedPlanner(Rule(count))]
 
     def run(_: Path) -> pd.DataFrame:
         progress.expect(len(tried) * sum(len(entrants(count)) for count in counts))
-        tables = [
-            run_ablations(entrants, some, counts, own, timed=timed, progress=progress)
-            for some in tried
-        ]
+        tables = []
+        for scenarios in tried:
+            for count in counts:
+                alone = min(timed, len(scenarios))
+                table = run_trials(entrants(count), scenarios, timed=alone, progress=progress)
+                taken: dict[str, Any] = {
+                    "family": scenarios[0].family,
+                    "rounds": count,
+                    "own_rounds": own,
+                }
+                tables.append(table.assign(**taken)[list(TABLES["ablations"])])
         return pd.concat(tables, ignore_index=True)
 
     params = {
@@ -125,10 +134,10 @@ def refiners_on(data: Where) -> list[ModelVersion]:
     return found
 
 
-def _with_rounds(network: Network, count: int) -> Entrant:
+def _with_rounds(network: Network, count: int) -> EvaluatedPlanner:
     """A refiner that takes so many rounds; its controls are flyable plans as they stand."""
     version, model = network.version, with_rounds(network.model, count)
-    return Entrant(Flown(model, network.name), version.recipe, version.training_seed)
+    return EvaluatedPlanner(Flown(model, network.name), version.recipe, version.training_seed)
 
 
 def _common_rounds(networks: Sequence[Network]) -> int:

@@ -6,11 +6,11 @@ from typing import Any
 import pandas as pd
 
 from cli.stages.run_tables import sound_table
-from pipeline.experiments.ablations.summary import summarize_ablations
-from pipeline.experiments.experiment3.summary import summarize_warmstarts
-from pipeline.experiments.experiment4.summary import summarize_times
-from pipeline.experiments.experiment5.summary import summarize_flights
-from pipeline.experiments.summary import summarize
+from pipeline.experiments.ablations import summarize_ablations
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.experiment3 import summarize_warmstarts
+from pipeline.experiments.experiment4 import summarize_times
+from pipeline.experiments.experiment5 import summarize_flights
 from registry.artifacts import TABLE, unusable
 from registry.results import experiment_run
 from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART

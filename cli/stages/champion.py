@@ -7,8 +7,8 @@ import pandas as pd
 from pipeline.dataset.format.schema import scenarios_of
 from pipeline.dataset.reading.read import solved_rows
 from pipeline.errors import InputError
-from pipeline.experiments.compare import compare
-from pipeline.experiments.trials import Entrant, run_trials
+from pipeline.experiments.findings import compare
+from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.planners.network import Flown
@@ -43,7 +43,7 @@ def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
     """
     scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:MOST]
     flown = Flown(model, model.architecture)
-    return run_trials([Entrant(flown)], scenarios) if scenarios else pd.DataFrame()
+    return run_trials([EvaluatedPlanner(flown)], scenarios) if scenarios else pd.DataFrame()
 
 
 def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:

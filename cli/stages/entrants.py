@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.experiments.trials import Entrant
+from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.plan import Requirements
@@ -40,10 +40,10 @@ class Network:
         return f"{self.name} {self.version.recipe}"
 
     @property
-    def entrant(self) -> Entrant:
+    def entrant(self) -> EvaluatedPlanner:
         """The network flown, and as predicted."""
         flown = Flown(self.model, self.name)
-        return Entrant(flown, self.version.recipe, self.version.training_seed, self.model)
+        return EvaluatedPlanner(flown, self.version.recipe, self.version.training_seed, self.model)
 
 
 Choice = Callable[[Where], list[ModelVersion]]
@@ -122,7 +122,7 @@ def _named(versions: Sequence[ModelVersion]) -> list[Network]:
     return [Network(load(version)[0], version, name(version)) for version in versions]
 
 
-def unlearned() -> list[Entrant]:
+def unlearned() -> list[EvaluatedPlanner]:
     """The expert in both separation settings, and the baselines."""
     at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
-    return [Entrant(planner) for planner in (Expert(), at_nodes, *BASELINES)]
+    return [EvaluatedPlanner(planner) for planner in (Expert(), at_nodes, *BASELINES)]

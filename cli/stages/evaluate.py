@@ -9,7 +9,7 @@ from cli.stages.entrants import unlearned
 from cli.stages.experiment import held_out, listed
 from cli.stages.model_results import add_to_model
 from pipeline.errors import InputError
-from pipeline.experiments.examples.run import example_transfer, write_example
+from pipeline.experiments.examples import example_transfer, write_example
 from pipeline.experiments.paper import NETWORK_SIZE
 from pipeline.experiments.trials import run_trials
 from pipeline.progress import SILENT, Progress

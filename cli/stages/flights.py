@@ -8,9 +8,9 @@ import pandas as pd
 
 from cli.stages.entrants import Network, planners_on
 from cli.stages.experiment import held_out, listed
-from pipeline.experiments.answer import FREE
-from pipeline.experiments.experiment5.run import run_flights
-from pipeline.experiments.trials import Entrant
+from pipeline.experiments.findings import DECOUPLED
+from pipeline.experiments.flights import run_flights
+from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.jobs.workers import Workers
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.orbit.problem import Problem
@@ -24,7 +24,7 @@ from registry.results import Done
 from registry.store import FLIGHTS
 from registry.version import ModelVersion
 
-FREE_PLANNERS = ("minimum energy", FREE)
+FREE_PLANNERS = ("minimum energy", DECOUPLED)
 """Baselines that fly."""
 
 SHORTEST = 4
@@ -65,9 +65,9 @@ def flights(
     workers = Workers(jobs)
     ground = held_out(references, data, [n], trials, refiners_on)
     scenarios = ground.scenarios[n]
-    baselines = [Entrant(one) for one in BASELINES if one.name in FREE_PLANNERS]
+    baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
     networks = [_safe(network, scenarios[0].problem) for network in ground.networks]
-    entrants = [Entrant(Expert()), *baselines, *networks]
+    entrants = [EvaluatedPlanner(Expert()), *baselines, *networks]
 
     def run(_: Path) -> pd.DataFrame:
         return run_flights(
@@ -97,7 +97,7 @@ def refiners_on(data: Where) -> list[ModelVersion]:
     return [version for version in planners_on(data) if version.arch == REFINER]
 
 
-def _safe(network: Network, problem: Problem) -> Entrant:
+def _safe(network: Network, problem: Problem) -> EvaluatedPlanner:
     """A network that is made safe by one convex solve or the expert where it is not.
 
     Raises:
@@ -105,4 +105,4 @@ def _safe(network: Network, problem: Problem) -> Entrant:
     """
     network.model.on(replace(problem, nodes=SHORTEST))
     planner = Ladder(Flown(network.model, network.name))
-    return Entrant(planner, network.version.recipe, network.version.training_seed)
+    return EvaluatedPlanner(planner, network.version.recipe, network.version.training_seed)

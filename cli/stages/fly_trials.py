@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.errors import InputError, check_range
-from pipeline.exhibits.blocks import write_csv
-from pipeline.exhibits.style import save
+from pipeline.figures.style import save
+from pipeline.figures.tables import write_csv
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
 from pipeline.flight.figure import trials_figure

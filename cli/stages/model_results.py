@@ -5,13 +5,13 @@ from pathlib import Path
 import pandas as pd
 
 from cli.stages.entrants import Network
-from pipeline.exhibits.style import save, styles
-from pipeline.experiments import summary as averages
-from pipeline.experiments.examples.figure import figure_transfer
-from pipeline.experiments.examples.run import example_transfer
-from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
-from pipeline.experiments.summary import sizes_of_paper, summarize
-from pipeline.experiments.trials import PREDICTED, Entrant
+from pipeline.experiments import averages
+from pipeline.experiments.averages import sizes_of_paper, summarize
+from pipeline.experiments.examples import example_transfer, figure_transfer
+from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
+from pipeline.experiments.rows import PREDICTED
+from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.figures.style import save, styles
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
@@ -86,9 +86,9 @@ def _draw(folder: Path, summary: pd.DataFrame, network: Network, scenario: Scena
     shown = sizes_of_paper(summary)
     for name in DRAWN:
         save(
-            scaling_figure(summary if shown.empty else shown, QUANTITIES[name], look),
+            sizes_figure(summary if shown.empty else shown, QUANTITIES[name], look),
             folder / name,
             [".png"],
         )
-    example = example_transfer(scenario, [Entrant(Expert()), network.entrant])
+    example = example_transfer(scenario, [EvaluatedPlanner(Expert()), network.entrant])
     save(figure_transfer(example), folder / "transfer", [".png"])

@@ -1,27 +1,22 @@
 """The table of a run, with the columns that tables of its experiment have."""
 
 from collections.abc import Mapping
-from typing import get_type_hints
 
 import pandas as pd
 from pandas.api.types import infer_dtype
 
-from pipeline.experiments.experiment3.rows import WarmStart
-from pipeline.experiments.experiment5.rows import Flight
-from pipeline.experiments.trials import Trial
+from pipeline.experiments.rows import TABLES
 from registry.artifacts import TABLE, unusable
 from registry.results import table_of
 from registry.runs import Run
 from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
-_TRIAL = get_type_hints(Trial)
-
 COLUMNS: Mapping[str, Mapping[str, type]] = {
-    EVALUATION: _TRIAL,
-    WARMSTART: get_type_hints(WarmStart),
-    TRANSFER_TIMES: {"varied": str, "nodes": int, "time_step": float, **_TRIAL},
-    FLIGHTS: get_type_hints(Flight),
-    ABLATIONS: {"family": str, "rounds": int, "own_rounds": int, **_TRIAL},
+    EVALUATION: TABLES["trials"],
+    WARMSTART: TABLES["warmstarts"],
+    TRANSFER_TIMES: TABLES["transfer_times"],
+    FLIGHTS: TABLES["flights"],
+    ABLATIONS: TABLES["ablations"],
 }
 """Columns and the type of their values, by experiment."""
 

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import InputError
-from pipeline.exhibits.blocks import write_csv
-from pipeline.exhibits.style import save
+from pipeline.figures.style import save
+from pipeline.figures.tables import write_csv
 from pipeline.plan import summary
 from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner

@@ -10,13 +10,9 @@ import pandas as pd
 from cli.stages.entrants import unlearned
 from cli.stages.experiment import held_out, listed
 from pipeline.errors import InputError
-from pipeline.experiments.experiment4.run import (
-    NODES,
-    TIME_STEP,
-    run_transfer_times,
-    variations,
-)
-from pipeline.experiments.trials import Entrant
+from pipeline.experiments.experiment4 import run_transfer_times, variations
+from pipeline.experiments.rows import NODES, TIME_STEP
+from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
 from pipeline.storage.folder import Where
@@ -56,7 +52,7 @@ def transfer_times(
     scenarios = ground.scenarios[n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
 
-    def entrants(problem: Problem) -> list[Entrant]:
+    def entrants(problem: Problem) -> list[EvaluatedPlanner]:
         """Experts and baselines, which plan for any problem, and the networks that fit it."""
         fitting = unlearned()
         for network in ground.networks:

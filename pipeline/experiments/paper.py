@@ -4,23 +4,7 @@ Sabol, Yun, Adil, Choi, Madani, "Machine Learning Based Relative Orbit Transfer 
 Spacecraft Motion Planning", IEEE Aerospace Conference 2022. The paper's "true" is the expert.
 """
 
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Objectives:
-    """A row of the paper's Table 2.
-
-    Attributes:
-        collisions_mean: Eq. 5, average over the trials.
-        collisions_max: Eq. 5, largest of any trial.
-        fuel_mean: Eq. 4, average over the trials.
-    """
-
-    collisions_mean: float
-    collisions_max: int
-    fuel_mean: float
-
+from typing import NamedTuple
 
 NETWORK_SIZE = 10
 """Spacecraft in the instances that the networks are trained on (Section IV, experiment 1)."""
@@ -37,6 +21,15 @@ NEURONS: dict[str, tuple[int, ...]] = {
     "lstmcol": (180,),
 }
 """Neurons of each hidden layer (Table 1)."""
+
+
+class Objectives(NamedTuple):
+    """A row of the paper's Table 2, over its trials."""
+
+    collisions_mean: float  # Eq. 5
+    collisions_max: int
+    fuel_mean: float  # Eq. 4, m/s²
+
 
 OBJECTIVES: dict[str, Objectives] = {
     "expert": Objectives(0.113, 2, 0.0494),
@@ -63,7 +56,7 @@ COLLISIONS_AT_30: dict[str, float] = {"expert": 1.06, "ff1": 4.64, "lstm1": 14.7
 """Average collisions at n=30: the expert, the best and the worst network (experiment 2)."""
 
 FUEL_AT_30: dict[str, float] = {"expert": 0.1484, "lstm2": 2.24, "ffcol": 5.71}
-"""Average fuel at n=30: the expert, the best and the worst network (experiment 2)."""
+"""Average fuel at n=30: the expert, the best and the worst network, m/s² (experiment 2)."""
 
 EXPERT_SECONDS_AT_30 = 10.0
 """Run time of the convex optimizer at n=30, "nearly 10 seconds" (experiment 2)."""
@@ -77,14 +70,14 @@ NO_SEED_SECONDS = 20.0
 NETWORK_SEED_SECONDS = 5.0
 """Convergence at n=10 from a network's seed takes "less than" this (experiment 3)."""
 
+COLLISIONS = {
+    NETWORK_SIZE: {planner: row.collisions_mean for planner, row in OBJECTIVES.items()},
+    LARGEST_SIZE: COLLISIONS_AT_30,
+}
+"""Average collisions by swarm size and planner."""
 
-def collisions_at(n: int) -> dict[str, float]:
-    """Average collisions that the paper reports for a swarm size, by planner."""
-    table = {planner: row.collisions_mean for planner, row in OBJECTIVES.items()}
-    return {NETWORK_SIZE: table, LARGEST_SIZE: COLLISIONS_AT_30}.get(n, {})
-
-
-def fuel_at(n: int) -> dict[str, float]:
-    """Average fuel that the paper reports for a swarm size, by planner."""
-    table = {planner: row.fuel_mean for planner, row in OBJECTIVES.items()}
-    return {NETWORK_SIZE: table, LARGEST_SIZE: FUEL_AT_30}.get(n, {})
+FUEL = {
+    NETWORK_SIZE: {planner: row.fuel_mean for planner, row in OBJECTIVES.items()},
+    LARGEST_SIZE: FUEL_AT_30,
+}
+"""Average fuel by swarm size and planner, m/s²."""

@@ -7,7 +7,7 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.exhibits.intervals import Interval, wilson
+from pipeline.figures.intervals import Interval, wilson
 
 HIGH = 0.95
 """The quantile that is told beside the median."""

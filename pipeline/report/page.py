@@ -1,28 +1,51 @@
 """The report written out: Markdown, one self-contained HTML page, tables and figures."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from pipeline.exhibits.blocks import Picture, Table, write_csv
-from pipeline.exhibits.sections import Writer
-from pipeline.exhibits.style import save, styles
-from pipeline.experiments.ablations.section import section as ablations
-from pipeline.experiments.beyond.section import sections as beyond
-from pipeline.experiments.examples.section import section as examples
-from pipeline.experiments.experiment1.section import section as experiment1
-from pipeline.experiments.experiment2.section import section as experiment2
-from pipeline.experiments.experiment3.section import section as experiment3
-from pipeline.experiments.experiment4.section import section as experiment4
-from pipeline.experiments.experiment5.section import section as experiment5
-from pipeline.experiments.summary import prepared, reference_size, summarize
-from pipeline.experiments.trainings.section import section as trainings
+import pandas as pd
+
+from pipeline.experiments import (
+    ablations,
+    examples,
+    experiment1,
+    experiment2,
+    experiment3,
+    experiment4,
+    experiment5,
+    scaling,
+    trainings,
+)
+from pipeline.experiments.averages import prepared, reference_size, summarize
+from pipeline.experiments.findings import CHEAP, SAFE
+from pipeline.figures.labels import share
+from pipeline.figures.style import save, styles
+from pipeline.figures.tables import Column, Section, Table, Writer, write_csv
 from pipeline.files import write_text
 from pipeline.report.html import html_page
-from pipeline.report.provenance import section as provenance
-from pipeline.report.questions import section as questions
 from pipeline.report.results import Results
 
 TITLE = "Learned swarm transfers between passive relative orbits"
+
+QUESTIONS = [
+    Column("Question", "question"),
+    Column("Verdict", "verdict"),
+    Column("Numbers", "numbers"),
+    Column("Best free baseline", "baseline"),
+]
+
+PROVENANCE = [
+    Column("Part", "part"),
+    Column("Run", "run_short"),
+    Column("Made", "made"),
+    Column("Data", "data"),
+    Column("Digest", "digest_short"),
+    Column("Code", "code_short"),
+    Column("Machine", "machine"),
+]
+
+DIGITS = 12
+"""Digits of ids and digests that the page shows; the CSV file has them in full."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +69,7 @@ def build_report(results: Results, out: Path) -> ReportFiles:
     """Write the report of some results; the same results give the same bytes.
 
     Args:
-        results: what the experiments left.
+        results: tables and facts of the experiments.
         out: folder for report.md, report.html, tables/ and figures/; made where it is missing.
 
     Returns:
@@ -57,37 +80,64 @@ def build_report(results: Results, out: Path) -> ReportFiles:
     look = styles(results.planners)
     sections = [
         questions(results, summary, n),
-        experiment1(summary, n, look),
-        trainings(results.training, results.curves, look),
-        experiment2(summary, look),
-        *beyond(prepared(results.trials), results.training, look),
-        experiment3(results.warmstarts, look),
-        experiment4(results.transfer_times, look),
-        experiment5(results.flights, look),
-        ablations(results.ablations, look),
-        examples(results.examples),
+        experiment1.section(summary, n, look),
+        trainings.section(results.training, results.curves, look),
+        experiment2.section(summary, look),
+        *scaling.sections(prepared(results.trials), results.training, look),
+        experiment3.section(results.warmstarts, look),
+        experiment4.section(results.transfer_times, look),
+        experiment5.section(results.flights, look),
+        ablations.section(results.ablations, look),
+        examples.section(results.examples),
         provenance(results.provenance),
     ]
     writer = Writer()
     markdown = "\n\n".join([f"# {TITLE}", *map(writer.write, sections)]) + "\n"
-    tables = [_write_table(table, out) for table in [*writer.tables, Table("summary", summary, [])]]
-    figures = [path for picture in writer.pictures for path in _write_figure(picture, out)]
-    drawn = {f"figures/{picture.file}.svg": picture for picture in writer.pictures}
-    pictures = {name: (out / name).read_bytes() for name in drawn}
-    page = html_page(TITLE, markdown, pictures)
+    tables, figures, drawn = [], [], {}
+    for table in [*writer.tables, Table("summary", summary, [])]:
+        tables.append(out / "tables" / f"{table.file}.csv")
+        write_csv(table.frame, tables[-1])
+    for picture in writer.pictures:
+        path = out / "figures" / picture.file
+        save(picture.figure, path)
+        figures += [path.with_name(path.name + suffix) for suffix in (".svg", ".png")]
+        drawn[f"figures/{picture.file}.svg"] = figures[-2].read_bytes()
+    page = html_page(TITLE, markdown, drawn)
     files = ReportFiles(out / "report.md", out / "report.html", tuple(tables), tuple(figures))
     write_text(files.markdown, markdown)
     write_text(files.html, page)
     return files
 
 
-def _write_table(table: Table, out: Path) -> Path:
-    path = out / "tables" / f"{table.file}.csv"
-    write_csv(table.frame, path)
-    return path
+def questions(results: Results, summary: pd.DataFrame, n: int) -> Section:
+    """The table of questions that opens the report; what is missing says how to get it.
+
+    Args:
+        results: tables and facts of the experiments.
+        summary: of all trials, from ``summarize``.
+        n: the swarm size of experiment 1.
+    """
+    trials, training = prepared(results.trials), results.training
+    found = [
+        *experiment1.findings(trials, training, n),
+        *experiment2.size_findings(trials, training, n),
+        *scaling.findings(scaling.larger_swarms(trials, training), training),
+        *experiment2.family_findings(summary),
+        *experiment3.findings(results.warmstarts),
+        *experiment4.findings(results.transfer_times, training),
+        *experiment5.findings(results.flights),
+        *ablations.findings(results.ablations),
+        *experiment1.paper_findings(summary),
+    ]
+    table = Table("questions", pd.DataFrame(map(asdict, found)), QUESTIONS) if found else None
+    values = {"findings": table, "notes": results.notes, "safe": share(SAFE), "cheap": CHEAP}
+    return Section("pipeline/report/questions.md.jinja", values)
 
 
-def _write_figure(picture: Picture, out: Path) -> tuple[Path, Path]:
-    path = out / "figures" / picture.file
-    save(picture.figure, path)
-    return path.with_name(path.name + ".svg"), path.with_name(path.name + ".png")
+def provenance(runs: pd.DataFrame) -> Section:
+    """The run behind each table, where any is known."""
+    table = None
+    if not runs.empty:
+        short = {f"{name}_short": runs[name].str[:DIGITS] for name in ("run", "digest", "code")}
+        table = Table("provenance", runs.assign(**short), PROVENANCE)
+    return Section("pipeline/report/provenance.md.jinja", {"runs": table})

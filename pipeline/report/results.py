@@ -1,42 +1,20 @@
 """What a report is made from: result tables, example transfers and facts about the run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import pandas as pd
 
 from pipeline.errors import InputError
-from pipeline.exhibits.planners import planner_of
-from pipeline.experiments.ablations.run import ROUNDS
-from pipeline.experiments.examples.run import Example
-from pipeline.experiments.experiment3.rows import NO_SEED, WarmStart
-from pipeline.experiments.experiment4.run import TIME
-from pipeline.experiments.experiment5.rows import Flight
-from pipeline.experiments.trainings.rows import Epoch, Training
-from pipeline.experiments.trials import Trial
-
-
-def _names(row: type[Any]) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(row))
-
-
-COLUMNS = {
-    "trials": _names(Trial),
-    "warmstarts": _names(WarmStart),
-    "training": _names(Training),
-    "curves": _names(Epoch),
-    "transfer_times": (*TIME, *_names(Trial)),
-    "flights": _names(Flight),
-    "ablations": (*ROUNDS, *_names(Trial)),
-}
-"""The columns that each table must have."""
+from pipeline.experiments.examples import Example
+from pipeline.experiments.rows import NO_SEED, TABLES
+from pipeline.figures.labels import planner_of
 
 
 def no_rows(table: str) -> pd.DataFrame:
-    """A table of ``COLUMNS`` without rows."""
-    return pd.DataFrame(columns=list(COLUMNS[table]))
+    """A table of ``TABLES`` without rows."""
+    return pd.DataFrame(columns=list(TABLES[table]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +31,13 @@ class Results:
         examples: transfers to draw.
         provenance: a row for each run that a table comes from: part, run, made, data, digest,
             code, versions, machine.
-        notes: what a reader must know of parts that are left out or were made otherwise; text, or
-            ``Markdown``.
+        notes: on parts that are left out or were made otherwise; text, or ``Markdown``.
         transfer_times: a row for each trial at each transfer time (experiment 4).
         ablations: a row for each trial after each number of rounds.
         flights: a row for each flight of each planner in each world and loop (experiment 5).
 
     Raises:
-        InputError: ``trials`` is empty, or a table lacks a column of ``COLUMNS``.
+        InputError: ``trials`` is empty, or a table lacks a column of ``TABLES``.
     """
 
     trials: pd.DataFrame
@@ -80,7 +57,7 @@ class Results:
                 "the results hold no trials, and a report needs at least one planner's: "
                 "run `prolearn evaluate` first"
             )
-        for name, columns in COLUMNS.items():
+        for name, columns in TABLES.items():
             missing = [c for c in columns if c not in getattr(self, name).columns]
             if missing:
                 raise InputError(

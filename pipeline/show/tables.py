@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from pipeline.exhibits.numbers import MISSING, error, number
+from pipeline.figures.labels import MISSING, error, number
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, R_EARTH
 from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan, Rechecked

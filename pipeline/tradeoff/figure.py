@@ -7,8 +7,14 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.exhibits.axes import fit_scale
-from pipeline.exhibits.style import CONFLICT_COLOUR, GREY, INITIAL_COLOUR, PAGE_WIDTH, in_style
+from pipeline.figures.style import (
+    CONFLICT_COLOUR,
+    GREY,
+    INITIAL_COLOUR,
+    PAGE_WIDTH,
+    fit_scale,
+    in_style,
+)
 from pipeline.plan import INFEASIBLE
 from pipeline.tradeoff.curve import Point
 

@@ -95,6 +95,7 @@ def test_the_nonlinear_world_leads_elsewhere_and_one_error_can_be_changed(prolea
     assert (rows(tmp_path / "b", "open loop")["delta_v"] < 1e-12).all()
 
 
+@pytest.mark.system
 def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, tmp_path):
     asked = ["fly", "plan.json", "--trials", "100", "--replan", "every-node"]
     assert prolearn(*asked, "--out", "whole", "--jobs", "1").returncode == 0

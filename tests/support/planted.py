@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.experiments.examples.run import Example
+from pipeline.experiments.examples import Example
 from pipeline.report import Results
 
 

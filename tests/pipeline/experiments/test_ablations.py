@@ -5,17 +5,17 @@ import pytest
 from planted import cells, row
 
 from pipeline.errors import InputError
-from pipeline.exhibits.style import styles
-from pipeline.experiments.ablations.figure import rounds_figure
-from pipeline.experiments.ablations.ground import Ground
-from pipeline.experiments.ablations.section import parts_table, rounds_table
-from pipeline.experiments.ablations.summary import (
+from pipeline.experiments.ablations import (
     difference,
+    findings,
+    parts_table,
     percent,
+    rounds_figure,
+    rounds_table,
     scored,
     summarize_ablations,
 )
-from pipeline.experiments.ablations.verdict import ablation_answers, sentences
+from pipeline.figures.style import styles
 from pipeline.report import Results, build_report
 
 TRIALS = 40
@@ -73,7 +73,7 @@ def test_a_row_has_the_averages_of_its_trials_and_the_score_counts_an_unsafe_one
 
 def test_rows_stand_in_the_order_of_what_is_left_out(some):
     table = pd.DataFrame(some())
-    _, body = cells(parts_table(Ground("", 10), scored(table), summarize_ablations(table)))
+    _, body = cells(parts_table("n = 10", scored(table), summarize_ablations(table)))
     names = ["tuned", "short", "no-third", "uncrowded", "Rule alone", "Rule alone, null space"]
     assert [line[0] for line in body] == [*names, "Own LP"]
     assert [line[1] for line in body][-3:] == ["learning", "learning, and programs", "rounds"]
@@ -87,7 +87,7 @@ def test_rows_stand_in_the_order_of_what_is_left_out(some):
 
 
 def test_the_table_of_rounds_begins_with_the_own_lp_for_all(some):
-    header, body = cells(rounds_table(Ground("", 10), summarize_ablations(pd.DataFrame(some()))))
+    header, body = cells(rounds_table("n = 10", summarize_ablations(pd.DataFrame(some()))))
     assert header[:3] == ["Rounds", "tuned, unsafe", "tuned, fuel over bound"]
     assert header[-2:] == ["Rule alone, unsafe", "Rule alone, fuel over bound"]
     by_rounds = {line[0]: line[1:] for line in body}
@@ -116,50 +116,46 @@ def test_the_figure_has_unsafe_trials_from_no_round_on_and_fuel_from_the_first(s
 @pytest.mark.parametrize(
     ("rule", "said", "differs"),
     [
-        ((0.02, 0), "makes plans cheaper than the rule alone", "-1.000 % [-1.000, -1.000] in fuel"),
-        ((0.02, 12), "makes plans safer and cheaper than the rule alone", "+30.0 % [+15.2, +45.4]"),
-        ((0.005, 12), "makes plans safer but dearer than the rule alone", "+0.500 % [+0.500, "),
-        ((0.01, 0), "buys nothing over the rule alone that is beyond chance", "0.000 % [0.000, "),
+        ((0.02, 0), "cheaper", "fuel -1.000 % [-1.000, -1.000] of the bound, +0.0 % safe"),
+        ((0.02, 12), "safer and cheaper", "+30.0 % safe [+15.2, +45.4]"),
+        ((0.005, 12), "safer but dearer", "+0.500 % [+0.500, "),
+        ((0.01, 0), "nothing beyond chance", "0.000 % [0.000, "),
         # Of 5 trials that differ all are safe with the tuned one alone: by chance once in 16 times.
-        (
-            (0.01, 5),
-            "buys nothing over the rule alone that is beyond chance",
-            "+12.5 % [+1.3, +26.1]",
-        ),
+        ((0.01, 5), "nothing beyond chance", "+12.5 % safe [+1.3, +26.1]"),
     ],
 )
-def test_the_first_sentence_says_what_learning_buys_beyond_chance(some, rule, said, differs):
-    (text,) = sentences(pd.DataFrame(some(rule=rule)))
-    assert text.startswith(f"At n = 10 learning {said}: tuned leaves 0 % [0.0, 8.8] of trials")
-    assert differs in text
+def test_what_learning_buys_is_what_differs_beyond_chance(some, rule, said, differs):
+    learning, *_ = findings(pd.DataFrame(some(rule=rule)))
+    assert learning.verdict == f"n = 10: {said}, for one training"
+    assert learning.numbers.startswith("n = 10: tuned's fuel ")
+    assert differs in learning.numbers
+    assert "Own LP: safe in 50 % " in learning.baseline
 
 
-def test_what_is_missed_and_what_is_within_noise_is_said(some):
-    (text,) = sentences(pd.DataFrame(some()))
-    assert "Of 2 things left out one at a time, this is missed beyond noise: what other" in text
-    assert "(+0.800 % [+0.800, +0.800] in score)." in text
-    assert "Within noise: crowded swarms to learn from." in text
-    assert "some recipe was trained once" in text
-    (text,) = sentences(pd.DataFrame(some(uncrowded=0.011)))
-    assert "Beyond noise it does better without crowded swarms to learn from (-0.100 % " in text
+def test_a_part_is_missed_where_its_lack_is_beyond_noise(some):
+    _, parts = findings(pd.DataFrame(some()))
+    assert parts.verdict == "n = 10: only without what other sides say, for one training"
+    assert parts.numbers.startswith("n = 10: no-third +0.800 % [+0.800, +0.800], uncrowded ")
+    _, parts = findings(pd.DataFrame(some(uncrowded=0.013)))
+    assert parts.verdict == "n = 10: yes, without any of them, for one training"
+    _, parts = findings(pd.DataFrame(some(uncrowded=0.011)))
+    assert "uncrowded -0.100 % [-0.100, -0.100]" in parts.numbers
 
 
 @pytest.mark.parametrize(
-    ("excess", "said"),
+    ("excess", "said", "cost"),
     [
-        (0.013, "Labels from the expert's plans harm (+0.100 % [+0.100, +0.100] in score)."),
-        (0.011, "Labels from the expert's plans help (-0.100 % [-0.100, -0.100] in score)."),
-        (0.012, "make no difference beyond noise (0.000 % [0.000, 0.000] in score)."),
+        (0.013, "harm", "+0.100 % [+0.100, +0.100]"),
+        (0.011, "help", "-0.100 % [-0.100, -0.100]"),
+        (0.012, "no difference beyond noise", "0.000 % [0.000, 0.000]"),
     ],
 )
-def test_whether_labels_help_is_said_by_itself(some, tried, excess, said):
-    table = pd.DataFrame([*some(), *tried("refiner", "labelled", excess)])
-    (text,) = sentences(table)
-    assert said in text
-    assert "Of 2 things left out one at a time" in text
-    *_, labels = ablation_answers(table)
+def test_whether_labels_help_is_said_by_itself(some, tried, excess, said, cost):
+    _, parts, labels = findings(pd.DataFrame([*some(), *tried("refiner", "labelled", excess)]))
+    assert "labelled" not in parts.numbers
     assert labels.question == "Do the expert's plans as labels help the refiner to learn?"
-    assert labels.verdict.removeprefix("n = 10: ") in said
+    assert labels.verdict == f"n = 10: {said}"
+    assert labels.numbers == f"n = 10: labelled {cost}"
 
 
 def test_a_difference_smaller_than_the_spread_between_trainings_is_noise(some, tried):
@@ -169,49 +165,38 @@ def test_a_difference_smaller_than_the_spread_between_trainings_is_noise(some, t
         *tried("refiner", "no-third", 0.040, seed=1),
         *tried("refiner", "uncrowded", 0.032, seed=1),
     ]
-    (text,) = sentences(pd.DataFrame([*some(), *again]))
-    assert "none is missed beyond noise; the dearest lack is that of what other sides say" in text
-    assert "trained once" not in text
-    answers = ablation_answers(pd.DataFrame([*some(), *again]))
-    assert [answer.verdict for answer in answers] == ["n = 10: cheaper", "n = 10: not beyond noise"]
+    found = findings(pd.DataFrame([*some(), *again]))
+    assert [one.verdict for one in found] == ["n = 10: cheaper", "n = 10: not beyond noise"]
 
 
-def test_answers_join_swarm_sizes_that_agree_and_part_those_that_do_not(some):
-    gain, need = ablation_answers(pd.DataFrame([*some(10), *some(30, rule=(0.02, 12))]))
-    assert gain.verdict == "n = 10: cheaper; n = 30: safer and cheaper, for one training"
-    assert "n = 30: tuned's fuel -1.000 % " in gain.numbers
-    assert "+30.0 % safe" in gain.numbers
-    assert "Own LP: safe in 50 % " in gain.baseline
-    assert need.verdict == "Only without what other sides say, for one training"
-    assert "no-third +0.800 % " in need.numbers
-
-
-def test_dense_swarms_are_spoken_of_by_themselves_and_last(some):
+def test_findings_part_swarm_sizes_and_families_those_of_the_paper_first(some):
     """Numbers of one family are not averaged with those of another of the same size."""
-    table = pd.DataFrame([*some(10, rule=(0.015, 0), family="dense"), *some(10)])
-    rings, dense = sentences(table)
-    assert rings.startswith("At n = 10 learning makes plans cheaper than the rule alone")
-    assert "-1.000 % [-1.000, -1.000] in fuel" in rings
-    assert dense.startswith("In dense swarms of 10 learning makes plans cheaper")
-    assert "-0.500 % [-0.500, -0.500] in fuel" in dense
-    gain, _ = ablation_answers(table)
-    assert gain.numbers.index("n = 10: tuned's fuel -1.000") == 0
-    assert "; dense, n = 10: tuned's fuel -0.500" in gain.numbers
-    panels = rounds_figure(summarize_ablations(table), LOOK).axes[:2]
-    assert [ax.get_title("left") for ax in panels] == ["n = 10", "dense, n = 10"]
+    dense = some(10, rule=(0.015, 0), family="dense")
+    table = pd.DataFrame([*dense, *some(30, rule=(0.02, 12)), *some(10)])
+    learning, parts = findings(table)
+    assert learning.verdict == (
+        "n = 10: cheaper, for one training; n = 30: safer and cheaper, for one training; "
+        "dense, n = 10: cheaper, for one training"
+    )
+    rings, larger, crowded = learning.numbers.split("; ")
+    assert rings.startswith("n = 10: tuned's fuel -1.000 % ")
+    assert larger.startswith("n = 30: tuned's fuel -1.000 % ")
+    assert crowded.startswith("dense, n = 10: tuned's fuel -0.500 % ")
+    assert parts.verdict.count("only without what other sides say") == 3
+    panels = rounds_figure(summarize_ablations(table), LOOK).axes[:3]
+    assert [ax.get_title("left") for ax in panels] == ["n = 10", "n = 30", "dense, n = 10"]
 
 
 def test_without_a_short_refiner_no_part_is_judged(some):
     table = pd.DataFrame(some())
-    (gain,) = ablation_answers(table[table["recipe"] != "short"])
-    assert gain.verdict == "n = 10: cheaper, for one training"
-    (text,) = sentences(table[table["recipe"] != "short"])
-    assert "left out" not in text
-    assert ablation_answers(table.head(0)) == []
+    (learning,) = findings(table[table["recipe"] != "short"])
+    assert learning.verdict == "n = 10: cheaper, for one training"
+    assert findings(table.head(0)) == []
     elsewhere = pd.DataFrame(some(30))
     both = pd.concat([table, elsewhere[elsewhere["planner"] != "refiner"]])
-    _, need = ablation_answers(both)  # no refiner was tried at n = 30
-    assert need.numbers.startswith("n = 10: no-third")
+    _, parts = findings(both)  # no refiner was tried at n = 30
+    assert parts.numbers.startswith("n = 10: no-third")
+    assert "n = 30" not in parts.numbers
 
 
 def test_percentages_show_no_more_than_anyone_can_use():
@@ -224,14 +209,12 @@ def test_the_report_has_the_section_with_figure_and_tables(trials, some, tmp_pat
     files = build_report(Results(trials, ablations=table), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Ablations: what each idea of the refiner is worth\n\n")[1]
-    assert section.startswith("At n = 10 learning makes plans cheaper than the rule alone")
+    assert section.startswith("Each refiner lacks one thing that *tuned* has")
     assert "ablations" in {path.stem for path in files.figures}
     by_name = {path.stem: pd.read_csv(path) for path in files.tables}
     assert {"ablations-n10", "ablations-n30", "ablations-rounds-n30"} <= set(by_name)
     assert {"ablations-dense-n10", "ablations-rounds-dense-n10"} <= set(by_name)
-    assert (
-        "Refiners that lack one thing, dense, n = 10, over 40 trials of that family, after" in text
-    )
+    assert "Refiners that lack one thing, dense, n = 10, over 40 trials, after 8 rounds" in text
     parts = by_name["ablations-n30"].set_index("name")
     assert parts.loc["no-third", "score_over_short"] == pytest.approx(0.008)
     assert "Is the refiner worse without each of its parts?" in text

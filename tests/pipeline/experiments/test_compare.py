@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.exhibits.intervals import wilson
-from pipeline.experiments.compare import compare, mean_interval
+from pipeline.experiments.findings import compare
+from pipeline.figures.intervals import mean_interval, wilson
 
 
 def trials(safe, fuel, first=0):

@@ -5,8 +5,14 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.experiments.examples.figure import _orbits, figure_transfer, within
-from pipeline.experiments.examples.run import Example, read_example, write_example
+from pipeline.experiments.examples import (
+    Example,
+    _orbits,
+    figure_transfer,
+    read_example,
+    within,
+    write_example,
+)
 
 
 def test_conflicts_are_marked_where_two_craft_are_within_the_radius(example):

@@ -4,11 +4,9 @@ import numpy as np
 import pandas as pd
 from planted import cells
 
-from pipeline.exhibits.style import styles
-from pipeline.experiments.experiment1.figure import objectives_figure
-from pipeline.experiments.experiment1.section import objectives_table
-from pipeline.experiments.experiment1.verdict import paper_answers
-from pipeline.experiments.summary import summarize
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.experiment1 import objectives_figure, objectives_table, paper_findings
+from pipeline.figures.style import styles
 
 
 def test_objectives_are_drawn_where_the_table_has_them(trials):
@@ -65,7 +63,7 @@ def test_the_papers_recipe_is_near_where_it_is_within_a_factor_of_two(rows):
         ("ff1", "paper", "predicted", [1, 2], 1.0),  # 1.13 and 0.525 times
         ("lstm2", "paper", "predicted", [3, 3], 0.076),  # 2.10 and 0.1 times
     )
-    (answer,) = paper_answers(summary)
+    (answer,) = paper_findings(summary)
     assert answer.verdict == "In part"
     assert "collisions 1.13 to 2.10 and fuel 0.100 to 0.525 times the paper's" in answer.numbers
     assert "within a factor of 2: collisions FF1, fuel FF1" in answer.numbers
@@ -77,5 +75,5 @@ def test_the_tuned_recipe_is_held_to_half_the_collisions_and_a_tenth_of_the_fuel
         ("ff1", "tuned", "flown", [0, 1], 0.19),  # 0.377 and 0.0997 times
         ("lstm2", "tuned", "flown", [1, 1], 0.08),  # 0.700 and 0.105 times
     )
-    (answer,) = paper_answers(summary)
+    (answer,) = paper_findings(summary)
     assert (answer.verdict, answer.numbers[-20:]) == ("In part", "1 and 1 of 2 so good")

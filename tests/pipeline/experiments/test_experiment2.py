@@ -5,11 +5,14 @@ import pandas as pd
 import pytest
 from planted import cells
 
-from pipeline.exhibits.style import styles
-from pipeline.experiments.experiment2.figure import QUANTITIES, scaling_figure
-from pipeline.experiments.experiment2.section import scaling_tables
-from pipeline.experiments.experiment2.verdict import families_answer
-from pipeline.experiments.summary import summarize
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.experiment2 import (
+    QUANTITIES,
+    family_findings,
+    sizes_figure,
+    sizes_tables,
+)
+from pipeline.figures.style import styles
 
 COLLISIONS, FUEL = QUANTITIES["collisions"], QUANTITIES["fuel"]
 
@@ -21,7 +24,7 @@ def lines_of(ax, colour):
 def test_scaling_shows_the_averages_and_the_papers_points(trials):
     summary = summarize(trials)
     look = styles(summary["planner"])
-    figure = scaling_figure(summary, COLLISIONS, look)
+    figure = sizes_figure(summary, COLLISIONS, look)
     flown = next(ax for ax in figure.axes if ax.get_title(loc="left") == "paper recipe, flown")
     curve = next(x for x in lines_of(flown, look["ff1"].colour) if len(x.get_xdata()) == 2)
     np.testing.assert_allclose(curve.get_xydata(), [[10, 1.5], [30, 1.5]])
@@ -32,7 +35,7 @@ def test_scaling_shows_the_averages_and_the_papers_points(trials):
 
 def test_a_planner_unknown_to_the_paper_is_drawn_and_named(trials):
     summary = summarize(trials)
-    figure = scaling_figure(summary, FUEL, styles(summary["planner"]))
+    figure = sizes_figure(summary, FUEL, styles(summary["planner"]))
     names = [t.get_text() for t in figure.legends[0].get_texts()]
     assert "my net" in names
     assert "hollow: in the paper" in names
@@ -47,14 +50,14 @@ def test_two_recipes_of_a_network_whose_output_is_a_plan_are_both_drawn(rows):
             for row in rows("my net", recipe, "plan", n, [0], [fuel], [True])
         ]
     )
-    figure = scaling_figure(summarize(table), FUEL, styles(["my net"]))
+    figure = sizes_figure(summarize(table), FUEL, styles(["my net"]))
     drawn = [line.get_ydata().tolist() for ax in figure.axes for line in ax.get_lines()]
     assert [2.0, 2.0] in drawn
     assert [3.0, 3.0] in drawn
 
 
 def test_scaling_tables_have_a_column_for_each_size_and_no_predicted_safety(trials):
-    collisions, safe, fuel = scaling_tables(summarize(trials)).values()
+    collisions, safe, fuel = sizes_tables(summarize(trials)).values()
     header, body = cells(collisions)
     assert header[3:] == ["n = 10", "n = 30"]
     assert [r[:3] for r in body][:3] == [
@@ -67,7 +70,7 @@ def test_scaling_tables_have_a_column_for_each_size_and_no_predicted_safety(tria
 
 
 def test_many_sizes_are_all_in_the_file_and_few_on_the_page(trials_at):
-    table = scaling_tables(summarize(trials_at(*range(2, 31))))["collisions"]
+    table = sizes_tables(summarize(trials_at(*range(2, 31))))["collisions"]
     assert cells(table)[0][3:] == ["n = 2", "n = 5", "n = 10", "n = 20", "n = 30"]
     assert {str(n) for n in range(2, 31)} <= set(table.frame.columns)
 
@@ -100,12 +103,12 @@ def families(rows, forward, recurrent, seeds=2):
 def test_the_families_differ_where_they_do_beyond_the_spread_of_their_trainings(
     rows, forward, recurrent, verdict
 ):
-    (answer,) = families_answer(families(rows, forward, recurrent))
+    (answer,) = family_findings(families(rows, forward, recurrent))
     assert answer.verdict == verdict
 
 
 def test_with_one_training_nothing_is_confirmed(rows):
-    (answer,) = families_answer(families(rows, (4,), (9,)))
+    (answer,) = family_findings(families(rows, (4,), (9,)))
     assert answer.verdict == "Open: one training of some, points to yes"
-    (answer,) = families_answer(families(rows, (9,), (4,)))
+    (answer,) = family_findings(families(rows, (9,), (4,)))
     assert answer.verdict == "Open: one training of some, points to no"

@@ -5,11 +5,16 @@ import pandas as pd
 import pytest
 from planted import cells, row
 
-from pipeline.exhibits.style import styles
-from pipeline.experiments.experiment3.figure import optimizers_figure, warmstart_figure
-from pipeline.experiments.experiment3.section import warmstart_table
-from pipeline.experiments.experiment3.summary import summarize_warmstarts
-from pipeline.experiments.experiment3.verdict import seeds_answer
+from pipeline.experiments.experiment3 import (
+    findings as seed_findings,
+)
+from pipeline.experiments.experiment3 import (
+    optimizers_figure,
+    summarize_warmstarts,
+    warmstart_figure,
+    warmstart_table,
+)
+from pipeline.figures.style import styles
 from pipeline.report import no_rows
 
 ALL_OF_3 = "100 % [43.9, 100.0]"
@@ -65,12 +70,12 @@ def test_the_spread_of_warm_starts_is_that_between_trainings(warmstarts):
 
 def test_the_refiners_seeds_are_counted_with_no_others(both):
     refined = both[both["seed"] == "ff1 tuned"].assign(seed="refiner tuned")
-    papers, refiner = seeds_answer(pd.concat([both, refined.assign(seconds=0.1)]))
+    papers, refiner = seed_findings(pd.concat([both, refined.assign(seconds=0.1)]))
     assert papers.question.startswith("Do the paper's networks' plans speed up")
-    assert papers.numbers == seeds_answer(both)[0].numbers
+    assert papers.numbers == seed_findings(both)[0].numbers
     assert refiner.question.startswith("Do the refiner's plans speed up")
     # 0.1 s of 2, 4 and 9 s: the geometric mean is 0.1 / 72^(1/3).
-    assert refiner.numbers.startswith(f"plain SCP: {0.1 / 72 ** (1 / 3):#.3g} of the time")
+    assert refiner.numbers.startswith(f"Plain SCP: {0.1 / 72 ** (1 / 3):#.3g} of the time")
     assert "Refiner" not in papers.baseline + refiner.baseline
 
 
@@ -152,21 +157,21 @@ def warmstarts(plain, expert):
 
 
 def test_the_third_claim_is_answered_for_both_optimizers_in_one_row():
-    (answer,) = seeds_answer(warmstarts((0.2, 0.5), (1.3, 1.6)))
+    (answer,) = seed_findings(warmstarts((0.2, 0.5), (1.3, 1.6)))
     assert answer.verdict == (
-        "Confirmed for the paper's kind of optimizer from a blank start; with ours, none saves any"
+        "Yes for the paper's kind of optimizer from a blank start; with ours, none saves any"
     )
     low, high = (x * (1.1 * 0.9) ** 0.5 for x in (0.2, 0.5))  # geometric means
     assert (
-        f"plain SCP: {low:.3f} to {high:.3f} of the time without a seed, 2 of 2" in answer.numbers
+        f"Plain SCP: {low:.3f} to {high:.3f} of the time without a seed, 2 of 2" in answer.numbers
     )
-    assert "our expert: 1.29 to 1.59 of the time without a seed, 0 of 2" in answer.numbers
-    assert "plain SCP: Minimum energy 0.300" in answer.baseline
+    assert "Our expert: 1.29 to 1.59 of the time without a seed, 0 of 2" in answer.numbers
+    assert "Plain SCP: Minimum energy 0.300" in answer.baseline
 
 
 def test_a_claim_that_one_network_does_not_bear_out_stays_open():
-    (answer,) = seeds_answer(warmstarts((0.2, 1.0), (0.8, 1.6)))
+    (answer,) = seed_findings(warmstarts((0.2, 1.0), (0.8, 1.6)))
     assert answer.verdict == ("Open for the paper's kind of optimizer; with ours, some save time")
-    (answer,) = seeds_answer(warmstarts((0.2, 0.5), (1.0, 1.6)))
+    (answer,) = seed_findings(warmstarts((0.2, 0.5), (1.0, 1.6)))
     assert answer.verdict.endswith("with ours, no saving is proven")
-    assert seeds_answer(no_rows("warmstarts")) == []
+    assert seed_findings(no_rows("warmstarts")) == []

@@ -6,11 +6,19 @@ import pytest
 from planted import cells, flown, shares, trained
 
 from pipeline.errors import InputError
-from pipeline.exhibits.style import styles
-from pipeline.experiments.experiment4.figure import recipes_of, times_figure
-from pipeline.experiments.experiment4.section import times_tables
-from pipeline.experiments.experiment4.summary import TimeGrid, of_way, summarize_times, trained_on
-from pipeline.experiments.experiment4.verdict import times_answers
+from pipeline.experiments.experiment4 import (
+    TimeGrid,
+    recipes_of,
+    rows_varying,
+    summarize_times,
+    times_figure,
+    times_tables,
+    trained_on,
+)
+from pipeline.experiments.experiment4 import (
+    findings as times_findings,
+)
+from pipeline.figures.style import styles
 from pipeline.report import Results, build_report
 
 GRIDS = {6: 10, 11: 20, 21: 40}
@@ -108,7 +116,7 @@ def test_a_figure_has_both_ways_side_by_side_and_marks_the_training(times):
 def test_a_way_without_the_trainings_own_time_borrows_it_from_the_other(times_at):
     table = times_at({10: 1.2, 20: 1.2, 40: 1.2}, {10: 4, 20: 4, 40: 4}, steps=(60.0, 240.0))
     summary = summarize_times(table)
-    minutes = of_way(summary, "time_step")["minutes"]
+    minutes = rows_varying(summary, "time_step")["minutes"]
     assert set(minutes) == {10, 20, 40}
 
 
@@ -183,7 +191,7 @@ CHEAP = dict.fromkeys((10, 20, 40), 1.05)
 )
 def test_a_transfer_time_is_served_where_plans_are_proven_safe_and_cheap(rows, safe, fuel, verdict):
     training = trained(("ff1", "tuned", 0.9, 1.0), ("lstm1", "tuned", 0.5, 1.0))
-    nodes, steps = times_answers(lstms_at(rows, safe, fuel), training)
+    nodes, steps = times_findings(lstms_at(rows, safe, fuel), training)
     assert "for 20 min serve other nodes T" in nodes.question
     assert nodes.verdict == verdict
     assert nodes.numbers.startswith("LSTM1 tuned, the only one that fits: at 20 min safe in")

@@ -8,8 +8,9 @@ from judge import Case, exact_step, least_fuel
 from judged import check_rows, judged
 
 from pipeline.errors import InputError
-from pipeline.experiments.experiment4.run import NODES, TIME_STEP, run_transfer_times, variations
-from pipeline.experiments.trials import Entrant
+from pipeline.experiments.experiment4 import run_transfer_times, variations
+from pipeline.experiments.rows import NODES, TIME_STEP
+from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.orbit.problem import Problem
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
@@ -17,7 +18,7 @@ from pipeline.scenario import draw
 
 PROBLEM = Problem()
 SCENARIOS = [draw("rings", 6, 4, k, PROBLEM) for k in range(3)]
-ENTRANTS = [Entrant(Expert()), *(Entrant(baseline) for baseline in BASELINES)]
+ENTRANTS = [EvaluatedPlanner(Expert()), *(EvaluatedPlanner(baseline) for baseline in BASELINES)]
 GRIDS = (6, 11, 21)
 
 

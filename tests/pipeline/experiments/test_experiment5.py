@@ -5,12 +5,18 @@ import pytest
 from planted import cells, row
 
 from pipeline.errors import InputError
-from pipeline.exhibits.style import styles
-from pipeline.experiments.experiment5.figure import flights_figure
-from pipeline.experiments.experiment5.rows import LOOPS, MARGIN, OPEN, REPLANNED, WORLDS
-from pipeline.experiments.experiment5.section import conditions_table, within_table
-from pipeline.experiments.experiment5.summary import summarize_flights
-from pipeline.experiments.experiment5.verdict import flight_answers, off_goal, trusted
+from pipeline.experiments.experiment5 import (
+    conditions_table,
+    flights_figure,
+    summarize_flights,
+    verdict_on_all,
+    within_table,
+)
+from pipeline.experiments.experiment5 import (
+    findings as flight_findings,
+)
+from pipeline.experiments.rows import LOOPS, MARGIN, OPEN, REPLANNED, WORLDS
+from pipeline.figures.style import styles
 from pipeline.report import Results, build_report
 
 SCENARIOS, EACH = 100, 4
@@ -70,57 +76,54 @@ UNSURE, UNSURE_ANEW = (4, 4, 4), (40, 4, 3)
 
 
 @pytest.mark.parametrize(
-    ("close", "verdict", "trust"),
+    ("close", "verdict"),
     [
-        (SAFE_ANYHOW, "Yes, as they stand", "Trust these plans as they stand"),
-        (REPLANNING, "Yes, made anew at every node", "made anew at every node, even without"),
-        (MARGINAL, "Only made anew at every node with a margin", "with a margin, and none as it"),
-        (HOPELESS, "No, not even made anew with a margin", "Trust none of these plans"),
-        (UNSURE, "Open: too few scenarios", "These are too few scenarios to say which"),
-        (UNSURE_ANEW, "Not as they stand; else too few", "Trust no plan as it stands; these"),
+        (SAFE_ANYHOW, "Yes, as they stand"),
+        (REPLANNING, "Yes, made anew at every node"),
+        (MARGINAL, "Only made anew at every node with a margin"),
+        (HOPELESS, "No, not even made anew with a margin"),
+        (UNSURE, "Open: too few scenarios"),
+        (UNSURE_ANEW, "Not as they stand; else too few"),
     ],
 )
-def test_what_to_trust_is_decided_by_the_whole_interval_of_flights_that_come_close(
-    close, verdict, trust
-):
+def test_what_to_trust_is_decided_by_the_whole_interval_of_flights_that_come_close(close, verdict):
     flights = table(expert=close, own_LP=(55, 54))
-    (answer,) = flight_answers(flights)
+    (answer,) = flight_findings(flights)
     assert answer.question == ("Do the expert's plans hold outside the linear model, with errors?")
     assert answer.verdict.startswith(verdict)
     assert answer.numbers.startswith(f"Expert, within r_col: {close[0]} % [")
     assert "; without errors 0 % [0.0, 3.7] in open loop" in answer.numbers
     assert answer.baseline.startswith("Own LP: 55 % [45.2, 64.4] in open loop, 54 %")
-    assert trust in trusted(summarize_flights(flights)).partition(":")[0]
+    assert verdict_on_all(summarize_flights(flights)) == answer.verdict
 
 
-def test_the_first_sentence_trusts_what_holds_for_every_planner_that_keeps_craft_apart():
+def test_the_verdict_on_all_is_what_holds_for_every_planner_that_keeps_craft_apart():
     flights = table(expert=MARGINAL, refiner=REPLANNING, own_LP=HOPELESS[:2])
-    said = trusted(summarize_flights(flights))
-    assert said.startswith("Trust a plan that is made anew at every node with a margin, and none")
-    assert "Expert 40 % [30.9, 49.8] in open loop, 15 % [9.3, 23.3] replanned, 0 %" in said
-    assert "Refiner tuned 30 % [21.9, 39.6] in open loop, 0 % [0.0, 3.7] replanned" in said
-    assert "Own LP" not in said
-    answers = {a.question.split()[2]: a.verdict for a in flight_answers(flights)}
-    assert answers == {
+    said = verdict_on_all(summarize_flights(flights))
+    assert said == "Only made anew at every node with a margin"
+    found = {one.question.split()[2]: one for one in flight_findings(flights)}
+    assert {who: one.verdict for who, one in found.items()} == {
         "expert's": "Only made anew at every node with a margin",
         "refiner's": "Yes, made anew at every node",
     }
+    assert "30 % [21.9, 39.6] in open loop, 0 % [0.0, 3.7] rep" in found["refiner's"].numbers
 
 
 def test_without_flights_nothing_is_answered():
-    assert flight_answers(table(expert=MARGINAL).head(0)) == []
+    assert flight_findings(table(expert=MARGINAL).head(0)) == []
 
 
-def test_what_brings_craft_off_their_goals_is_told_of_the_median_flight():
+def test_errors_at_the_goal_are_those_of_the_median_flight_in_each_condition():
     flights = table(expert=MARGINAL)
     alone = (flights.errors == "none") & (flights.loop == OPEN)
     back = (flights.errors != "none") & (flights.loop == REPLANNED)
     flights.loc[alone, "goal_error"] = 0.25
     flights.loc[back, "goal_error"] = 0.5
-    said = off_goal(summarize_flights(flights))
-    assert said.startswith("Expert: in the median flight")
-    # flights 0 to 3 are 1, 2, 3 and 4 m off
-    assert "0.250 m off where only the world differs, 2.50 m with errors, and 0.500 m" in said
+    _, body = cells(conditions_table(summarize_flights(flights)))
+    shown = {(line[2], line[3]): line[6] for line in body}
+    assert shown["none", OPEN] == "0.250"
+    assert shown["cold gas", OPEN] == "2.50", "flights 0 to 3 are 1, 2, 3 and 4 m off"
+    assert shown["cold gas", REPLANNED] == "0.500"
 
 
 def test_a_summary_counts_flights_and_an_interval_scenarios():
@@ -201,12 +204,13 @@ def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors()
     assert names == ["Expert", "Own LP", "with errors", "without errors"]
 
 
-def test_the_report_has_the_section_and_its_first_sentence_says_what_to_trust(trials, tmp_path):
+def test_the_report_has_the_section_and_its_first_sentence_is_the_verdict_on_all(trials, tmp_path):
     flights = table(expert=MARGINAL, refiner=MARGINAL, own_LP=(55, 54))
     files = build_report(Results(trials, flights=flights), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
-    assert section.startswith("Trust a plan that is made anew at every node with a margin")
+    assert section.startswith("Do plans hold outside the linear model, of every planner that")
+    assert "apart? Only made anew at every node with a margin. They hold where" in section
     assert "Plans of 100 test scenarios of n = 10" in section
     assert "4 times, with the same draws" in section
     assert "(2.00 m on average)" in section

@@ -4,10 +4,10 @@ import pandas as pd
 from planted import cells
 
 from pipeline.experiments import paper
-from pipeline.experiments.experiment1.section import objectives_table
-from pipeline.experiments.experiment2.section import scaling_tables
-from pipeline.experiments.summary import summarize
-from pipeline.experiments.trainings.section import training_table
+from pipeline.experiments.averages import summarize
+from pipeline.experiments.experiment1 import objectives_table
+from pipeline.experiments.experiment2 import sizes_tables
+from pipeline.experiments.trainings import training_table
 
 
 def test_training_times_stand_beside_the_papers(results):
@@ -32,7 +32,7 @@ def test_averages_over_training_seeds_show_their_spread(trials, results):
     assert ff1[3] == "1.50 ± 0"
     assert ff1[9] == "3.50 ± 0.707"
     assert "± the standard deviation" in table.signs
-    fuel = scaling_tables(summary)["fuel"]
+    fuel = sizes_tables(summary)["fuel"]
     assert ["FF1", "paper", "flown", "3.500 ± 0.707", "3.500 ± 0.707"] in cells(fuel)[1]
     training = pd.concat([results.training, results.training.assign(training_seed=1, version="2")])
     header, body = cells(training_table(training))

@@ -8,8 +8,8 @@ from judge import Case, least_fuel
 from judged import check_rows, document, judged
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.experiments.experiment3.run import run_warmstarts
-from pipeline.experiments.trials import Entrant, run_trials
+from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.warmstart import run_warmstarts
 from pipeline.expert import own_optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
@@ -38,8 +38,8 @@ class Shifted:
 def trials():
     energy = next(b for b in BASELINES if b.name == "minimum energy")
     entrants = [
-        *(Entrant(planner) for planner in PLANNERS),
-        Entrant(energy, recipe="hand-made", predictor=Shifted()),
+        *(EvaluatedPlanner(planner) for planner in PLANNERS),
+        EvaluatedPlanner(energy, recipe="hand-made", predictor=Shifted()),
     ]
     return run_trials(entrants, SCENARIOS, timed=2)
 
@@ -136,7 +136,7 @@ class Watched:
 def test_planners_are_timed_on_one_thread_whatever_they_have_otherwise():
     watched = Watched([])
     with threadpool_limits(2):
-        run_trials([Entrant(watched)], SCENARIOS[:2], timed=2)
+        run_trials([EvaluatedPlanner(watched)], SCENARIOS[:2], timed=2)
     assert watched.threads == [1, 1, 1, 2]  # warm-up, two timed, all at once
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi, ncx2
 
-from pipeline.exhibits.intervals import wilson
 from pipeline.expert import solve
+from pipeline.figures.intervals import wilson
 from pipeline.flight.errors import Errors, draws
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld

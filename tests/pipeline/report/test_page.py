@@ -11,8 +11,11 @@ import pytest
 from pipeline.report import Results, build_report
 from pipeline.report.html import html_page
 
-COMMANDS = ("warmstart", "transfer-times", "flights", "ablate")
-EXPERIMENTS = tuple(f"prolearn {command}" for command in COMMANDS)
+COMMANDS = ("warmstart", "transfer-times", "flights")
+EXPERIMENTS = (
+    *(f"prolearn {command}" for command in COMMANDS),
+    "python -m benchmarks.ablate",
+)
 
 
 @pytest.fixture(scope="module")

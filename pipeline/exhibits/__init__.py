@@ -1,1 +1,0 @@
-"""What tables, figures and pages are made of, whatever they show."""

@@ -1,1 +1,0 @@
-"""Swarms beyond the paper's largest, n = 30."""

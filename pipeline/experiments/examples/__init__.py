@@ -1,1 +1,0 @@
-"""Example transfers (the paper's Figures 1 and 9)."""

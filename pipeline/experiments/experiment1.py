@@ -1,0 +1,220 @@
+"""Experiment 1: collisions and fuel of ten spacecraft (the paper's Table 2, Figures 2 and 3)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pipeline.experiments import averages, paper
+from pipeline.experiments.averages import BOUND, COLLISIONS, FUEL, Average, named
+from pipeline.experiments.findings import DECOUPLED, Finding, Rules, decide, network_findings
+from pipeline.experiments.rows import FLOWN, PREDICTED
+from pipeline.figures.labels import (
+    EXPERTS,
+    REFINERS,
+    count,
+    in_order,
+    is_network,
+    name_of,
+    number,
+    span,
+)
+from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
+from pipeline.figures.tables import Column, Picture, Section, Table
+
+COLUMNS = [
+    *(*averages.NAMED, COLLISIONS, Column("paper", "paper_collisions_mean", number)),
+    *(averages.MOST_COLLISIONS, Column("paper", "paper_collisions_max", count)),
+    *(averages.CONFLICTS, averages.SAFE, FUEL, Column("paper", "paper_fuel_mean", number)),
+    *(averages.FUEL_RATIO, averages.BOUNDARY, averages.DYNAMICS),
+]
+
+
+def section(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section:
+    """Table and figure of the averages from ``summarize`` at one swarm size."""
+    table = objectives_table(summary, n)
+    trials = table.frame["trials"]
+    values = {
+        "paper": paper,
+        "n": n,
+        "refiner": summary["planner"].isin(REFINERS).any(),
+        "trials": sorted({int(trials.min()), int(trials.max())}),
+        "table_2": table,
+        "figures_2_3": Picture("experiment1", objectives_figure(summary, n, look)),
+    }
+    return Section("pipeline/experiments/experiment1.md.jinja", values)
+
+
+def objectives_table(summary: pd.DataFrame, n: int) -> Table:
+    """The paper's Table 2 at one swarm size; the paper's own figures only belong to n=10."""
+    frame = named(summary[summary["n"] == n].reset_index(drop=True))
+    quoted = paper.OBJECTIVES if n == paper.NETWORK_SIZE else {}
+    rows = [quoted.get("expert" if p in EXPERTS else p) for p in frame["planner"]]
+    names = paper.Objectives._fields
+    reported = pd.DataFrame([row._asdict() if row else {} for row in rows], columns=names)
+    frame = frame.join(reported.add_prefix("paper_"))
+    return Table("experiment1", frame, COLUMNS, int(frame["seeds"].max()))
+
+
+RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}
+OFFSET = 0.13
+"""Rows between two recipes of one planner, so that equal values do not hide each other."""
+
+DOTTED: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (1, 1.5))}
+PAPER: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "|",
+    "markersize": 13,
+    "markeredgewidth": 1.6,
+    "color": "black",
+    "zorder": 2,
+}
+"""How the lower bound and the paper's own values are drawn."""
+
+
+@in_style
+def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
+    """Average collisions and average fuel of each planner, one row each, at swarm size n."""
+    rows = summary[summary["n"] == n]
+    planners = in_order(rows["planner"])
+    figure = Figure(figsize=(PAGE_WIDTH, 1.35 + 0.3 * len(planners)), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    collisions, fuel = paper.COLLISIONS.get(n, {}), paper.FUEL.get(n, {})
+    bound = float(rows[BOUND.source].mean())
+    right.axvline(bound, **DOTTED)
+    for ax, one, quoted, least in ((left, COLLISIONS, collisions, 0.0), (right, FUEL, fuel, bound)):
+        _dots(ax, rows, look, one, quoted)
+        fit_scale(ax, "x", [*rows[one.source], *quoted.values(), least])
+        ax.tick_params(axis="y", length=0)
+    left.set_xlabel("node collisions per trial, average")
+    right.set_xlabel("fuel per trial, average (m/s²)")
+    left.set_yticks(np.arange(len(planners)), [name_of(p) for p in planners])
+    left.set_ylim(len(planners) - 0.5, -0.5)
+    handles = _legend(rows)
+    if n == paper.NETWORK_SIZE:
+        handles.append(Line2D([], [], label="reported in the paper", **PAPER))
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _dots(
+    ax: Axes,
+    rows: pd.DataFrame,
+    look: Mapping[str, Style],
+    one: Average,
+    quoted: Mapping[str, float],
+) -> None:
+    planners = in_order(rows["planner"])
+    recipes = sorted(set(rows["recipe"]) - {""})
+    for row in rows.to_dict("records"):
+        planner, recipe = str(row["planner"]), str(row["recipe"])
+        shift = OFFSET * (2 * recipes.index(recipe) - len(recipes) + 1) if recipe in recipes else 0
+        hollow, colour = row["reading"] == PREDICTED, look[planner].colour
+        ax.errorbar(
+            float(row[one.source]),
+            planners.index(planner) + shift,
+            xerr=None if pd.isna(row[one.spread]) else float(row[one.spread]),
+            ecolor=colour,
+            elinewidth=0.9,
+            linestyle="none",
+            marker=RECIPE_MARKERS.get(recipe, "D"),
+            markerfacecolor="white" if hollow else colour,
+            markeredgecolor=colour,
+            # A hollow marker shows as a ring around a filled one at the same value.
+            markersize=6.8 if hollow else 4.2,
+            clip_on=False,
+            zorder=3,
+        )
+    for k, planner in enumerate(planners):
+        # The paper's "true" stands beside both experts: it keeps craft apart at the nodes only.
+        reported = quoted.get("expert" if planner in EXPERTS else planner)
+        if reported is not None:
+            ax.plot(reported, k, **PAPER)
+
+
+def _legend(rows: pd.DataFrame) -> list[Line2D]:
+    kinds = rows[["recipe"]].assign(raw=rows["reading"] == PREDICTED)
+    handles = []
+    for recipe, raw in (
+        kinds.drop_duplicates().sort_values(["recipe", "raw"]).itertuples(index=False)
+    ):
+        how = "as predicted" if raw else "flown" if recipe else "expert or baseline"
+        handles.append(
+            Line2D(
+                *([], []),
+                linestyle="none",
+                marker=RECIPE_MARKERS.get(recipe, "D"),
+                color=GREY,
+                markerfacecolor="white" if raw else GREY,
+                label=f"{recipe} recipe, {how}" if recipe else how,
+            )
+        )
+    return [*handles, Line2D([], [], label="lower bound", **DOTTED)]
+
+
+NEAR = 2.0
+"""Factor either way within which a number is called near the paper's."""
+
+FEWER, CHEAPER = 0.5, 0.1
+"""Targets of the tuned networks: shares of the paper's collisions and fuel."""
+
+REPRODUCED: Rules = (((True, True), "Yes"), ((False, True), "In part"), ((False, False), "No"))
+"""By whether all numbers of all networks are so, and any."""
+
+
+def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
+    """Whether each group of networks that were flown at swarm size n plans safely and cheaply."""
+    asked = f"plan safely and cheaply (n = {n})?"
+    return network_findings("Do the paper's networks", asked, trials, training, n)
+
+
+def paper_findings(summary: pd.DataFrame) -> list[Finding]:
+    """A row for each recipe that networks of the paper were trained by, beside its Table 2."""
+    here = summary[summary["n"] == paper.NETWORK_SIZE]
+    beside = "".join(
+        f"Own LP: {number(row[COLLISIONS.source])} collisions, fuel {number(row[FUEL.source])}"
+        for row in here[here["planner"] == DECOUPLED].to_dict("records")
+    )
+    found = []
+    if not (rows := _over_paper(here, "paper", PREDICTED)).empty:
+        near = (rows >= 1 / NEAR) & (rows <= NEAR)
+        listed = {column: ", ".join(rows.index[near[column]]) or "none" for column in rows}
+        numbers = (
+            f"as predicted, {_spans(rows)}; within a factor of {NEAR:g}: collisions "
+            f"{listed['collisions']}, fuel {listed['fuel']}"
+        )
+        question = "Does the paper's recipe give the paper's Table 2?"
+        found.append(Finding(question, _reproduced(near), numbers, beside))
+    if not (rows := _over_paper(here, "tuned", FLOWN)).empty:
+        good = rows <= pd.Series({"collisions": FEWER, "fuel": CHEAPER})
+        fewer, cheaper = good.sum()
+        numbers = f"flown, {_spans(rows)}; {fewer} and {cheaper} of {len(rows)} so good"
+        question = "Has the tuned recipe half of its collisions at a tenth of its fuel?"
+        found.append(Finding(question, _reproduced(good), numbers, beside))
+    return found
+
+
+def _over_paper(summary: pd.DataFrame, recipe: str, reading: str) -> pd.DataFrame:
+    """Collisions and fuel of the paper's networks over the paper's, by name."""
+    known = summary["planner"].isin(
+        [planner for planner in paper.OBJECTIVES if is_network(planner)]
+    )
+    rows = summary[known & (summary["recipe"] == recipe) & (summary["reading"] == reading)]
+    quoted = [paper.OBJECTIVES[planner] for planner in rows["planner"]]
+    over = {
+        "collisions": list(rows[COLLISIONS.source] / [row.collisions_mean for row in quoted]),
+        "fuel": list(rows[FUEL.source] / [row.fuel_mean for row in quoted]),
+    }
+    return pd.DataFrame(over, index=[name_of(planner) for planner in rows["planner"]])
+
+
+def _spans(rows: pd.DataFrame) -> str:
+    return f"collisions {span(rows['collisions'])} and fuel {span(rows['fuel'])} times the paper's"
+
+
+def _reproduced(good: pd.DataFrame) -> str:
+    return decide(REPRODUCED, bool(good.all(axis=None)), bool(good.any(axis=None)))

@@ -1,0 +1,239 @@
+"""Experiment 2: collisions, safety, fuel and time against swarm size (Figures 4 to 7)."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from pipeline.experiments import paper
+from pipeline.experiments.averages import (
+    COLLISIONS,
+    FUEL,
+    SAFE,
+    SECONDS,
+    Average,
+    draw_lines,
+    planner_handles,
+    scale,
+    sizes_of_paper,
+    tables_against,
+)
+from pipeline.experiments.findings import (
+    ANY,
+    DECOUPLED,
+    Finding,
+    Rules,
+    decide,
+    flown_networks,
+    network_findings,
+)
+from pipeline.experiments.rows import FLOWN, PLAN, PREDICTED
+from pipeline.figures.labels import (
+    FEED_FORWARD,
+    RECURRENT,
+    in_order,
+    is_network,
+    name_of,
+    number,
+)
+from pipeline.figures.style import GREY, PAGE_WIDTH, Style, in_style
+from pipeline.figures.tables import Picture, Section, Table
+
+PRINTED_SIZES = {2, 5, 10, 20, 30}
+"""Swarm sizes that the page shows where they were evaluated; the CSV files have all."""
+
+
+def section(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+    """Figures and tables of the averages from ``summarize``, where several n up to 30 have some."""
+    summary = sizes_of_paper(summary)
+    sizes = _sizes(summary)
+    values: dict[str, Any] = {"sizes": sizes}
+    if len(sizes) > 1:
+        values |= {"paper": paper, "tables": sizes_tables(summary)}
+        values["pictures"] = {
+            name: Picture(f"experiment2-{name}", sizes_figure(summary, what, look))
+            for name, what in QUANTITIES.items()
+            if summary[what.average.source].notna().any()
+        }
+    return Section("pipeline/experiments/experiment2.md.jinja", values)
+
+
+def sizes_tables(summary: pd.DataFrame) -> dict[str, Table]:
+    """Collisions, share of safe trials and fuel: a column for each of a few swarm sizes."""
+    sizes = _sizes(summary)
+    if len(sizes) > len(PRINTED_SIZES) + 1:
+        sizes = sorted({*sizes} & PRINTED_SIZES | {sizes[0], sizes[-1]})
+    rows = summary.assign(size=summary["n"].astype(str))
+    return tables_against(rows, "experiment2", "size", {str(n): f"n = {n}" for n in sizes})
+
+
+def _sizes(summary: pd.DataFrame) -> list[int]:
+    return sorted({int(n) for n in summary["n"]})
+
+
+class Quantity(NamedTuple):
+    """An average that is drawn against n."""
+
+    average: Average
+    readings: tuple[str, ...] = (PREDICTED, FLOWN)  # of networks: a row of panels each
+    paper: Mapping[int, Mapping[str, float]] | None = None  # the paper's, by n and planner
+
+
+QUANTITIES = {
+    "collisions": Quantity(COLLISIONS, paper=paper.COLLISIONS),
+    "safe": Quantity(SAFE, (FLOWN,)),
+    "fuel": Quantity(FUEL, paper=paper.FUEL),
+    "seconds": Quantity(
+        SECONDS, (FLOWN,), {paper.LARGEST_SIZE: {"expert": paper.EXPERT_SECONDS_AT_30}}
+    ),
+}
+
+DODGE = 0.4
+"""Spacecraft by which the paper's markers at one n are moved apart, to be told from each other."""
+
+HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white"}
+"""The paper's markers."""
+
+
+@in_style
+def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style]) -> Figure:
+    """One quantity against n: a row of panels for each reading, a column for each recipe.
+
+    Experts, baselines and planners without a recipe whose output is a plan stand in every panel.
+    A band is the standard deviation between trainings, where there are several.
+    """
+    rows = summary.dropna(subset=[what.average.source])
+    # A network whose output is a plan stands with those that are flown, by its recipe.
+    plan = (rows["reading"] == PLAN) & (rows["recipe"] != "") & rows["planner"].map(is_network)
+    rows = rows.assign(reading=rows["reading"].mask(plan, FLOWN))
+    raw_network = rows["planner"].map(is_network) & (rows["reading"] != PLAN)
+    networks, others = rows[raw_network], rows[~raw_network & (rows["reading"] != PREDICTED)]
+    present = set(networks["reading"])
+    readings = [r for r in what.readings if r in present] or sorted(present) or [FLOWN]
+    recipes = sorted(set(networks["recipe"])) or [""]
+    width = PAGE_WIDTH if len(recipes) > 1 else 0.75 * PAGE_WIDTH
+    figure = Figure(figsize=(width, 1.1 + 2.3 * len(readings)), layout="constrained")
+    panels = figure.subplots(len(readings), len(recipes), sharex=True, sharey=True, squeeze=False)
+    for i, reading in enumerate(readings):
+        for j, recipe in enumerate(recipes):
+            mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
+            shown = pd.concat([others, mine])
+            draw_lines(panels[i, j], shown, "n", what.average, look)
+            _paper_points(panels[i, j], what, in_order(shown["planner"]), look)
+            if not mine.empty:
+                panels[i, j].set_title(_title(reading, recipe, what))
+        panels[i, 0].set_ylabel(what.average.label)
+    for ax in panels[-1]:
+        ax.set_xlabel("spacecraft n")
+    panels[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
+    quoted = [v for points in (what.paper or {}).values() for v in points.values()]
+    scale(panels[0, 0], what.average, [*rows[what.average.source], *quoted])
+    shown = pd.concat([others, networks[networks["reading"].isin(readings)]])
+    handles = planner_handles(shown["planner"], look)
+    if what.paper is not None:
+        label = "hollow: in the paper"
+        handles.append(Line2D([], [], marker="o", markeredgecolor=GREY, label=label, **HOLLOW))
+    across = 4 if len(recipes) > 1 else 3
+    figure.legend(handles=handles, loc="outside lower center", ncols=across, handlelength=3)
+    return figure
+
+
+def _paper_points(ax: Axes, what: Quantity, planners: list[str], look: Mapping[str, Style]) -> None:
+    for n, quoted in (what.paper or {}).items():
+        shown = [p for p in in_order(quoted) if p in planners]
+        for k, planner in enumerate(shown):
+            ax.plot(
+                n + DODGE * (k - (len(shown) - 1) / 2),
+                quoted[planner],
+                marker=look[planner].marker,
+                markeredgecolor=look[planner].colour,
+                markersize=4.8,
+                zorder=4,
+                **HOLLOW,
+            )
+
+
+def _title(reading: str, recipe: str, what: Quantity) -> str:
+    how = "as predicted" if reading == PREDICTED else "flown"
+    if len(what.readings) == 1 and recipe:
+        return f"{recipe} recipe"
+    return f"{recipe} recipe, {how}" if recipe else how
+
+
+def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
+    """A row for each group of networks on the largest swarm that any were flown in, up to n = 30.
+
+    Args:
+        trials: from ``prepared``.
+        training: a row for each trained model.
+        n: the swarm size of experiment 1; there is no row where that is the largest.
+    """
+    trials = sizes_of_paper(trials)
+    largest = max(map(int, flown_networks(trials)["n"]), default=n)
+    asked = f"trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
+    papers = "Does a network of the paper's"
+    return [] if largest == n else network_findings(papers, asked, trials, training, largest)
+
+
+FAMILIES: Rules = (
+    ((True, True, ANY), "Confirmed"),
+    ((True, ANY, True), "Contradicted"),
+    ((True, ANY, ANY), "Open: within the spread"),
+    ((False, True, ANY), "Open: one training of some, points to yes"),
+    ((False, ANY, True), "Open: one training of some, points to no"),
+    ((False, ANY, ANY), "Open: one training of some, no trend"),
+)
+"""By whether there are several trainings of each, feed-forward networks collide less, and more."""
+
+
+def family_findings(summary: pd.DataFrame) -> list[Finding]:
+    """A row, where both families took part in one recipe; the paper's own setting first."""
+    summary = sizes_of_paper(summary)
+    networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
+    for recipe in ("paper", "tuned", ""):
+        for reading in (PREDICTED, FLOWN):
+            rows = networks[(networks["recipe"] == recipe) & (networks["reading"] == reading)]
+            rows = rows[rows["n"] == rows["n"].max()]
+            forward, recurrent = (rows[rows["planner"].isin(f)] for f in (FEED_FORWARD, RECURRENT))
+            if not (forward.empty or recurrent.empty):
+                return [_on_families(summary, forward, recurrent)]
+    return []
+
+
+def _on_families(summary: pd.DataFrame, forward: pd.DataFrame, recurrent: pd.DataFrame) -> Finding:
+    first = forward.iloc[0]
+    n, how = int(first["n"]), "as predicted" if first["reading"] == PREDICTED else "flown"
+    free = summary[(summary["planner"] == DECOUPLED) & (summary["n"] == n)][COLLISIONS.source]
+    quoted = paper.COLLISIONS_AT_30
+    recipe = f", {first['recipe']} recipe" if first["recipe"] else ""
+    several = min(int(rows["seeds"].min()) for rows in (forward, recurrent)) > 1
+    less, more = _all_below(forward, recurrent), _all_below(recurrent, forward)
+    return Finding(
+        "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?",
+        decide(FAMILIES, several, less, more),
+        f"node collisions at n = {n}{recipe}, {how}: {_listed(forward)} against "
+        f"{_listed(recurrent)} (paper: {quoted['ff1']} at best against "
+        f"{quoted['lstm1']} at worst)",
+        f"Own LP: {number(float(free.iloc[0]))}" if len(free) else "",
+    )
+
+
+def _all_below(these: pd.DataFrame, those: pd.DataFrame) -> bool:
+    """Whether all of these collide less than all of those, by more than the seeds' spread."""
+    worst = these.sort_values(COLLISIONS.source).iloc[-1]
+    best = those.sort_values(COLLISIONS.source).iloc[0]
+    spreads = [float(row[COLLISIONS.spread]) for row in (worst, best)]
+    difference = float(best[COLLISIONS.source]) - float(worst[COLLISIONS.source])
+    return bool(difference > max([s for s in spreads if pd.notna(s)], default=0.0))
+
+
+def _listed(rows: pd.DataFrame) -> str:
+    return ", ".join(
+        f"{name_of(str(row['planner']))} {number(float(row[COLLISIONS.source]))}"
+        + ("" if pd.isna(row[COLLISIONS.spread]) else f" ± {number(row[COLLISIONS.spread])}")
+        for _, row in rows.iterrows()
+    )

@@ -1,0 +1,303 @@
+"""Experiment 3: time of the expert and of a plain SCP from each seed (the paper's Figure 8)."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pipeline.experiments import paper
+from pipeline.experiments.averages import (
+    Average,
+    as_share,
+    average,
+    average_share,
+    averaged,
+    reference_size,
+)
+from pipeline.experiments.findings import ANY, Finding, Rules, decide, groups
+from pipeline.experiments.rows import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, OPTIMIZERS, PLAIN
+from pipeline.figures.intervals import mean_interval
+from pipeline.figures.labels import (
+    in_order,
+    is_network,
+    label_name,
+    number,
+    planner_of,
+    ratio,
+    ratios,
+    share,
+    span,
+)
+from pipeline.figures.style import GREY, PAGE_WIDTH, REFERENCE, Style, fit_scale, in_style
+from pipeline.figures.tables import Column, Picture, Section, Table
+from pipeline.plan import SOLVED
+
+GROUP = ["optimizer", "n", "rule", "seed"]
+"""What a row of the summary stands for."""
+
+
+def percent(gap: float) -> str:
+    """A gap in percent."""
+    return number(100 * gap)
+
+
+SOLVES = Average("Convex solves, av.", "solves_mean", number, of="convex_solves")
+ONE_SOLVE = Average("Done in one", "one_solve_share", share, of="one")
+MEDIAN = Average("Time, median (s)", "seconds_median", number, of="seconds", how="median")
+MEAN = Average("Time, av. (s)", "seconds_mean", number, of="seconds")
+DEVIATION = Average("Time, s.d. (s)", "seconds_deviation", number, of="seconds", how="std")
+GAP = average("Gap, av. (%)", "gap_mean", percent, of="gap")
+FUEL = Average("Fuel, av. (m/s²)", "fuel_mean", number, of="fuel")
+CLEAR = average_share("Clear at the nodes", "solved_share", of="solved")
+SAFE = average_share("Safe at all times", "safe_share", of="safe")
+ENDS = "time_ratio_low", "time_ratio_high"
+TIME_RATIO = Column("Time / no seed", "time_ratio", ratio, interval=ENDS, bounds=ratios)
+
+AVERAGES = (SOLVES, ONE_SOLVE, MEDIAN, MEAN, DEVIATION, GAP, FUEL, CLEAR, SAFE)
+
+SEED = Column("Seed", "name")
+
+COLUMNS = {
+    PLAIN: [SEED, SOLVES, ONE_SOLVE, MEAN, DEVIATION, MEDIAN, TIME_RATIO, GAP, CLEAR, SAFE],
+    EXPERT: [Column("Stop", "rule"), SEED, SOLVES, ONE_SOLVE, MEDIAN, TIME_RATIO, GAP, SAFE],
+}
+"""Columns in the table of each optimizer."""
+
+
+def section(warmstarts: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+    """Figure and table of each optimizer at each swarm size."""
+    values: dict[str, Any] = {"whiskers": WHISKERS, "paper": paper}
+    for optimizer in OPTIMIZERS:
+        rows = warmstarts[warmstarts["optimizer"] == optimizer]
+        values[optimizer] = []
+        for n in sorted(map(int, set(rows["n"]))):
+            picture = (
+                Picture(f"experiment3-optimizers-n{n}", optimizers_figure(warmstarts, n, look))
+                if optimizer == PLAIN
+                else Picture(f"experiment3-n{n}", warmstart_figure(warmstarts, n, look))
+            )
+            table = warmstart_table(warmstarts, optimizer, n)
+            values[optimizer].append({"n": n, "boxes": picture, "seeds": table})
+    return Section("pipeline/experiments/experiment3.md.jinja", values)
+
+
+def warmstart_table(warmstarts: pd.DataFrame, optimizer: str, n: int) -> Table:
+    """Each seed under each stopping rule of an optimizer at one swarm size."""
+    rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["n"] == n)]
+    frame = summarize_warmstarts(rows)
+    frame = frame.assign(name=[label_name(seed) for seed in frame["seed"]])
+    name = "experiment3-plain" if optimizer == PLAIN else "experiment3"
+    return Table(f"{name}-n{n}", frame, COLUMNS[optimizer], int(frame["seeds"].max()))
+
+
+def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
+    """Averages over the runs of each optimizer, n, rule and seed.
+
+    Returns:
+        ``GROUP``, seeds, trials, the columns of ``AVERAGES`` and those of ``time_ratios``; gaps
+        are of those that are finite.
+    """
+    gap = warmstarts["optimality_gap"].astype(float)
+    rows = warmstarts.assign(
+        one=(warmstarts["convex_solves"] <= 1).astype(float),
+        solved=(warmstarts["status"] == SOLVED).astype(float),
+        safe=as_share(warmstarts["safe"]),
+        gap=gap.where(np.isfinite(gap)),
+    )
+    summary = averaged(rows, GROUP, AVERAGES, {"seed": seeds_in_order(rows["seed"])})
+    return summary.merge(time_ratios(warmstarts), "left", GROUP)
+
+
+def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
+    """Time from each seed over that without one, on the same trials.
+
+    Returns:
+        ``GROUP``, and the geometric mean over the trials as time_ratio, with Student's interval of
+        it, over the logarithms, as time_ratio_low and time_ratio_high; several trainings count as
+        their mean. No row where an optimizer did not run without a seed, whose ratio to itself has
+        no interval.
+    """
+    among = [*GROUP[:-1], "trial"]
+    logs = warmstarts.assign(log=np.log(warmstarts["seconds"].astype(float)))
+    each = logs.groupby([*GROUP, "trial"], as_index=False)["log"].mean()
+    unseeded = each[each["seed"] == NO_SEED].drop(columns="seed")
+    pairs = each.merge(unseeded, on=among, suffixes=("", "_unseeded"))
+    longer = (pairs["log"] - pairs["log_unseeded"]).groupby([pairs[name] for name in GROUP])
+    found = {
+        group: np.exp([values.mean(), *mean_interval(values.dropna().to_numpy(dtype=float))])
+        for group, values in longer
+    }
+    index = pd.MultiIndex.from_tuples(found, names=GROUP)
+    ratios = pd.DataFrame(list(found.values()), index, ["time_ratio", *ENDS]).reset_index()
+    ratios.loc[ratios["seed"] == NO_SEED, list(ENDS)] = np.nan
+    return ratios
+
+
+def seeds_in_order(seeds: Iterable[str]) -> list[str]:
+    """Distinct seeds: none first, then by planner and recipe."""
+    known = set(seeds)
+    planners = in_order(map(planner_of, known))
+    return sorted(known, key=lambda s: (s != NO_SEED, planners.index(planner_of(s)), s))
+
+
+WHISKERS = (5, 95)
+"""Percentiles that the whiskers reach to."""
+
+UNTIL = {CONVERGED: "until converged", FIRST_SAFE: "until the first safe plan"}
+"""Stopping rules in words."""
+
+NAMES = {PLAIN: "Plain SCP", EXPERT: "Our expert"}
+"""Names of the optimizers."""
+
+
+@in_style
+def warmstart_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
+    """The expert's run times from each seed at swarm size n, a panel for each stopping rule."""
+    rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["optimizer"] == EXPERT)]
+    panels = {
+        f"n = {n}, {UNTIL.get(str(rule), str(rule))}": part for rule, part in rows.groupby("rule")
+    }
+    figure, _ = _panels(panels, look)
+    return figure
+
+
+@in_style
+def optimizers_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
+    """Run times until converged from each seed at swarm size n, a panel for each optimizer."""
+    rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["rule"] == CONVERGED)]
+    panels = {
+        f"{name}, n = {n}": rows[rows["optimizer"] == optimizer]
+        for optimizer, name in NAMES.items()
+        if (rows["optimizer"] == optimizer).any()
+    }
+    figure, seeds = _panels(panels, look)
+    for ax, shown in zip(figure.axes, panels.values(), strict=True):
+        for row in (k for k, seed in enumerate(seeds) if seed not in set(shown["seed"])):
+            note = "its own start: as without a seed" if seeds[row] == "own LP" else "not run"
+            where = ax.get_yaxis_transform()
+            ax.text(0.97, row, note, transform=where, ha="right", va="center", color=GREY, size=7)
+    return figure
+
+
+def _panels(
+    panels: Mapping[str, pd.DataFrame], look: Mapping[str, Style]
+) -> tuple[Figure, list[str]]:
+    """A panel of boxes for each title, on common axes, and the seeds from top to bottom."""
+    seeds = seeds_in_order(pd.concat(list(panels.values()))["seed"])
+    figure = Figure(figsize=(PAGE_WIDTH, 0.9 + 0.24 * len(seeds)), layout="constrained")
+    axes = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)[0]
+    spans = []
+    for ax, (title, part) in zip(axes, panels.items(), strict=True):
+        _boxes(ax, part, seeds, look)
+        ax.set_title(title)
+        ax.set_xlabel("time per instance (s)")
+        spans.append(part.groupby("seed")["seconds"].quantile(np.array(WHISKERS) / 100).dropna())
+    fit_scale(axes[0], "x", np.concatenate(spans), log=True)
+    axes[0].set_yticks(range(len(seeds)), [label_name(s) for s in seeds])
+    axes[0].set_ylim(len(seeds) - 0.5, -0.5)
+    return figure, seeds
+
+
+def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], look: Mapping[str, Style]) -> None:
+    times = {s: rows.loc[rows["seed"] == s, "seconds"].dropna().to_numpy() for s in seeds}
+    shown = ax.boxplot(
+        list(times.values()),
+        positions=range(len(seeds)),
+        orientation="horizontal",
+        whis=WHISKERS,
+        showfliers=False,
+        widths=0.62,
+        patch_artist=True,
+        manage_ticks=False,
+        medianprops={"color": "black", "linewidth": 1.4},
+        whiskerprops={"color": GREY, "linewidth": 0.8},
+        capprops={"color": GREY, "linewidth": 0.8},
+    )
+    for box, seed in zip(shown["boxes"], seeds, strict=True):
+        colour = "#FFFFFF" if seed == NO_SEED else look[planner_of(seed)].colour
+        box.set(facecolor=colour, edgecolor=GREY, linewidth=0.7)
+    if len(unseeded := times.get(NO_SEED, ())):
+        ax.axvline(float(np.median(unseeded)), zorder=0.5, **REFERENCE)
+    ax.grid(axis="y", visible=False)
+    ax.tick_params(axis="y", length=0)
+
+
+PAPERS: Rules = (
+    ((True, ANY, True), "Yes for the paper's kind of optimizer from a blank start"),
+    ((True, True, ANY), "No for the paper's kind of optimizer"),
+    ((ANY, ANY, ANY), "Open for the paper's kind of optimizer"),
+)
+"""By whether there are several trainings, all seeds cost the plain SCP time, and all save some."""
+
+OURS: Rules = (
+    ((True, ANY), "none saves any"),
+    ((ANY, True), "some save time"),
+    ((ANY, ANY), "no saving is proven"),
+)
+"""By whether all seeds cost our expert time, and any saves some."""
+
+
+def findings(warmstarts: pd.DataFrame) -> list[Finding]:
+    """Whether the plans of each group of networks speed up the optimizers that they seed."""
+    ratios = {optimizer: _ratios(warmstarts, optimizer) for optimizer in NAMES}
+    beside = "; ".join(_beside(name, found) for name, found in ratios.items() if len(found))
+    rows = []
+    for group in groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
+        mine = {
+            name: found[found.index.map(planner_of).isin(group.planners)]
+            for name, found in ratios.items()
+        }
+        if not any(map(len, mine.values())):
+            continue
+        seeds = warmstarts[warmstarts["seed"].map(planner_of).isin(group.planners)]
+        several = len(seeds[["seed", "training_seed"]].drop_duplicates()) > 1
+        said = []
+        if len(plain := mine[PLAIN]):
+            said.append(decide(PAPERS, several, _all_above(plain), _all_below(plain)))
+        if len(ours := mine[EXPERT]):
+            saved = bool((ours[ENDS[1]] < 1).any())
+            said.append(f"with ours, {decide(OURS, _all_above(ours), saved)}")
+        question = group.question(
+            "Do the paper's networks'", "Do {}'s", "plans speed up the optimizer that they seed?"
+        )
+        numbers = "; ".join(_faster(name, found) for name, found in mine.items() if len(found))
+        text = "; ".join(said)
+        rows.append(Finding(question, text[0].upper() + text[1:], numbers, beside))
+    return rows
+
+
+def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
+    """By seed, the ratio of times at one swarm size, until converged."""
+    rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == CONVERGED)]
+    if NO_SEED not in set(rows["seed"]):
+        return pd.DataFrame(columns=["time_ratio", *ENDS])
+    return time_ratios(rows[rows["n"] == reference_size(rows)]).set_index("seed")
+
+
+def _all_below(ratios: pd.DataFrame) -> bool:
+    return bool((ratios[ENDS[1]] < 1).all())
+
+
+def _all_above(ratios: pd.DataFrame) -> bool:
+    return bool((ratios[ENDS[0]] > 1).all())
+
+
+def _faster(optimizer: str, found: pd.DataFrame) -> str:
+    faster = int((found[ENDS[1]] < 1).sum())
+    return (
+        f"{NAMES[optimizer]}: {span(found['time_ratio'])} of the time without a seed, {faster} of "
+        f"{len(found)} networks faster beyond chance"
+    )
+
+
+def _beside(optimizer: str, ratios: pd.DataFrame) -> str:
+    """The seeds that cost nothing."""
+    listed = [
+        f"{label_name(str(seed))} {ratio(value)}"
+        for seed, value in ratios["time_ratio"].items()
+        if seed != NO_SEED and not is_network(planner_of(str(seed)))
+    ]
+    return f"{NAMES[optimizer]}: {', '.join(listed)}"

@@ -1,1 +1,0 @@
-"""Experiment 3: warm starts (the paper's Figure 8)."""

@@ -1,0 +1,301 @@
+"""Experiment 5: close approaches, errors at the goal and Δv of plans that are flown."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import PercentFormatter
+
+from pipeline.experiments.averages import (
+    LEAST,
+    MOST,
+    NO_FUEL,
+    Average,
+    average_share,
+    averaged,
+    named,
+    planner_handles,
+    wide,
+    wide_column,
+)
+from pipeline.experiments.findings import ANY, DECOUPLED, SAFE, Finding, Rules, decide
+from pipeline.experiments.rows import (
+    ERRORS,
+    LOOPS,
+    NO_ERRORS,
+    OPEN,
+    SIZE,
+    TYPICAL,
+    WITH_ERRORS,
+    WORLDS,
+)
+from pipeline.figures.intervals import all_hold, at_most, clustered_interval
+from pipeline.figures.labels import (
+    BASELINES,
+    error,
+    in_order,
+    in_sentence,
+    name_of,
+    number,
+    percents,
+    ratio,
+    share,
+)
+from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
+from pipeline.figures.tables import Column, Picture, Section, Table
+
+CONDITION = ["world", "errors", "loop"]
+"""Columns that say how a plan was flown."""
+
+HIGH = 0.95
+"""The quantile that stands beside the median."""
+
+
+def _high(values: "pd.Series[float]") -> float:
+    return float(values.quantile(HIGH))
+
+
+WITHIN_RADIUS = average_share(
+    "Within r_col", "within_radius_share", of="within_radius", label="flights within r_col"
+)
+WITHIN_SIZE = average_share("Within size", "within_size_share", of="within_size")
+SEPARATION = Average(
+    "Separation, least (m)", "separation_min", number, of="min_separation", **LEAST
+)
+GOAL = Average("Off goal, median (m)", "goal_error_median", error, of="goal_error", how="median")
+GOAL_HIGH = Average("95 % (m)", "goal_error_high", error, of="goal_error", how=_high)
+VELOCITY = Average(
+    *("Velocity off, median (m/s)", "goal_velocity_median", number),
+    of="goal_velocity_error",
+    how="median",
+)
+DELTA_V = Average(
+    "Δv / bound, av.", "delta_v_ratio", ratio, of="delta_v_ratio", label="Δv / bound, average"
+)
+MOST_DELTA_V = Average("Δv / bound, max.", "delta_v_most", ratio, of="delta_v_ratio", **MOST)
+NO_PLAN = Average("No safe plan", "no_plan_share", share, of="no_plan")
+MARGIN = Average("Margin, av. (m)", "margin_mean", number, of="margin")
+
+SHARES = (WITHIN_RADIUS, WITHIN_SIZE)
+AVERAGES = (*SHARES, SEPARATION, GOAL, GOAL_HIGH, VELOCITY, DELTA_V, MOST_DELTA_V, NO_PLAN, MARGIN)
+
+CONDITIONS = [Column(name.capitalize(), name) for name in CONDITION]
+
+COLUMNS = [
+    *(Column("Planner", "name"), Column("Recipe", "recipe"), *CONDITIONS[1:], WITHIN_SIZE),
+    *(SEPARATION, GOAL, GOAL_HIGH, DELTA_V, MOST_DELTA_V, NO_PLAN),
+]
+"""Columns of what else became of the flights about the usual low orbit."""
+
+
+def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+    """The verdict on all planners, the figure and both tables."""
+    template = "pipeline/experiments/experiment5.md.jinja"
+    if flights.empty:
+        return Section(template, {"flown": None})
+    summary = summarize_flights(flights)
+    coordinated = summary[~summary["planner"].isin(list(BASELINES))]
+    values = {
+        "flown": {"n": int(flights["n"].iloc[0]), "each": int(flights["flight"].max()) + 1},
+        "trials": int(summary["trials"].max()),
+        "verdict": verdict_on_all(summary),
+        "most": share(1 - SAFE),
+        "typical": TYPICAL,
+        "size": SIZE,
+        "margin": coordinated.loc[coordinated["loop"] == LOOPS[-1], MARGIN.source].mean(),
+        "picture": Picture("experiment5", flights_figure(summary, look)),
+        "within": within_table(summary),
+        "conditions": conditions_table(summary),
+    }
+    return Section(template, values)
+
+
+def within_table(summary: pd.DataFrame) -> Table:
+    """Flights in which a pair comes within r_col: a row a condition, a column a planner."""
+    names = zip(summary["planner"], summary["recipe"], strict=True)
+    rows = summary.assign(label=[f"{name_of(who)} {recipe}".strip() for who, recipe in names])
+    frame = wide(rows, CONDITION, "label", WITHIN_RADIUS)
+    labels = rows["label"].drop_duplicates()
+    columns = [*CONDITIONS, *(wide_column(frame, one, one, WITHIN_RADIUS) for one in labels)]
+    return Table("experiment5-within", frame, columns, int(summary["seeds"].max()))
+
+
+def conditions_table(summary: pd.DataFrame) -> Table:
+    """All averages in all conditions; the page shows one world of them."""
+    printed = summary["world"] == TYPICAL
+    return Table("experiment5", named(summary), COLUMNS, int(summary["seeds"].max()), printed)
+
+
+def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
+    """Averages over the flights of each planner and recipe in each condition, in reading order.
+
+    Returns:
+        planner, recipe, ``CONDITION``, seeds, trials (scenarios) and the columns of ``AVERAGES``;
+        intervals of shares are ``clustered_interval``'s, since flights of one scenario are alike.
+    """
+    group = ["planner", "recipe", *CONDITION]
+    bound, unsafe = (flights[name].astype(float) for name in ("delta_v_bound", "unsafe_replans"))
+    rows = flights.assign(
+        recipe=flights["recipe"].fillna(""),
+        within_radius=flights["within_radius"].astype(float),
+        within_size=flights["within_size"].astype(float),
+        delta_v_ratio=flights["delta_v"].astype(float) / bound.where(bound > NO_FUEL),
+        no_plan=(unsafe > 0).astype(float).where(unsafe.notna()),
+    )
+    order = dict(zip(CONDITION, (WORLDS, ERRORS, LOOPS), strict=True))
+    summary = averaged(rows, group, AVERAGES, order)
+    for one in SHARES:
+        found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).reset_index()
+        intervals = {
+            key: clustered_interval(part["mean"].to_numpy(), int(part["size"].max()))
+            for key, part in found.groupby(group)
+        }
+        keys = summary[group].itertuples(index=False, name=None)
+        summary[list(one.interval or ())] = [intervals[key] for key in keys]
+    return summary
+
+
+WIDTH = 0.62
+"""Of the room that the planners of one loop share, where loops are 1 apart."""
+
+BOTTOM = 0.003
+"""Least error at the goal that is shown, m; the linear world without errors has none."""
+
+
+@in_style
+def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
+    """A column of panels for each world; markers by planner and loop, hollow without errors."""
+    worlds = [world for world in WORLDS if world in set(summary["world"])]
+    figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
+    panels = figure.subplots(3, len(worlds), sharex=True, sharey="row", squeeze=False)
+    low, high = WITHIN_RADIUS.interval or ("", "")
+    drawn = {
+        WITHIN_RADIUS.label: (WITHIN_RADIUS.source, low, high),
+        "off goal, median to 95 % (m)": (GOAL.source, GOAL.source, GOAL_HIGH.source),
+        DELTA_V.label: (DELTA_V.source,),
+    }
+    for line, (label, sources) in zip(panels, drawn.items(), strict=True):
+        line[0].set_ylabel(label)
+        for ax, world in zip(line, worlds, strict=True):
+            _markers(ax, summary[summary["world"] == world], look, *sources)
+            ax.grid(visible=False, axis="x")
+    for ax, world in zip(panels[0], worlds, strict=True):
+        ax.set_title(f"{world} world" if world == WORLDS[0] else f"nonlinear, {world}")
+    near, goal, dear = panels[:, 0]
+    near.set_ylim(-0.03, max(0.1, 1.1 * float(summary[high].max())))
+    near.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    fit_scale(goal, "y", [v for v in summary[GOAL_HIGH.source] if v > BOTTOM], log=True)
+    goal.set_ylim(bottom=BOTTOM)
+    dear.set_xticks(range(len(LOOPS)), LOOPS)
+    dear.set_xlim(-0.5, len(LOOPS) - 0.5)
+    handles = planner_handles(summary["planner"], look)
+    for handle in handles:
+        handle.set_linestyle("none")
+    handles += [
+        Line2D([], [], linestyle="none", marker="o", color=GREY, markerfacecolor=face, label=label)
+        for label, face in {"with errors": GREY, "without errors": "white"}.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+def _markers(
+    ax: Axes, rows: pd.DataFrame, look: Mapping[str, Style], source: str, *ends: str
+) -> None:
+    """A marker for each row at its loop, planners side by side; with errors also its interval."""
+    order, names = in_order(rows["planner"]), zip(rows["planner"], rows["recipe"], strict=True)
+    labels = sorted(set(names), key=lambda one: (order.index(one[0]), one[1]))
+    step = WIDTH / max(1, len(labels))
+    for row in rows.to_dict("records"):
+        planner, hollow = str(row["planner"]), row["errors"] == NO_ERRORS
+        place = labels.index((planner, str(row["recipe"]))) - (len(labels) - 1) / 2
+        at = LOOPS.index(str(row["loop"])) + step * place
+        style = look[planner]
+        if ends and not hollow:
+            ax.vlines(at, *(row[end] for end in ends), color=style.colour, linewidth=0.9)
+        ax.plot(
+            at,
+            float(row[source]),
+            marker=style.marker,
+            linestyle="none",
+            color=style.colour,
+            markerfacecolor="white" if hollow else style.colour,
+            markersize=4.2,
+            alpha=0.6 if hollow else 1.0,  # some markers have no face
+            zorder=3,
+        )
+
+
+HOLDS: Rules = (
+    ((True, ANY, ANY), "Yes, as they stand"),
+    ((ANY, True, ANY), "Yes, made anew at every node"),
+    ((ANY, ANY, True), "Only made anew at every node with a margin"),
+    ((False, False, False), "No, not even made anew with a margin"),
+    ((False, ANY, ANY), "Not as they stand; else too few scenarios"),
+    ((ANY, ANY, ANY), "Open: too few scenarios"),
+)
+"""By whether plans hold in each of LOOPS: a pair comes within r_col in few enough flights."""
+
+
+def findings(flights: pd.DataFrame) -> list[Finding]:
+    """Whether plans hold when flown, for each planner that keeps craft apart.
+
+    They do where a pair comes within the collision radius in no more than 1 - SAFE of flights,
+    by the whole interval, in the world of TYPICAL with errors.
+    """
+    if flights.empty:
+        return []
+    summary = summarize_flights(flights)
+    free = _typical(summary[summary["planner"] == DECOUPLED])
+    beside = f"Own LP: {_shares(free)}" if len(free) else ""
+    found = []
+    for name, rows in _coordinated(summary).items():
+        alone = _coordinated(summary, NO_ERRORS)[name]
+        called = in_sentence(str(rows["planner"].iloc[0]))
+        found.append(
+            Finding(
+                f"Do {called}'s plans hold outside the linear model, with errors?",
+                decide(HOLDS, *_holds(rows).values()),
+                f"{name}, within r_col: {_shares(rows)}; without errors "
+                f"{_shares(alone[alone['loop'] == OPEN])}",
+                beside,
+            )
+        )
+    return found
+
+
+def verdict_on_all(summary: pd.DataFrame) -> str:
+    """The verdict that is true of every planner that keeps craft apart."""
+    each = [_holds(rows) for rows in _coordinated(summary).values()]
+    return decide(HOLDS, *(all_hold(one[loop] for one in each) for loop in LOOPS))
+
+
+def _coordinated(summary: pd.DataFrame, errors: str = WITH_ERRORS) -> dict[str, pd.DataFrame]:
+    """The rows that decide, of each planner that keeps craft apart, by its name and recipe."""
+    rows = _typical(summary[~summary["planner"].isin(list(BASELINES))], errors)
+    found = rows.groupby(["planner", "recipe"], sort=False)
+    return {f"{name_of(str(who))} {recipe}".strip(): rows for (who, recipe), rows in found}
+
+
+def _typical(summary: pd.DataFrame, errors: str = WITH_ERRORS) -> pd.DataFrame:
+    return summary[(summary["world"] == TYPICAL) & (summary["errors"] == errors)]
+
+
+def _holds(rows: pd.DataFrame) -> dict[str, bool | None]:
+    """By loop, whether plans hold, or None where intervals leave that open."""
+    ends = rows.set_index("loop")[list(WITHIN_RADIUS.interval or ())]
+    return {
+        loop: at_most(tuple(ends.loc[loop]), 1 - SAFE) if loop in ends.index else None
+        for loop in LOOPS
+    }
+
+
+def _shares(rows: pd.DataFrame) -> str:
+    """In each loop, the share of flights in which a pair came within the collision radius."""
+    columns = ["loop", WITHIN_RADIUS.source, *(WITHIN_RADIUS.interval or ())]
+    return ", ".join(
+        f"{share(value)} {percents(low, high)} {'in ' if loop == OPEN else ''}{loop}"
+        for loop, value, low, high in rows[columns].itertuples(index=False)
+    )

@@ -1,1 +1,0 @@
-"""Experiment 5: plans flown outside the model that they were made in, which the paper has not."""

@@ -1,0 +1,126 @@
+"""Trainings of the networks: the paper's Tables 1 and 3, and loss curves."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from pipeline.experiments import paper
+from pipeline.experiments.averages import Average, average, over_trainings
+from pipeline.figures.labels import (
+    FEED_FORWARD,
+    RECURRENT,
+    REFINERS,
+    count,
+    in_order,
+    name_of,
+    number,
+)
+from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
+from pipeline.figures.tables import Column, Picture, Section, Table
+
+
+def _in_turn(values: "pd.Series[Any]") -> str:
+    return ", ".join(map(str, values))
+
+
+def _distinct(values: "pd.Series[Any]") -> str:
+    return ", ".join(sorted(set(values.dropna().map(str)))) or "–"
+
+
+AVERAGES = (
+    Average("Versions", "versions", over=_in_turn),
+    Average("Weights", "parameters", count, over="first"),
+    Average("Size (KiB)", "weights_kib", number),
+    Average("Instances", "train_instances", count),
+    Average("Epochs", "epochs", count),
+    Average("Best epoch", "best_epoch", count),
+    average("Validation loss", "valid_loss", number),
+    average("Time (s)", "seconds", number),
+    Average("Device", "device", over=_distinct),
+    Average("Threads", "threads", over=_distinct),
+)
+
+COLUMNS = [
+    *(Column("Model", "name"), Column("Recipe", "recipe"), AVERAGES[0]),
+    *(Column("Neurons (paper)", "paper_neurons"), *AVERAGES[1:8]),
+    *(Column("paper (s)", "paper_seconds", number), *AVERAGES[8:]),
+]
+
+FAMILIES = {"Feed-forward": FEED_FORWARD, "LSTM": RECURRENT, "Refiner": REFINERS, "Other": {}}
+"""Architectures that share a column of the figure; what is in no other is in the last."""
+
+
+def section(training: pd.DataFrame, curves: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+    """Table of the models and figure of their losses, where they were recorded."""
+    values = {
+        "refiner": training["arch"].isin(REFINERS).any(),
+        "models": None if training.empty else training_table(training),
+        "losses": None if curves.empty else Picture("training", curves_figure(curves, look)),
+    }
+    return Section("pipeline/experiments/trainings.md.jinja", values)
+
+
+def training_table(training: pd.DataFrame) -> Table:
+    """The paper's Tables 1 and 3 for the models that were trained, averaged over their seeds."""
+    order = in_order(training["arch"])
+    rows = training.assign(recipe=training["recipe"].fillna(""), versions=training["version"])
+    frame = over_trainings(rows, ["arch", "recipe"], AVERAGES).sort_values(
+        ["arch", "recipe"],
+        key=lambda c: c.map(order.index) if c.name == "arch" else c,
+        ignore_index=True,
+    )
+    neurons = [", ".join(map(str, paper.NEURONS.get(arch, ()))) or "–" for arch in frame["arch"]]
+    frame = frame.assign(
+        name=frame["arch"].map(name_of),
+        paper_neurons=neurons,
+        paper_seconds=[paper.TRAIN_SECONDS.get(arch, math.nan) for arch in frame["arch"]],
+    )
+    return Table("training", frame, COLUMNS, int(frame["seeds"].max()))
+
+
+@in_style
+def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
+    """Training and validation loss against epoch: a row for each recipe, a column a family."""
+    known = {arch: family for family, archs in FAMILIES.items() for arch in archs}
+    curves = curves.assign(
+        recipe=curves["recipe"].fillna(""), family=[known.get(a, "Other") for a in curves["arch"]]
+    )
+    families = [family for family in FAMILIES if family in set(curves["family"])]
+    recipes = sorted(curves["recipe"].unique())
+    figure = Figure(figsize=(PAGE_WIDTH, 0.9 + 2.1 * len(recipes)), layout="constrained")
+    panels = figure.subplots(len(recipes), len(families), squeeze=False)
+    for line, recipe in zip(panels, recipes, strict=True):
+        for ax, family in zip(line, families, strict=True):
+            rows = curves[(curves["recipe"] == recipe) & (curves["family"] == family)]
+            ax.set_xlabel("epoch")
+            if rows.empty:
+                ax.set_axis_off()
+                continue
+            _panel(ax, rows, look)
+            ax.set_title(f"{family}, {recipe} recipe" if recipe else family)
+        line[0].set_ylabel("loss")
+    handles = [
+        Line2D([], [], color=look[a].colour, label=name_of(a)) for a in in_order(curves["arch"])
+    ]
+    handles.append(Line2D([], [], color=GREY, label="validation"))
+    handles.append(Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label="training"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _panel(ax: Axes, curves: pd.DataFrame, look: Mapping[str, Style]) -> None:
+    for (arch, _), rows in curves.groupby(["arch", "training_seed"]):
+        colour, line = look[str(arch)].colour, rows.sort_values("epoch")
+        ax.plot(line["epoch"], line["train_loss"], color=colour, linewidth=0.8, linestyle=":")
+        ax.plot(line["epoch"], line["valid_loss"], color=colour)
+    ax.margins(x=0.02)
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    losses = curves[["train_loss", "valid_loss"]].to_numpy(dtype=float)
+    if (losses >= 0).all():
+        fit_scale(ax, "y", losses.ravel(), log=True)

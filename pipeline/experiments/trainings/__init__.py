@@ -1,1 +1,0 @@
-"""The trainings of the networks (the paper's Tables 1 and 3)."""

@@ -1,0 +1,104 @@
+"""Runs of experiment 3: time that a seed saves the expert, and a plain SCP as the paper's."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from time import perf_counter
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from pipeline.experiments.rows import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
+from pipeline.experiments.trials import Predictor
+from pipeline.expert import EFFORTS, SEEDS, solve
+from pipeline.expert.seeds import Seed, own_seed
+from pipeline.plan import SOLVED, Plan, is_safe
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario import Scenario
+
+RULES = {CONVERGED: EFFORTS["default"], FIRST_SAFE: EFFORTS["first"]}
+"""The stopping rules that seeds are compared under; the plain SCP knows "converged" alone."""
+
+Source = tuple[str, int]
+"""Where a seed comes from: a name, and the training seed where it is a network's."""
+
+SeedMaker = Callable[[Scenario], Seed] | None
+Optimize = Callable[[Scenario, Seed | None], Plan]
+
+
+def run_warmstarts(
+    predictors: Mapping[Source, Predictor],
+    scenarios: Sequence[Scenario],
+    optimizer: str = EXPERT,
+    *,
+    progress: Progress = SILENT,
+) -> pd.DataFrame:
+    """Every seed and rule on every scenario: a row each, columns of WarmStart.
+
+    The seeds of a scenario follow each other directly, begun with another one each time, so
+    that the machine's noise falls on all alike.
+
+    Args:
+        predictors: networks by name and training seed; their raw predictions are seeds beside
+            those of SEEDS.
+        scenarios: of one problem and one n.
+        optimizer: of OPTIMIZERS.
+        progress: told of each scenario.
+    """
+    if not scenarios:
+        return pd.DataFrame()
+    seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
+    if optimizer == PLAIN:
+        seeds["own LP", 0] = own_seed  # the expert's own start
+    seeds |= {source: partial(_network_seed, network) for source, network in predictors.items()}
+    rules = _rules(optimizer, scenarios[0])
+    sources = list(seeds)
+    rows: list[WarmStart] = []
+    with threadpool_limits(1):
+        for source in sources:
+            _run(scenarios[0], seeds[source], rules[CONVERGED])  # warm up
+        for trial, scenario in enumerate(scenarios):
+            first = trial % len(sources)
+            for source in sources[first:] + sources[:first]:
+                for rule, optimize in rules.items():
+                    plan, seconds = _run(scenario, seeds[source], optimize)
+                    rows.append(
+                        WarmStart(
+                            optimizer=optimizer,
+                            n=scenario.n,
+                            trial=trial,
+                            seed=source[0],
+                            training_seed=source[1],
+                            rule=rule,
+                            convex_solves=plan.convex_solves,
+                            seconds=seconds,
+                            optimality_gap=plan.certificate.optimality_gap,
+                            fuel=plan.certificate.fuel,
+                            safe=plan.status == SOLVED
+                            and is_safe(plan.certificate, scenario.problem),
+                            status=plan.status,
+                        )
+                    )
+            progress.done()
+    return pd.DataFrame(rows)
+
+
+def _rules(optimizer: str, scenario: Scenario) -> dict[str, Optimize]:
+    """The optimizer under each of its stopping rules, ready for scenarios like this one."""
+    if optimizer == PLAIN:
+        from pipeline.expert.plain import PlainScp  # loads cvxpy
+
+        return {CONVERGED: PlainScp(scenario.n, scenario.problem).solve}
+    return {rule: partial(solve, settings=settings) for rule, settings in RULES.items()}
+
+
+def _network_seed(predictor: Predictor, scenario: Scenario) -> Seed:
+    return predictor.predict(scenario.initial[None], scenario.goal[None])[0]
+
+
+def _run(scenario: Scenario, make: SeedMaker, optimize: Optimize) -> tuple[Plan, float]:
+    """A plan, and the time to make the seed and to plan, s."""
+    started = perf_counter()
+    seed = None if make is None else make(scenario)
+    seeding = perf_counter() - started
+    plan = optimize(scenario, seed)
+    return plan, seeding + plan.timing["plan"]

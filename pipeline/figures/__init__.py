@@ -1,0 +1,1 @@
+"""Figures and tables: numbers, names, intervals and styles, whatever they show."""

@@ -1,0 +1,119 @@
+"""Confidence intervals of shares and means, and what they prove about a threshold.
+
+A claim about a threshold holds where the whole interval meets it, fails where the whole interval
+misses it, and is open (None) where the threshold lies within.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+from pipeline.arrays import Array
+
+CONFIDENCE = 0.95
+"""Of every interval."""
+
+NORMAL = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
+"""Standard deviations that a normal variable keeps within with that probability."""
+
+Interval = tuple[float, float]
+
+
+def at_least(interval: Interval, threshold: float) -> bool | None:
+    """Whether a number is at least so large; open, too, where there is no interval."""
+    low, high = interval
+    return True if low >= threshold else False if high < threshold else None
+
+
+def at_most(interval: Interval, threshold: float) -> bool | None:
+    """Whether a number is at most so large; open, too, where there is no interval."""
+    low, high = interval
+    return True if high <= threshold else False if low > threshold else None
+
+
+def all_hold(claims: Iterable[bool | None]) -> bool | None:
+    """Whether all of some claims hold; open where there are none."""
+    found = list(claims)
+    return False if False in found else None if None in found or not found else True
+
+
+def wilson(share: float, trials: int | float) -> Interval:
+    """Wilson's interval of a share of so many trials, which need not be a whole number.
+
+    E. Wilson, "Probable inference, the law of succession, and statistical inference", Journal of
+    the American Statistical Association 22, 1927. Not a number where there are no trials.
+    """
+    if trials == 0 or np.isnan(share):
+        return float("nan"), float("nan")
+    more = NORMAL**2 / trials
+    middle = (share + more / 2) / (1 + more)
+    half = NORMAL / (1 + more) * np.sqrt(share * (1 - share) / trials + more / (4 * trials))
+    return max(0.0, middle - float(half)), min(1.0, middle + float(half))
+
+
+def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
+    """Wilson's interval of a share counted in clusters, such as the flights of one scenario.
+
+    The independent trials that k clusters are worth are p(1 - p) over the variance of p as the
+    clusters show it, corrected for how few they are (E. Korn, B. Graubard, "Confidence intervals
+    for proportions with small expected number of positive counts estimated from survey data",
+    Survey Methodology 24, 1998): at least one a cluster, which is all that is known where p is 0
+    or 1, and at most all.
+
+    Args:
+        shares: of each cluster.
+        each: trials of a cluster.
+    """
+    k = len(shares)
+    if k == 0:
+        return float("nan"), float("nan")
+    p = float(shares.mean())
+    variance = float(shares.var(ddof=1)) / k if k > 1 else 0.0
+    worth = 0.0
+    if variance > 0:
+        few = NORMAL / float(stats.t.ppf(0.5 + CONFIDENCE / 2, k - 1))
+        worth = p * (1 - p) / variance * few**2
+    return wilson(p, float(min(max(worth, k), k * each)))
+
+
+def mean_interval(values: Float[Array, "k"]) -> Interval:
+    """Student's interval of a mean; no more than the mean where values do not vary."""
+    if len(values) < 2 or np.allclose(values, values[0], rtol=1e-12, atol=1e-15):
+        mean = float(values.mean()) if len(values) else float("nan")
+        return mean, mean
+    found = stats.ttest_1samp(values, 0.0).confidence_interval(CONFIDENCE)
+    return float(found.low), float(found.high)
+
+
+def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:
+    """Newcombe's interval of the difference of two shares on the same trials, within -1 and 1.
+
+    Method 10 of R. Newcombe, "Improved confidence intervals for the difference between binomial
+    proportions based on paired data", Statistics in Medicine 17, 1998.
+
+    Args:
+        first: of each trial 0 or 1, or a share between, as of several trainings.
+        second: the same, of the same trials.
+    """
+    k = len(first)
+    p, q = (float(x.mean()) if k else float("nan") for x in (first, second))
+    (low_p, high_p), (low_q, high_q) = wilson(p, k), wilson(q, k)
+    correlation = _correlation(first, second) if k else 0.0
+    below = _hypotenuse(p - low_p, high_q - q, correlation)
+    above = _hypotenuse(high_p - p, q - low_q, correlation)
+    return p - q - below, p - q + above
+
+
+def _hypotenuse(a: float, b: float, cosine: float) -> float:
+    return float(np.sqrt(max(a * a - 2 * cosine * a * b + b * b, 0.0)))
+
+
+def _correlation(first: Float[Array, "k"], second: Float[Array, "k"]) -> float:
+    """Of two shares, less where it is positive, by Newcombe's correction for continuity."""
+    k, (p, q) = len(first), (float(first.mean()), float(second.mean()))
+    together = k * k * float(np.mean(first * second) - p * q)
+    together = max(together - k / 2, 0.0) if together > 0 else together
+    spread = k * k * float(np.sqrt(p * (1 - p) * q * (1 - q)))
+    return together / spread if spread > 0 else 0.0

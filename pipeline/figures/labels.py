@@ -1,0 +1,132 @@
+"""How numbers and planners are written in tables and figures."""
+
+import math
+from collections.abc import Iterable
+
+from pipeline.text import visible
+
+MISSING = "–"
+"""What stands for a number that does not exist."""
+
+NEGLIGIBLE = 1e-6
+"""Errors below this are rounding of the arithmetic, m."""
+
+
+def number(value: float) -> str:
+    """Three significant digits; whole numbers from 100 on, powers of ten below 0.001.
+
+    >>> number(0.05), number(1.9064), number(12345.6), number(0.0000123)
+    ('0.0500', '1.91', '12,346', '1.23e-5')
+    """
+    if math.isnan(value):
+        return MISSING
+    if value == 0 or math.isinf(value):
+        return f"{value:.0f}".replace("inf", "∞")
+    size = abs(float(f"{value:.2e}"))
+    if size >= 100:
+        return f"{value:,.0f}"
+    if size >= 1e-3:
+        return f"{value:#.3g}"
+    mantissa, exponent = f"{value:.2e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def ratio(value: float) -> str:
+    """Three decimals around 1; elsewhere as ``number``."""
+    return f"{value:.3f}" if 0.1 <= value < 10 else number(value)
+
+
+def count(value: float) -> str:
+    """A whole number with thousands separated."""
+    return MISSING if math.isnan(value) else f"{value:,.0f}"
+
+
+def share(value: float) -> str:
+    """A share in percent that reads 0 % or 100 % only where it is exactly that."""
+    if math.isnan(value):
+        return MISSING
+    if value in (0.0, 1.0):
+        return f"{100 * value:.0f} %"
+    percent = 100 * value
+    if percent < 0.1 or percent > 99.9:
+        return "< 0.1 %" if percent < 0.1 else "> 99.9 %"
+    return f"{percent:.1f}".removesuffix(".0") + " %"
+
+
+def percents(low: float, high: float) -> str:
+    """The interval of a share, in percent."""
+    return f"[{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def ratios(low: float, high: float) -> str:
+    """The interval of a ratio."""
+    return f"[{ratio(low)}, {ratio(high)}]"
+
+
+def span(values: Iterable[float]) -> str:
+    """The least and the greatest of some numbers."""
+    low, high = min(values := list(values)), max(values)
+    return number(low) if low == high else f"{number(low)} to {number(high)}"
+
+
+def error(metres: float) -> str:
+    """An error in m; rounding of the arithmetic shows as such."""
+    return "< 1e-6" if metres < NEGLIGIBLE else number(metres)
+
+
+EXPERTS = {"expert": "Expert", "expert (nodes only)": "Expert (nodes only)"}
+"""Centralized convex optimization: names in tables by the planner's name."""
+
+BASELINES = {
+    "straight line": "Straight line",
+    "minimum energy": "Minimum energy",
+    "own LP": "Own LP",
+}
+"""Planners that look at one craft at a time."""
+
+FEED_FORWARD = {"ff1": "FF1", "ff2": "FF2", "ffcol": "FFcol"}
+RECURRENT = {"lstm1": "LSTM1", "lstm2": "LSTM2", "lstmcol": "LSTMcol"}
+"""The paper's networks."""
+
+REFINERS = {"refiner": "Refiner"}
+"""Networks of craft that pass messages; the paper has none."""
+
+KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT | REFINERS
+"""All of them, in reading order."""
+
+
+def name_of(planner: str) -> str:
+    """The name of a planner or a seed in tables and figures."""
+    return "No seed" if planner == "none" else KNOWN.get(planner, visible(planner))
+
+
+def planner_of(label: str) -> str:
+    """The planner of a label with its recipe, such as the seed "ff1 tuned"."""
+    return label.removesuffix(" tuned").removesuffix(" paper")
+
+
+def label_name(label: str) -> str:
+    """The name of such a label in tables and figures: "FF1 tuned"."""
+    planner = planner_of(label)
+    return name_of(planner) + label.removeprefix(planner)
+
+
+def in_order(planners: Iterable[str]) -> list[str]:
+    """Distinct planners: experts, baselines, feed-forward, LSTM, refiner, then others by name."""
+    known = list(KNOWN)
+    return sorted(set(planners), key=lambda p: (known.index(p) if p in known else len(known), p))
+
+
+def is_network(planner: str) -> bool:
+    """Whether a planner is neither an expert nor a baseline."""
+    return planner not in EXPERTS | BASELINES
+
+
+def in_sentence(planner: str) -> str:
+    """The name of a planner within a sentence."""
+    return f"the {planner}" if planner in EXPERTS | REFINERS else name_of(planner)
+
+
+def is_papers(planner: str) -> bool:
+    """Whether a planner is a network of the paper's, be it of one version alone ("ff1/3")."""
+    return planner.partition("/")[0] in FEED_FORWARD | RECURRENT

@@ -1,0 +1,187 @@
+"""One look for all figures: planners' colours and markers, fonts, axes, and files."""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypeVar
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from pipeline.figures.labels import in_order
+from pipeline.files import published
+from pipeline.text import visible
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+PAGE_WIDTH = 7.2
+"""Width of a figure across a page, inches."""
+
+INITIAL_COLOUR, GOAL_COLOUR, CONFLICT_COLOUR = "#0072B2", "#009E73", "#D55E00"
+"""Blue, green and vermillion of the Okabe-Ito palette."""
+
+GREY = "#4d4d4d"
+"""Of axes, and of what belongs to no planner."""
+
+REFERENCE: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (4, 3))}
+"""Of a line at a value to compare with."""
+
+RC: dict[Any, Any] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": GREY,
+    "axes.grid": True,
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.7,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 9,
+    "figure.titlesize": 10,
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4.5,
+    "savefig.dpi": 200,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "prolearn",  # makes the ids in SVG files repeatable
+    "text.parse_math": False,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+"""Settings that every figure is drawn and saved with."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a planner is drawn, in matplotlib's terms."""
+
+    colour: str
+    marker: str
+    line: Literal["-", "--", "-.", ":"]
+
+    @property
+    def drawn(self) -> dict[str, Any]:
+        """Matplotlib's arguments for it."""
+        return {"color": self.colour, "marker": self.marker, "linestyle": self.line}
+
+
+KNOWN = {
+    "expert": Style("#000000", "o", "-"),
+    "expert (nodes only)": Style("#777777", "H", "-."),
+    "straight line": Style("#AAAAAA", "x", ":"),
+    "minimum energy": Style("#997700", "+", ":"),
+    "own LP": Style("#332288", "*", ":"),
+    "ff1": Style("#56B4E9", "s", "-"),
+    "ff2": Style("#0072B2", "^", "-"),
+    "ffcol": Style("#009E73", "v", "-"),
+    "lstm1": Style("#E69F00", "D", "--"),
+    "lstm2": Style("#D55E00", "<", "--"),
+    "lstmcol": Style("#CC79A7", ">", "--"),
+    "refiner": Style("#AA0044", "P", "-"),
+}
+"""Okabe-Ito: cool and solid for feed-forward, warm and dashed for LSTM, dotted for baselines; the
+refiner is crimson and solid."""
+
+OTHER_COLOURS = ("#882255", "#117733", "#661100", "#6699CC", "#999933")
+OTHER_MARKERS = ("X", "h", "p", "d")
+
+
+def styles(planners: Iterable[str]) -> dict[str, Style]:
+    """A style for each planner; planners unknown to the paper share out further ones by name."""
+    others = [p for p in in_order(planners) if p not in KNOWN]
+    further = {
+        p: Style(OTHER_COLOURS[k % len(OTHER_COLOURS)], OTHER_MARKERS[k % len(OTHER_MARKERS)], "-.")
+        for k, p in enumerate(others)
+    }
+    return KNOWN | further
+
+
+def in_style(draw: Callable[P, R]) -> Callable[P, R]:
+    """A drawing function run under ``RC``; the caller's matplotlib settings stay as they are."""
+
+    @functools.wraps(draw)
+    def styled(*args: P.args, **kwargs: P.kwargs) -> R:
+        with matplotlib.rc_context(RC):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+@in_style
+def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
+    """Write a figure as ``path`` with each suffix, the same bytes for the same figure.
+
+    In its texts, invisible characters become escapes.
+    """
+    for text in figure.findobj(Text):
+        text.set_text(visible(text.get_text()))
+    facts = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
+    for suffix in suffixes:
+        with published(path.with_name(path.name + suffix)) as temporary:
+            figure.savefig(temporary, format=suffix[1:], metadata=facts[suffix])
+
+
+SPREAD = 20.0
+"""Values whose largest exceeds the smallest positive one by this factor get a log scale."""
+
+FINEST = 1e-3
+"""Averages below this are shown on the linear part of a symmetric log scale."""
+
+CROWDED = 1.7
+"""Decades from which only powers of ten carry a number."""
+
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+"""Digits of exponents; figures have no formulas, which names would be taken for."""
+
+
+def fit_scale(
+    ax: Axes, side: Literal["x", "y"], values: Iterable[float], log: bool = False
+) -> None:
+    """Scale one axis for values that are not negative: linear, log, or symlog where some are 0.
+
+    Args:
+        ax: the axes; those that share the axis follow.
+        side: which axis.
+        values: all that is shown on it.
+        log: whether a narrow range of positive values is logarithmic too.
+    """
+    array = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
+    positive = array[array > 0]
+    zeros = bool((array == 0).any())
+    wide = positive.size > 0 and positive.max() > SPREAD * positive.min()
+    axis: Any = ax.xaxis if side == "x" else ax.yaxis
+    limits = ax.set_xlim if side == "x" else ax.set_ylim
+    scale = ax.set_xscale if side == "x" else ax.set_yscale
+    if positive.size == 0 or not (wide or (log and not zeros)):
+        if zeros:
+            limits(-0.05 * array.max() if array.max() > 0 else -0.05)
+        return
+    low, high = float(positive.min()), float(positive.max())
+    if zeros:
+        threshold = float(max(FINEST, 10.0 ** np.floor(np.log10(low))))
+        scale("symlog", linthresh=threshold, linscale=0.5)
+        limits(-0.25 * threshold, 1.6 * high)
+    else:
+        scale("log")
+        limits(low / 1.35, high * 1.35)
+        few = np.log10(high / low) < CROWDED
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(_decimal))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _decimal(value: float, _position: object) -> str:
+    """Plain decimals where they are short; powers of ten elsewhere."""
+    if value == 0 or 1e-3 <= abs(value) < 1e4:
+        return f"{value:g}"
+    return "10" + str(round(np.log10(value))).translate(RAISED) if value > 0 else ""

@@ -1,0 +1,177 @@
+"""Tables, figures and sections of a report, and how they are written."""
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pipeline.figures.labels import percents
+from pipeline.files import write_text
+from pipeline.markdown import Markdown, table
+from pipeline.templates import template
+from pipeline.text import visible
+
+INTERVALS = "Brackets are 95 % intervals: Wilson's of a share, Student's of a mean."
+
+LONGEST = 80
+"""Characters of a file's name that a table or figure keeps of its own."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a printed table.
+
+    Attributes:
+        title: heading, with the unit.
+        source: column of the frame.
+        text: how a value is written; also decides that the column is aligned right.
+        spread: column of the frame that holds the value's spread, where it has one.
+        interval: columns that hold the ends of the value's interval, where it has one.
+        bounds: how these are written.
+    """
+
+    title: str
+    source: str
+    text: Callable[[float], str] | None = None
+    spread: str = ""
+    interval: tuple[str, str] | None = None
+    bounds: Callable[[float, float], str] = percents
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table, whole in its CSV file and rounded on the page.
+
+    Attributes:
+        name: of the CSV file.
+        frame: the numbers.
+        columns: what the page shows of them.
+        trainings: most trainings that a number is the average of.
+        printed: for each row whether the page shows it, or None where it shows all.
+    """
+
+    name: str
+    frame: pd.DataFrame
+    columns: Sequence[Column]
+    trainings: int = 1
+    printed: "pd.Series[bool] | None" = None
+
+    @property
+    def file(self) -> str:
+        """Name of the CSV file, without suffix."""
+        return file_name(self.name)
+
+    @property
+    def markdown(self) -> Markdown:
+        """The printed columns as a Markdown table, numbers aligned right."""
+        rows = self.frame if self.printed is None else self.frame[self.printed]
+        return table(
+            [column.title for column in self.columns],
+            zip(*(_texts(rows, column) for column in self.columns), strict=True),
+            right=[k for k, column in enumerate(self.columns) if column.text is not None],
+        )
+
+    @property
+    def signs(self) -> str:
+        """What brackets and ± mean in it, where it has any."""
+        said = [INTERVALS] if any(column.interval for column in self.columns) else []
+        if self.trainings > 1:
+            said.append(
+                f"Networks trained with several seeds (up to {self.trainings}) show the average "
+                "of their trainings ± the standard deviation between them."
+            )
+        return " ".join(said)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure, and the name of its files."""
+
+    name: str
+    figure: Figure
+
+    @property
+    def file(self) -> str:
+        """Name of the figure files, without suffix."""
+        return file_name(self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Text with tables and figures in it.
+
+    A template places them by ``{% call table(x) %}caption{% endcall %}`` and
+    ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs, and other ends
+    of lines are as good as spaces.
+
+    Attributes:
+        template: its path, as for ``pipeline.templates.template``.
+        values: what the template names.
+    """
+
+    template: str
+    values: Mapping[str, Any]
+
+
+class Writer:
+    """Writes sections, one after another, and numbers their tables and figures."""
+
+    def __init__(self) -> None:
+        self.tables: list[Table] = []
+        self.pictures: list[Picture] = []
+
+    def write(self, section: Section) -> Markdown:
+        """The section's Markdown, each paragraph on a line of its own."""
+        given = {**section.values, "table": self._table, "figure": self._figure}
+        text = template(section.template).render(given)
+        parts = filter(None, map(str.strip, re.split(r"\n\s*\n", text)))
+        lines = (p if p.startswith(("|", "!")) else " ".join(p.split()) for p in parts)
+        return Markdown("\n\n".join(lines))
+
+    def _table(self, table: Table, caller: Callable[[], str]) -> str:
+        self.tables.append(table)
+        caption = f"{caller().strip()} {table.signs}".strip()
+        return f"*Table {len(self.tables)}. {caption}*\n\n{table.markdown}\n\n"
+
+    def _figure(self, picture: Picture, caller: Callable[[], str]) -> str:
+        self.pictures.append(picture)
+        k, caption = len(self.pictures), " ".join(caller().split())
+        return f"![Figure {k}](figures/{picture.file}.svg)\n*Figure {k}. {caption}*\n\n"
+
+
+def write_csv(frame: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV; in its texts, invisible characters become escapes.
+
+    The file appears whole.
+    """
+    shown = frame.copy()
+    for name, column in frame.select_dtypes(["object", "string"]).items():
+        texts = [visible(value) if isinstance(value, str) else value for value in column]
+        shown[name] = pd.Series(texts, frame.index, dtype=object)
+    write_text(path, shown.rename(columns=visible).to_csv(index=False, lineterminator="\n"))
+
+
+def file_name(name: str) -> str:
+    """A name as one of a file: one with other signs, or a long one, gets its digest at the end."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)[:LONGEST]
+    return plain if plain == name else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+
+
+def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
+    values = frame[column.source]
+    if column.text is None:
+        return [str(v) for v in values]
+    texts = []
+    for value, (_, row) in zip(values, frame.iterrows(), strict=True):
+        text = column.text(float("nan") if pd.isna(value) else float(value))
+        if column.spread and pd.notna(row[column.spread]):
+            text += f" ± {column.text(float(row[column.spread]))}"
+        if column.interval and pd.notna(row[column.interval[0]]):
+            text += f" {column.bounds(*row[list(column.interval)])}"
+        texts.append(text)
+    return texts

@@ -1,0 +1,88 @@
+"""One look for all figures."""
+
+import numpy as np
+import pytest
+from hostile import NAME, SEEN_NAME
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pipeline.figures.labels import (
+    BASELINES,
+    EXPERTS,
+    FEED_FORWARD,
+    RECURRENT,
+    REFINERS,
+    label_name,
+    name_of,
+)
+from pipeline.figures.style import KNOWN, fit_scale, in_style, save, styles
+
+
+def test_each_planner_has_a_colour_and_a_marker_of_its_own():
+    look = styles(["ff1", "my net", "another", "third"])
+    assert set(look) == {
+        *EXPERTS,
+        *BASELINES,
+        *FEED_FORWARD,
+        *RECURRENT,
+        *REFINERS,
+        "my net",
+        "another",
+        "third",
+    }
+    assert len({s.colour for s in look.values()}) == len(look)
+    assert len({s.marker for s in look.values()}) == len(look)
+
+
+def test_families_are_told_apart_by_their_lines():
+    assert {KNOWN[p].line for p in FEED_FORWARD} == {"-"}
+    assert {KNOWN[p].line for p in RECURRENT} == {"--"}
+    assert {KNOWN[p].line for p in BASELINES} == {":"}
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [
+        ([1.0, 2.0], "linear"),
+        ([0.0, 0.0], "linear"),
+        ([0.0, 0.01, 10.0], "symlog"),
+        ([0.01, 10.0], "log"),
+        ([float("nan"), 0.01, 10.0], "log"),
+    ],
+)
+def test_scales_are_logarithmic_where_values_span_decades(values, scale):
+    ax = Figure().subplots()
+    fit_scale(ax, "y", values)
+    assert ax.get_yscale() == scale
+    low, high = ax.get_ylim()
+    assert low <= np.nanmin(values)
+    assert scale == "linear" or high >= np.nanmax(values)
+
+
+@pytest.mark.filterwarnings("error")
+def test_names_are_drawn_as_they_are(tmp_path):
+    @in_style
+    def drawn():
+        figure = Figure(layout="constrained")
+        ax = figure.subplots()
+        ax.set_title(f"{NAME} title")
+        ax.set_yticks([0, 1], [name_of(NAME), f"{label_name(NAME)} seed"])
+        figure.legend(handles=[Line2D([], [], label=f"_{NAME} legend")])
+        return figure
+
+    save(drawn(), tmp_path / "f", [".svg"])
+    text = (tmp_path / "f.svg").read_text(encoding="utf-8")
+    for name in (f"{SEEN_NAME} title", SEEN_NAME, f"{SEEN_NAME} seed", f"_{SEEN_NAME} legend"):
+        assert f"<!-- {name} -->" in text
+
+
+def test_powers_of_ten_are_drawn_without_a_formula(tmp_path):
+    @in_style
+    def drawn():
+        figure = Figure()
+        fit_scale(figure.subplots(), "y", [1e-6, 1e6])
+        return figure
+
+    save(drawn(), tmp_path / "f", [".svg"])
+    text = (tmp_path / "f.svg").read_text(encoding="utf-8")
+    assert "<!-- 10⁻⁶ -->" in text and "<!-- 10⁴ -->" in text
