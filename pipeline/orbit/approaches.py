@@ -73,9 +73,12 @@ def least_of_each(
     value: Values, label: Indices
 ) -> tuple[Int[Array, "labels"], Int[Array, "labels"]]:
     """The labels that occur, and the index of each one's least value; NaN is least."""
-    order = np.lexsort((np.nan_to_num(value, nan=-np.inf, posinf=np.inf), label))
-    occurring, first = np.unique(label[order], return_index=True)
-    return occurring, order[first]
+    if len(label) and (label == label[0]).all():
+        return label[:1], np.array([value.argmin()])
+    order = np.lexsort((np.where(np.isnan(value), -np.inf, value), label))
+    ordered = label[order]
+    first = np.flatnonzero(np.diff(ordered, prepend=-1))
+    return ordered[first], order[first]
 
 
 @dataclass(frozen=True, eq=False)

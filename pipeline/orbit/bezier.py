@@ -43,13 +43,13 @@ def hermite_bezier(
 def point_on(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 3"]:
     """The point of each cubic at a share of it, by its Bernstein polynomials."""
     t, rest = at[:, None], 1 - at[:, None]
-    p0, p1, p2, p3 = np.moveaxis(curve, 1, 0)
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
     return rest**3 * p0 + 3 * t * rest**2 * p1 + 3 * t**2 * rest * p2 + t**3 * p3
 
 
 def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     """A quick lower bound on each cubic's distance from the origin: its chord's, less the bend."""
-    p0, p1, p2, p3 = np.moveaxis(curve, 1, 0)
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
     square, product, other = dot(p0, p0), dot(p0, p3), dot(p3, p3)
     length = square + other - 2 * product
     s = np.clip((square - product) / np.where(length > 0, length, 1.0), 0.0, 1.0)
@@ -99,7 +99,7 @@ def branch_and_bound(
 
 def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Array, "s"]]:
     """Where in [0, 1] Newton's method finds each cubic closest to the origin, and how close."""
-    p0, p1, p2, p3 = np.moveaxis(curve, 1, 0)
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
     a1, a2, a3 = 3 * (p1 - p0), 3 * (p2 - 2 * p1 + p0), p3 - 3 * p2 + 3 * p1 - p0
     chord = p3 - p0
     length = dot(chord, chord)
@@ -118,7 +118,7 @@ def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Arr
 def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "_ 4 3"]:
     """Both parts of each cubic, in turn, by de Casteljau."""
     t = at[:, None]
-    p0, p1, p2, p3 = np.moveaxis(curve, 1, 0)
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
     p01, p12, p23 = p0 + t * (p1 - p0), p1 + t * (p2 - p1), p2 + t * (p3 - p2)
     p012, p123 = p01 + t * (p12 - p01), p12 + t * (p23 - p12)
     middle = p012 + t * (p123 - p012)

@@ -66,7 +66,7 @@ class ClohessyWiltshire:
 
     def _amplitudes(self, start: AnyState, control: Vector) -> tuple[Scalar, Scalar]:
         """Amplitudes of ẍ and z̈, which under constant control oscillate at e about 0 by Eq. 1."""
-        e, (x, _, z, vx, vy, vz) = self.mean_motion, np.moveaxis(start, -1, 0)
+        e, (x, _, z, vx, vy, vz) = self.mean_motion, (start[..., k] for k in range(6))
         radial = 3 * e**2 * x + 2 * e * vy + control[..., 0]
         in_plane = np.hypot(radial, 2 * control[..., 1] - e * vx)
         return in_plane, np.hypot(control[..., 2] - e**2 * z, e * vz)

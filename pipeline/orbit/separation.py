@@ -1,6 +1,5 @@
 """Separation of craft: at the nodes (Eq. 5) and, proven, at any time between them."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,11 +82,17 @@ def least_separations(
     The least at the nodes bounds it from above, so that only closer pairs and times are searched;
     and where rounding hides that pair from the search as well, it is the least.
     """
-    least = _closest_at_nodes(states, problem, swarms)
-    within = np.nan_to_num([one.distance for one in least], posinf=0.0)  # none without a pair
+    within = np.nan_to_num(_least_at_nodes(states, swarms), posinf=0.0)  # none without a pair
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
     times = found.interval * problem.time_step + found.offset
-    return closer(least, found, found.first, found.second, times, swarms)
+    least = closer([Separation()] * len(within), found, found.first, found.second, times, swarms)
+    for swarm, (start, n) in enumerate(zip(swarms.starts, swarms.sizes, strict=True)):
+        if least[swarm].pair is None and n > 1:
+            part = states[start : start + n]
+            distance, node, pair = _closest_at_nodes(part)
+            bound = distance - ROUNDING * float(np.abs(part[..., :3]).max())
+            least[swarm] = Separation(distance, bound, pair, node * problem.time_step)
+    return least
 
 
 def closer(
@@ -124,38 +129,31 @@ def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
     return len(np.unique(np.stack([found.first, found.second]), axis=1).T)
 
 
-def _closest_at_nodes(states: States, problem: Problem, swarms: Swarms) -> list[Separation]:
-    """The closest pair of each swarm at any node; its bound is lower by what rounding may hide."""
-    closest = [Separation()] * len(swarms.sizes)
-    slack = ROUNDING * np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
-    found = _closest_of_few(states, swarms) if swarms.few else _closest_of_many(states, swarms)
-    for swarm, i, j, node, distance in found:
-        time = node * problem.time_step
-        closest[swarm] = Separation(distance, distance - float(slack[swarm]), (i, j), time)
-    return closest
-
-
-def _closest_of_few(states: States, swarms: Swarms) -> Iterator[tuple[int, int, int, int, float]]:
-    """Swarm, first craft, second craft, node and distance, all pairs compared."""
+def _least_at_nodes(states: States, swarms: Swarms) -> Float[Array, "swarms"]:
+    """Distance of the closest pair of each swarm at any node, m; infinite without a pair."""
+    if not swarms.few:
+        parts = np.split(states, swarms.starts[1:])
+        return np.array([_closest_at_nodes(part)[0] if len(part) > 1 else np.inf for part in parts])
+    least = np.full(len(swarms.sizes), np.inf)
     i, j = swarms.pairs
-    apart = norm(states[i, :, :3] - states[j, :, :3])
-    least = apart.min(axis=1)
-    for swarm, k in np.transpose(least_of_each(least, swarms.label[i])).tolist():
-        first, second = int(i[k] - swarms.starts[swarm]), int(j[k] - swarms.starts[swarm])
-        yield swarm, first, second, int(apart[k].argmin()), float(least[k])
+    distance = norm(states[i, :, :3] - states[j, :, :3]).min(axis=1)
+    np.minimum.at(least, swarms.label[i], distance)
+    return least
 
 
-def _closest_of_many(states: States, swarms: Swarms) -> Iterator[tuple[int, int, int, int, float]]:
-    """The same by trees."""
-    T = states.shape[1]
-    for swarm, part in enumerate(np.split(states, swarms.starts[1:])):
-        if len(part) < 2:
-            continue
-        tree = _node_tree(part)
-        near, points = map(np.asarray, tree.query(tree.data, k=2))
-        point = int(near[:, 1].argmin())  # the nearest is the craft itself, or one in its place
-        i, j = sorted({point // T, *(points[point] // T).tolist()})[:2]
-        yield swarm, i, j, point % T, float(near[point, 1])
+def _closest_at_nodes(states: States) -> tuple[float, int, tuple[int, int]]:
+    """Distance (m), node and craft of the closest pair of a swarm at any node."""
+    n, T, _ = states.shape
+    if n <= FEW:
+        apart = node_distances(states)
+        k, node = divmod(int(apart.argmin()), T)
+        i, j = (int(one[k]) for one in pairs(n))
+        return float(apart[k, node]), node, (i, j)
+    tree = _node_tree(states)
+    near, points = map(np.asarray, tree.query(tree.data, k=2))
+    point = int(near[:, 1].argmin())  # the nearest is the craft itself, or one in its place
+    i, j = sorted({point // T, *(points[point] // T).tolist()})[:2]
+    return float(near[point, 1]), point % T, (i, j)
 
 
 def _node_tree(states: States) -> cKDTree:
