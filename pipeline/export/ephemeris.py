@@ -34,9 +34,6 @@ def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -
 
     Thrust jumps at nodes, and no interpolation may reach across a jump. Files of craft that an
     earlier plan had there, and this one has not, are removed. Objects are named by ``name``.
-
-    Raises:
-        InputError: as ``thrust_arcs``.
     """
     arcs = thrust_arcs(plan, scenario)
     created = _stamp(datetime.now(UTC))

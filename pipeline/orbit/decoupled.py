@@ -148,9 +148,6 @@ def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float
     change b of the final state can R w = s b be? A limit of 1/s is what it takes. All are solved
     in one call, scaled by the minimum-energy transfers, which no limit needs to exceed. The
     problem's own limit is ignored; infinite where no thrust reaches the goal.
-
-    Raises:
-        ProlearnError: where the solver fails.
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 

@@ -142,11 +142,7 @@ def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
 
 
 def read_whole_plan(path: Path) -> tuple[Plan, Scenario]:
-    """The plan in a file and its scenario.
-
-    Raises:
-        InputError: as ``read_plan``, or where the file does not hold the scenario.
-    """
+    """The plan in a file and its scenario; a file without one is an InputError."""
     plan, scenario = read_plan(path)
     if scenario is None:
         raise InputError(

@@ -82,11 +82,7 @@ class Plan:
 
     @property
     def requirements(self) -> Requirements:
-        """What was asked of its flight without errors; of a risk its certificate says what.
-
-        Raises:
-            InputError: for passive safety that is none, or together with separation at nodes only.
-        """
+        """What was asked of its flight without errors; the certificate has the limit of a risk."""
         drifting = self.certificate.passive_safety
         return Requirements(self.separation, None if drifting is None else drifting.orbits)
 

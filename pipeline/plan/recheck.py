@@ -36,9 +36,8 @@ class Rechecked:
 def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
     """Fly a plan's controls from its scenario's initial states and certify the outcome.
 
-    Raises:
-        InputError: where the controls lead nowhere that a number could say, or where passive
-            safety is claimed for no length of a drift, or with separation at the nodes only.
+    Controls too large for numbers are an InputError, and so is passive safety that is claimed for
+    no length of a drift or with separation at the nodes only.
     """
     _refuse_overflow(claimed, scenario)
     problem, said, asked = scenario.problem, claimed.certificate, claimed.requirements

@@ -264,11 +264,7 @@ def read_scenario(path: Path) -> Scenario:
 
 
 def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
-    """The scenario in a file, as ``read_scenario`` and ``check`` let it pass.
-
-    Raises:
-        InputError: as they do, with the file's name.
-    """
+    """The scenario in a file, read and checked; InputErrors have the file's name."""
     scenario = read_scenario(path)
     try:
         check(scenario, allow_drift=allow_drift)
@@ -299,8 +295,7 @@ def write_scenario(path: Path, scenario: Scenario) -> None:
 def write_by_hand(path: Path, fields: Mapping[str, Any]) -> Scenario:
     """Write a scenario file of fields as a person gives them, and return the scenario.
 
-    Raises:
-        InputError: where a field is missing or wrong, by its name; nothing is written then.
+    A missing or wrong field is an InputError with its name; nothing is written then.
     """
     document = document_from({"schema": SCHEMA, **fields}, ScenarioDocument)
     scenario = document.scenario(stem_of(path))

@@ -90,11 +90,7 @@ class Scenario:
 
 
 def shared_problem(scenarios: Sequence[Scenario]) -> Problem:
-    """The one problem of at least one scenario.
-
-    Raises:
-        InputError: where they have several.
-    """
+    """The one problem of at least one scenario; several are an InputError."""
     problem = scenarios[0].problem
     for k, scenario in enumerate(scenarios):
         if scenario.problem is not problem and scenario.problem != problem:

@@ -25,9 +25,6 @@ def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Rechecked]:
     """The page of a plan, and what it says of it.
 
     It refers to nothing outside itself, and its policy lets it run no script but its own two.
-
-    Raises:
-        InputError: as ``recheck``.
     """
     shown = recheck(claimed, scenario)
     data, pairs = page_data(shown.plan, scenario)
