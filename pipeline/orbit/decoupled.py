@@ -51,7 +51,7 @@ class Facets:
 
 
 @dataclass(frozen=True, eq=False)
-class LeastFuel:
+class DecoupledOptima:
     """Decoupled optima of N craft without a thrust limit."""
 
     controls: Float[Array, "N intervals 3"]  # m/s²
@@ -63,7 +63,7 @@ class LeastFuel:
     exact: Bool[Array, "N"]  # whether the controls need no more than the bound but for rounding
 
 
-def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
+def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima | None:
     """Least-fuel controls for changes of the final state, m and m/s; the thrust limit is ignored.
 
     None for a problem whose controls do not reach every state, so that there is no hull.
@@ -89,7 +89,7 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> LeastFuel | None:
         dual[:, facets.component] = facets.dual[chosen]
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
-    return LeastFuel(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
+    return DecoupledOptima(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
 
 
 def _met(
