@@ -72,19 +72,6 @@ def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
     return f"{family}-s{seed}-n{n}-{split}-{index:06d}"
 
 
-def passively_safe(states: Formation, problem: Problem, *, added: Marked | None = None) -> bool:
-    """Whether every pair stays further apart than r_col in free drift over a whole orbit.
-
-    Where ``added`` marks craft, pairs of others are known to.
-    """
-    i, j = pairs(len(states))
-    if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= problem.collision_radius).any():
-        return False  # most unsafe draws are, from the start; the rest takes longer to see
-    drift = free_drift(states, problem)
-    found = close_approaches(*drift, within=problem.collision_radius, moved=added)
-    return len(found.first) == 0
-
-
 @dataclass(frozen=True)
 class _Draw:
     """A random stream, and the swarm that it draws formations of."""
@@ -123,9 +110,16 @@ class _Draw:
             rings.append(pro_states(a, tilt, self.slots(count), cross, e))
         return np.concatenate(rings)
 
-    def is_safe(self, states: Formation) -> bool:
-        """Whether a formation is passively safe."""
-        return passively_safe(states, self.problem)
+    def is_safe(self, states: Formation, added: Marked | None = None) -> bool:
+        """Whether every pair stays further apart than r_col in free drift over a whole orbit.
+
+        Where ``added`` marks craft, pairs of others are known to.
+        """
+        radius, (i, j) = self.problem.collision_radius, pairs(len(states))
+        if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= radius).any():
+            return False  # most unsafe draws are, from the start; the rest takes longer to see
+        found = close_approaches(*free_drift(states, self.problem), within=radius, moved=added)
+        return len(found.first) == 0
 
     def ends(
         self,
@@ -202,13 +196,13 @@ def _tilt_split(draw: _Draw) -> Ends:
 
 def _independent(draw: _Draw) -> Ends:
     """Each craft on a random PRO of its own, with an along-track offset of its own."""
-    rng, problem, growth = draw.rng, draw.problem, draw.growth
+    rng, e, growth = draw.rng, draw.problem.mean_motion, draw.growth
 
     def craft() -> Formation:
         a = growth * rng.uniform(*SEMI_MAJOR_AXIS)
         offset = growth * rng.uniform(-SEMI_MAJOR_AXIS[1], SEMI_MAJOR_AXIS[1])
         tilt, phase = rng.uniform(-TILT, TILT), np.array([draw.angle()])
-        return pro_states(a, tilt, phase, draw.angle(), problem.mean_motion, offset)
+        return pro_states(a, tilt, phase, draw.angle(), e, offset)
 
     def formation() -> Formation:
         placed = craft()
@@ -218,7 +212,7 @@ def _independent(draw: _Draw) -> Ends:
 
     def clear_of(placed: Formation, one: Float[Array, "1 6"]) -> bool:
         added = np.arange(len(placed) + 1) == len(placed)
-        return passively_safe(np.concatenate([placed, one]), problem, added=added)
+        return draw.is_safe(np.concatenate([placed, one]), added)
 
     return formation(), formation()
 
