@@ -10,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from pipeline.documents import DIALECT, read_document, write_document
 from pipeline.errors import InputError
-from pipeline.files import stem_of
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import Separation
@@ -134,11 +133,8 @@ def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
     document = read_document(path, PlanDocument, WHAT)
-    try:
-        asked = document.scenario
-        return document.plan, None if asked is None else asked.scenario(stem_of(path))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    asked = document.scenario
+    return document.plan, None if asked is None else asked.scenario_of(path)
 
 
 def read_whole_plan(path: Path) -> tuple[Plan, Scenario]:

@@ -249,6 +249,13 @@ class ScenarioDocument(BaseModel):
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         return Scenario(problem, initial, goal, name=name, reference=where)
 
+    def scenario_of(self, path: Path) -> Scenario:
+        """The scenario, whose InputErrors name the file."""
+        try:
+            return self.scenario(stem_of(path))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
 
 def read_scenario(path: Path) -> Scenario:
     """The scenario in a file.
@@ -256,11 +263,7 @@ def read_scenario(path: Path) -> Scenario:
     Raises:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
-    document = read_document(path, ScenarioDocument, WHAT)
-    try:
-        return document.scenario(stem_of(path))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return read_document(path, ScenarioDocument, WHAT).scenario_of(path)
 
 
 def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
