@@ -12,11 +12,10 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts
 from pipeline.orbit.approaches import PROVABLE, Swarms, close_approaches, side_by_side
-from pipeline.orbit.covariance import deviation_along, dispersion
+from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
+from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import levels_at
-from pipeline.orbit.thrust_loss import loss_encounters
-from pipeline.orbit.uncertainty import Uncertainty
 from pipeline.plan import AT_ALL_TIMES, Requirements
 
 Craft = Int[Array, "_"] | Bool[Array, "_"]

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
+from pipeline.orbit.passive_safety import LossEncounters
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_loss import Encounters
 from pipeline.orbit.transfer import TransferMaps, transfer_maps
 
 TOUCHING = 1e-3
@@ -94,7 +94,9 @@ def cuts_at(
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
-def passive_safety_cuts(found: Encounters, states: Float[Array, "n T 6"], problem: Problem) -> Cuts:
+def passive_safety_cuts(
+    found: LossEncounters, states: Float[Array, "n T 6"], problem: Problem
+) -> Cuts:
     """Cuts at encounters of a drifting craft, which lost its thrust at a node, and another.
 
     The controls of a drifting craft count up to that node, so none from the first node on, and

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.expert.solvers import OPTIMAL, clarabel_solver
 from pipeline.expert.subproblem import Subproblem
-from pipeline.orbit.least_fuel import least_fuel
+from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 

@@ -16,8 +16,8 @@ from pipeline.arrays import Array
 from pipeline.expert.conflicts import BackOff
 from pipeline.expert.nominal import nominal_plans
 from pipeline.expert.settings import Settings
+from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.risk import CollisionRisk, collision_risk
-from pipeline.orbit.uncertainty import Uncertainty
 from pipeline.plan import (
     AT_ALL_TIMES,
     INFEASIBLE,

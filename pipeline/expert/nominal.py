@@ -15,8 +15,8 @@ from pipeline.expert.scp import SearchProblem, Seeds, cluster_labels
 from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
+from pipeline.orbit.infeasibility import unavoidable
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_loss import unavoidable
 from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
 from pipeline.plan import (
     INFEASIBLE,
@@ -144,7 +144,7 @@ def _before_search(asked: SearchProblem) -> list[SearchResult]:
 def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     """Why no plan is passively safe, where the ends alone prove it; else nothing."""
     found = unavoidable(scenario.initial, scenario.goal, scenario.problem, orbits)
-    if found is None:
+    if found is None or found.pair is None:
         return ""
     (i, j), problem = found.pair, scenario.problem
     whence = "its start" if found.node == 0 else "its goal"

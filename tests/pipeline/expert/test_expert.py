@@ -14,7 +14,7 @@ from pipeline.expert.scp import Search
 from pipeline.expert.seeds import line_seed
 from pipeline.expert.solvers import SOLVERS, by_simplex
 from pipeline.expert.subproblem import UnsolvableError
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.separation import least_separation

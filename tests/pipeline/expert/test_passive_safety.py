@@ -13,7 +13,6 @@ from pipeline.expert.cuts import gaps, half_spaces, passive_safety_cuts
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.orbit.thrust_loss import loss_encounters
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Made, Requirements, planned
 from pipeline.planners.classical import BASELINES
