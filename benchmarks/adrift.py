@@ -22,8 +22,8 @@ from threadpoolctl import threadpool_limits
 from benchmarks.tables import Row, show, write_json
 from pipeline.expert import solve
 from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import fly
 from pipeline.plan import INFEASIBLE, SOLVED, Plan, Requirements
 from pipeline.scenario import FAMILIES, Scenario, draw
@@ -101,8 +101,7 @@ def _least(plan: Plan, scenario: Scenario, orbits: float, parts: int = 1) -> flo
     finer = replace(problem, time_step=step, nodes=nodes)
     controls = np.repeat(plan.controls, parts, axis=1)
     states = fly(scenario.initial, controls, finer)
-    least = least_after_loss(states, controls, finer, orbits, side_by_side((scenario.n,)))[0]
-    return np.inf if least is None else least.bound
+    return least_after_loss(states, controls, finer, orbits, side_by_side((scenario.n,)))[0].bound
 
 
 if __name__ == "__main__":

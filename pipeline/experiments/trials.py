@@ -11,9 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
 from pipeline.experiments.rows import FLOWN, PLAN, PREDICTED, Trial
-from pipeline.orbit.fuel import fuel, implied_controls
 from pipeline.orbit.separation import node_collisions, pair_conflicts
-from pipeline.orbit.transfer import dynamics_defect
+from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress

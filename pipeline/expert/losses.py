@@ -7,8 +7,9 @@ from pipeline.arrays import Array
 from pipeline.expert.cuts import Apart, Cuts
 from pipeline.expert.spread import Spread, conflicts_less
 from pipeline.orbit.approaches import Swarms
+from pipeline.orbit.infeasibility import unavoidable
+from pipeline.orbit.passive_safety import LossEncounters, loss_encounters
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_loss import Encounters, loss_encounters, unavoidable
 from pipeline.plan import Requirements
 from pipeline.scenario import Scenario
 
@@ -70,7 +71,7 @@ def loss_conflicts(
     return loss_cuts(found, states, problem), found.bound
 
 
-def loss_cuts(found: Encounters, states: Float[Array, "n T 6"], problem: Problem) -> Cuts:
+def loss_cuts(found: LossEncounters, states: Float[Array, "n T 6"], problem: Problem) -> Cuts:
     """Cuts at encounters. The craft of each are those whose controls have a say in it.
 
     A craft adrift has its say before it loses its thrust, so none from the first node on, and the
@@ -112,7 +113,7 @@ def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Ar
 def what_no_plan_can_help(scenario: Scenario, orbits: float) -> str:
     """Why no plan is passively safe, in words, where the ends alone say so; else nothing."""
     found = unavoidable(scenario.initial, scenario.goal, scenario.problem, orbits)
-    if found is None:
+    if found is None or found.pair is None:
         return ""
     (i, j), problem = found.pair, scenario.problem
     whence = "its start" if found.node == 0 else "its goal"

@@ -10,7 +10,7 @@ from pipeline.arrays import Array
 from pipeline.expert.interior_point import OPTIMAL, new_solver
 from pipeline.expert.split import controls_of
 from pipeline.expert.subproblem import Subproblem
-from pipeline.orbit.least_fuel import least_fuel
+from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 

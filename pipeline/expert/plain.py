@@ -20,10 +20,9 @@ from pipeline.expert.interior_point import OPTIMAL
 from pipeline.expert.own import control_limit, own_optima
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.orbit.approaches import pairs
-from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
-from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.orbit.transfer import fly, fuel, meet_goal
 from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.scenario import Scenario
 

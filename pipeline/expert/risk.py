@@ -10,8 +10,8 @@ from scipy.special import ndtr, ndtri
 from pipeline.expert.expert import nominal_plans
 from pipeline.expert.settings import Settings
 from pipeline.expert.spread import Spread
+from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.risk import CollisionRisk, collision_risk
-from pipeline.orbit.uncertainty import Uncertainty
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan, Requirements, Risk
 from pipeline.scenario import Scenario
 

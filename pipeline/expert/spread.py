@@ -9,10 +9,9 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.expert.cuts import Cuts, conflicts, directions, gaps
 from pipeline.orbit.approaches import PROVABLE, Swarms
-from pipeline.orbit.covariance import deviation_along, dispersion
+from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import levels_at
-from pipeline.orbit.uncertainty import Uncertainty
 from pipeline.plan import Requirements
 
 ENDS = 2 * PROVABLE

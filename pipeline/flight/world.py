@@ -12,8 +12,7 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError
 from pipeline.flight.perturbations import Atmosphere, drag, oblateness, point_mass
 from pipeline.orbit.dynamics import Dynamics
-from pipeline.orbit.elements import Elements
-from pipeline.orbit.inertial import lvlh_axes, lvlh_frame
+from pipeline.orbit.inertial import Elements, lvlh_axes, lvlh_frame
 
 TOLERANCE = 1e-6
 """Of a step of the integrator for each craft, m; of velocities, in m/s, this times TURN."""

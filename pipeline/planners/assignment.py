@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from pipeline.arrays import Array
 from pipeline.expert import own_optima
 from pipeline.expert.own import PROGRAM, TABLE, control_limit, goal_miss
-from pipeline.orbit.least_fuel import least_fuel
+from pipeline.orbit.decoupled import least_fuel
 from pipeline.scenario import Scenario
 
 BOTH = f"{TABLE}, or {PROGRAM} where that breaks the thrust limit"

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.thrust_loss import forced_goals
+from pipeline.orbit.infeasibility import forced_goals
 from pipeline.plan import (
     INFEASIBLE,
     SOLVED,

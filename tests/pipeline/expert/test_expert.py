@@ -13,7 +13,7 @@ from pipeline.expert.own import goal_miss
 from pipeline.expert.scp import Search
 from pipeline.expert.seeds import line_seed
 from pipeline.expert.subproblem import UnsolvableError
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.separation import least_separation

@@ -12,9 +12,9 @@ from pipeline.expert import solve, solve_many
 from pipeline.expert.cuts import gaps, half_spaces_along
 from pipeline.expert.losses import loss_cuts
 from pipeline.expert.own import own_optima
+from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.orbit.thrust_loss import loss_encounters
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Made, Requirements, planned
 from pipeline.planners.baselines import BASELINES

@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.expert.plain import MARGIN, UNIT, PlainScp
 from pipeline.expert.seeds import line_seed, own_seed
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan import Requirements

@@ -8,7 +8,7 @@ from judge import judge_plan
 from judged import document
 
 from pipeline.expert import solve
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.plan import INFEASIBLE, SOLVED, Requirements

@@ -9,7 +9,7 @@ from pipeline.flight.effects import fly_controls
 from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import LinearWorld, NonlinearWorld
 from pipeline.orbit.approaches import TOLERANCE
-from pipeline.orbit.elements import Elements
+from pipeline.orbit.inertial import Elements
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import least_separation

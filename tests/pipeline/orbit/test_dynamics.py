@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.reference import mean_motion_at
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from pipeline.orbit.least_fuel import facets_of, least_fuel
+from pipeline.orbit.decoupled import facets_of, least_fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
 

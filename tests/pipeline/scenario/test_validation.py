@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from pipeline.expert import own_optima
-from pipeline.orbit.least_thrust import least_limits
+from pipeline.orbit.decoupled import least_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.scenario import Scenario, draw, findings
+from pipeline.scenario import Scenario, diagnostics, draw
 
 E = Problem().mean_motion
 ORBIT = 2 * np.pi / E
@@ -30,11 +30,11 @@ def drifted(state, times):
 
 
 def wrong(scenario):
-    return {(one.end, one.rule): one.cases for one in findings(scenario) if not one.fine}
+    return {(one.end, one.rule): one.cases for one in diagnostics(scenario) if not one.fine}
 
 
 def test_a_draw_is_fine_in_every_respect():
-    found = findings(draw("rings", 0, 6, 0, Problem(max_acceleration=5e-3)))
+    found = diagnostics(draw("rings", 0, 6, 0, Problem(max_acceleration=5e-3)))
     assert all(one.fine for one in found)
     assert len(found) == 8
 

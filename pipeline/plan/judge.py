@@ -5,40 +5,29 @@ from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly, with_coasts
+from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
 
-POSITION_TOLERANCE = 1e-6
-"""Largest miss of a position that counts as rounding, m."""
-
-VELOCITY_TOLERANCE = 1e-9
-"""Largest miss of a velocity that counts as rounding, m/s."""
+POSITION_TOLERANCE = 1e-6  # largest miss of a position that counts as rounding, m
+VELOCITY_TOLERANCE = 1e-9  # largest miss of a velocity that counts as rounding, m/s
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What a planner made of a scenario, before it is flown and judged.
+    """A planner's controls for a scenario, before they are flown and judged."""
 
-    Attributes:
-        controls: m/s².
-        fuel_lower_bound: sum of the own optima, m/s².
-        proof: of that bound, in words.
-        convex_solves: joint convex programs that it took.
-        timing: seconds by stage.
-    """
-
-    controls: Float[Array, "n intervals 3"]
-    fuel_lower_bound: float
-    proof: str = ""
-    convex_solves: int = 0
-    timing: Mapping[str, float] = field(default_factory=dict)
+    controls: Controls  # m/s²
+    fuel_lower_bound: float  # sum of the decoupled optima, m/s²
+    proof: str = ""  # of that bound, in words
+    convex_solves: int = 0  # joint convex programs that it took
+    timing: Mapping[str, float] = field(default_factory=dict)  # seconds by stage
 
 
 def planned_all(
@@ -47,14 +36,7 @@ def planned_all(
     made: Sequence[Made],
     requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Plan]:
-    """The plans of scenarios of one problem; what a certificate proves decides a plan's status.
-
-    Args:
-        planner: name of the planner.
-        scenarios: what was asked.
-        made: what the planner made of each.
-        requirements: what a plan must satisfy.
-    """
+    """The plans of a planner's controls for scenarios of one problem, with their status."""
     if not scenarios:
         return []
     started = perf_counter()
@@ -68,10 +50,7 @@ def planned_all(
     flown, burned = np.split(states, ends), np.split(controls, ends)
     plans = []
     for one, theirs, burns, certificate in zip(made, flown, burned, certificates, strict=True):
-        missed = _missed(certificate)
-        fault = _fault(burns, certificate, problem, requirements)
-        status = UNSOLVED if missed else UNSAFE if fault else SOLVED
-        timing = {**one.timing, "certificate": each}
+        status, message = judge(certificate, burns, problem, requirements)
         plans.append(
             Plan(
                 planner,
@@ -80,8 +59,8 @@ def planned_all(
                 burns,
                 certificate,
                 one.convex_solves,
-                timing,
-                missed or fault,
+                {**one.timing, "certificate": each},
+                message,
                 separation=requirements.separation,
             )
         )
@@ -89,21 +68,43 @@ def planned_all(
 
 
 def planned(
-    planner: str,
-    scenario: Scenario,
-    made: Made,
-    requirements: Requirements = AT_ALL_TIMES,
+    planner: str, scenario: Scenario, made: Made, requirements: Requirements = AT_ALL_TIMES
 ) -> Plan:
     """The plan of one scenario, as in ``planned_all``."""
     return planned_all(planner, [scenario], [made], requirements)[0]
 
 
-def is_passively_safe(certificate: Certificate, problem: Problem) -> bool:
-    """Whether no pair comes within the collision radius after a loss of thrust, if it was asked."""
-    adrift = certificate.passive_safety
-    if adrift is None or adrift.min_separation_bound is None:
-        return True
-    return adrift.min_separation_bound > problem.collision_radius
+def judge(
+    certificate: Certificate,
+    controls: Controls,
+    problem: Problem,
+    requirements: Requirements = AT_ALL_TIMES,
+) -> tuple[str, str]:
+    """Status of a plan by its certificate and controls (m/s²), and why it is not SOLVED."""
+    wrong = violations(certificate, controls, problem, requirements)
+    if "goal" in wrong:
+        return UNSOLVED, wrong["goal"]
+    return (UNSAFE if wrong else SOLVED), "; ".join(wrong.values())
+
+
+def violations(
+    certificate: Certificate,
+    controls: Controls,
+    problem: Problem,
+    requirements: Requirements = AT_ALL_TIMES,
+) -> dict[str, str]:
+    """What a plan does not satisfy, in words: goal, thrust, separation, passive safety and risk.
+
+    The one judgement of a plan; NaN satisfies nothing.
+    """
+    found = {
+        "goal": _missed(certificate),
+        "thrust": _too_strong(controls, problem),
+        "separation": _too_close(certificate, problem, requirements),
+        "passive safety": _too_close_drifting(certificate, problem),
+        "risk": _too_risky(certificate, problem),
+    }
+    return {what: text for what, text in found.items() if text}
 
 
 def is_safe(
@@ -115,32 +116,26 @@ def is_safe(
     return certificate.min_separation_bound > problem.collision_radius
 
 
+def check_states(plan: Plan, scenario: Scenario) -> None:
+    """Refuse a plan whose states start elsewhere or break the dynamics with an InputError."""
+    defect = dynamics_defect(plan.states, plan.controls, scenario.problem)[..., :3]
+    start = (plan.states[:, 0] - scenario.initial)[:, :3]
+    off = max(float(np.abs(defect).max()), float(np.abs(start).max()))
+    if not off <= POSITION_TOLERANCE:
+        raise InputError(
+            f"the plan's states are up to {off:.3g} m off those that its controls lead to; "
+            "expected a plan as it was made: plan again."
+        )
+
+
 def _missed(certificate: Certificate) -> str:
-    """By how much a plan misses its goal, or nothing; written so that what is no number misses."""
     position, velocity = certificate.goal_error, certificate.goal_velocity_error
     if position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE:
         return ""
     return f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
 
 
-def _fault(
-    controls: Float[Array, "n intervals 3"],
-    certificate: Certificate,
-    problem: Problem,
-    requirements: Requirements,
-) -> str:
-    """What a plan does not satisfy, point by point, or nothing."""
-    points = (
-        _too_strong(controls, problem),
-        _too_close(certificate, problem, requirements),
-        _adrift(certificate, problem),
-        _too_risky(certificate, problem),
-    )
-    return "; ".join(filter(None, points))
-
-
-def _too_strong(controls: Float[Array, "n intervals 3"], problem: Problem) -> str:
-    """By how much a plan breaks the thrust limit."""
+def _too_strong(controls: Controls, problem: Problem) -> str:
     limit, used = problem.max_acceleration, float(np.abs(controls).max())
     if limit is None or used <= problem.most_control:
         return ""
@@ -148,7 +143,6 @@ def _too_strong(controls: Float[Array, "n intervals 3"], problem: Problem) -> st
 
 
 def _too_close(certificate: Certificate, problem: Problem, requirements: Requirements) -> str:
-    """Who meets whom in flight."""
     if is_safe(certificate, problem, requirements):
         return ""
     pair = " and ".join(map(str, certificate.min_separation_pair or ()))
@@ -159,21 +153,21 @@ def _too_close(certificate: Certificate, problem: Problem, requirements: Require
     )
 
 
-def _adrift(certificate: Certificate, problem: Problem) -> str:
-    """Who meets whom after a loss of thrust."""
-    found = certificate.passive_safety
-    if is_passively_safe(certificate, problem) or found is None or found.pair is None:
+def _too_close_drifting(certificate: Certificate, problem: Problem) -> str:
+    found, radius = certificate.passive_safety, problem.collision_radius
+    if found is None or found.pair is None or found.min_separation_bound is None:
+        return ""
+    if found.min_separation_bound > radius:
         return ""
     (i, j), last = found.pair, problem.nodes - 1
     whence = "its goal" if found.node == last else f"node {found.node}, should it lose thrust there"
     return (
         f"craft {i}, adrift from {whence}, comes within {found.min_separation:.6g} m of craft {j} "
-        f"at {found.time:.6g} s; collision_radius is {problem.collision_radius:g} m"
+        f"at {found.time:.6g} s; collision_radius is {radius:g} m"
     )
 
 
 def _too_risky(certificate: Certificate, problem: Problem) -> str:
-    """What the risk is, where it is more than was asked for."""
     risk = certificate.risk
     if risk is None or risk.kept:
         return ""

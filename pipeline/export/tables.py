@@ -10,17 +10,15 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
 from pipeline.files import STDIO, published
-from pipeline.handover.arcs import check_states
 from pipeline.plan import Plan
 from pipeline.plan.document import plan_document
+from pipeline.plan.judge import check_states
 from pipeline.scenario import Scenario
 
 METADATA_KEY = b"prolearn"
-
 STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")
-
+# Fields of a plan file that a table has as columns; the others are its metadata
 BESIDE = ("times", "states", "controls")
-"""Fields of a plan file that a table has as columns; the others are its metadata."""
 
 
 def table_of(plan: Plan, scenario: Scenario) -> pa.Table:
