@@ -1,10 +1,7 @@
-"""Example transfers in three dimensions (the paper's Figures 1 and 9), and their files."""
+"""Example transfers in three dimensions (the paper's Figures 1 and 9)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
-from zipfile import ZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,109 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
-from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.experiments.trials import Example
+from pipeline.figures import style
 from pipeline.figures.labels import label_name
-from pipeline.figures.style import (
-    CONFLICT_COLOUR,
-    GOAL_COLOUR,
-    INITIAL_COLOUR,
-    PAGE_WIDTH,
-    in_style,
-)
 from pipeline.figures.tables import Picture, Section
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.rings import revolution
-from pipeline.orbit.transfer import track
-from pipeline.scenario import Scenario
-
-TRACK_STEPS = 12
-"""Points an interval in the example transfers."""
-
-PREFIX = "track:"
-"""Beginning of the names of tracks in a file."""
-
-MOST_BYTES = 250 * 10**6
-"""Size in memory of the largest file that is read; a usual one takes some hundred kB."""
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """One transfer as several planners fly it.
-
-    Attributes:
-        title: of the figure.
-        initial: initial states, m and m/s.
-        goal: goal states.
-        tracks: positions in m, dense in time, by the label of the planner.
-        collision_radius: r_col, m.
-    """
-
-    title: str
-    initial: Float[Array, "n 6"]
-    goal: Float[Array, "n 6"]
-    tracks: Mapping[str, Float[Array, "n _ 3"]]
-    collision_radius: float
-
-
-def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:
-    """One transfer by every planner; of trainings that share a label, the first is flown."""
-    tracks = {}
-    for one in planners:
-        if one.label not in tracks:
-            plan = one.planner.plan([scenario])[0]
-            tracks[one.label] = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
-    radius = scenario.problem.collision_radius
-    return Example(scenario.name, scenario.initial, scenario.goal, tracks, radius)
-
-
-def write_example(example: Example, path: Path) -> None:
-    """Keep an example in a file of numpy's."""
-    tracks: dict[str, Any] = {f"{PREFIX}{label}": each for label, each in example.tracks.items()}
-    np.savez_compressed(
-        path,
-        initial=example.initial,
-        goal=example.goal,
-        name=np.array(example.title),
-        collision_radius=np.array(example.collision_radius),
-        **tracks,
-    )
-
-
-def read_example(path: Path) -> Example:
-    """The example in a file; nothing in it is unpickled.
-
-    Raises:
-        InputError: where the file is damaged, or holds something else.
-    """
-    try:
-        with ZipFile(path) as file:
-            if sum(member.file_size for member in file.infolist()) > MOST_BYTES:
-                raise ValueError(f"it takes more than {MOST_BYTES / 1e6:g} MB in memory")
-        with np.load(path, allow_pickle=False) as file:
-            stored = dict(file)
-        initial, goal = _numbers(stored["initial"], 2, 6), _numbers(stored["goal"], 2, 6)
-        tracks = {
-            name.removeprefix(PREFIX): _numbers(stored[name], 3, 3)
-            for name in stored
-            if name.startswith(PREFIX)
-        }
-        if {len(goal), *map(len, tracks.values())} != {len(initial)}:
-            raise ValueError("it has different numbers of spacecraft")
-        title, radius = str(stored["name"]), float(_numbers(stored["collision_radius"], 0))
-    except Exception as error:  # numpy and zipfile raise errors of many kinds where bytes are wrong
-        raise InputError(f"it holds no example transfer ({error})") from error
-    return Example(title, initial, goal, tracks, radius)
-
-
-def _numbers(array: Any, dimensions: int, components: int | None = None) -> Float[Array, "..."]:
-    """Finite numbers with so many dimensions, the last of them of so many components."""
-    shape = array.shape
-    if array.dtype.kind not in "fi" or not np.isfinite(array).all():
-        raise ValueError("it has values that are not finite numbers")
-    if len(shape) != dimensions or (components is not None and shape[-1] != components):
-        raise ValueError(f"it has an array of shape {shape}")
-    return np.asarray(array, np.float64)
 
 
 def section(examples: Sequence[Example]) -> Section:
@@ -141,11 +41,11 @@ TITLE, LEGEND = 0.3, 0.35
 """Heights above and below the panels, inches."""
 
 TRACK: dict[str, Any] = {"color": "#333333", "linewidth": 0.7}
-CONFLICT: dict[str, Any] = {"color": CONFLICT_COLOUR, "linewidth": 2.2}
+CONFLICT: dict[str, Any] = {"color": style.CONFLICT_COLOUR, "linewidth": 2.2}
 ORBIT: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.45}
 
 
-@in_style
+@style.in_style
 def figure_transfer(example: Example) -> Figure:
     """The tracks of each planner in its own panel, all at one equal scale, in the LVLH frame.
 
@@ -154,12 +54,15 @@ def figure_transfer(example: Example) -> Figure:
     """
     ends = [
         (states, colour, _orbits(states))
-        for states, colour in ((example.initial, INITIAL_COLOUR), (example.goal, GOAL_COLOUR))
+        for states, colour in (
+            (example.initial, style.INITIAL_COLOUR),
+            (example.goal, style.GOAL_COLOUR),
+        )
     ]
     low, high = _limits([*example.tracks.values(), *(orbits for *_, orbits in ends)])
     columns = max(1, min(COLUMNS, len(example.tracks)))
     rows = max(1, -(-len(example.tracks) // columns))
-    width = (PAGE_WIDTH if columns > 1 else 0.75 * PAGE_WIDTH) / columns
+    width = (style.PAGE_WIDTH if columns > 1 else 0.75 * style.PAGE_WIDTH) / columns
     across, up = FILL * _projected(high - low)
     margins = MARGINS if columns > 1 else MARGINS_LARGE
     side = (width - margins[0]) / across
@@ -179,8 +82,8 @@ def figure_transfer(example: Example) -> Figure:
         figure.text(x / total[0], top, label_name(label), ha="center", va="top", fontsize=9)
     figure.suptitle(example.title, y=1 - 0.06 / total[1], va="top")
     handles = [
-        Line2D([], [], color=INITIAL_COLOUR, linestyle="none", marker="o", label="initial"),
-        Line2D([], [], color=GOAL_COLOUR, linestyle="none", marker="o", label="goal"),
+        Line2D([], [], color=style.INITIAL_COLOUR, linestyle="none", marker="o", label="initial"),
+        Line2D([], [], color=style.GOAL_COLOUR, linestyle="none", marker="o", label="goal"),
         Line2D([], [], label="trajectory", **TRACK),
         Line2D([], [], label=f"pair within {example.collision_radius:g} m", **CONFLICT),
     ]

@@ -40,8 +40,8 @@ AVERAGES = (
     Average("Instances", "train_instances", count),
     Average("Epochs", "epochs", count),
     Average("Best epoch", "best_epoch", count),
-    average("Validation loss", "valid_loss", number),
-    average("Time (s)", "seconds", number),
+    average("Validation loss", "valid_loss", number, spread=True),
+    average("Time (s)", "seconds", number, spread=True),
     Average("Device", "device", over=_distinct),
     Average("Threads", "threads", over=_distinct),
 )

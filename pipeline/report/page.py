@@ -17,7 +17,7 @@ from pipeline.experiments import (
     trainings,
 )
 from pipeline.experiments.averages import prepared, reference_size, summarize
-from pipeline.experiments.findings import CHEAP, SAFE
+from pipeline.experiments.verdicts import CHEAP, SAFE
 from pipeline.figures.labels import share
 from pipeline.figures.style import save, styles
 from pipeline.figures.tables import Column, Section, Table, Writer, write_csv

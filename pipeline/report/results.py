@@ -7,8 +7,8 @@ from functools import partial
 import pandas as pd
 
 from pipeline.errors import InputError
-from pipeline.experiments.examples import Example
 from pipeline.experiments.rows import NO_SEED, TABLES
+from pipeline.experiments.trials import Example
 from pipeline.figures.labels import planner_of
 
 
