@@ -147,13 +147,7 @@ def of_answers(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def parts_table(at: str, trials: pd.DataFrame, summary: pd.DataFrame) -> Table:
-    """Each refiner at the rounds of its answer, the rule alone and the decoupled optima.
-
-    Args:
-        at: label of the scenarios.
-        trials: scored.
-        summary: of these trials.
-    """
+    """Each refiner at the rounds of its answer, the rule alone and the decoupled optima."""
     frame, trials = of_answers(summary).reset_index(drop=True), of_answers(trials)
     short = trials[trials["recipe"] == SHORT]
     rows: list[tuple[Any, ...]] = []
@@ -164,13 +158,13 @@ def parts_table(at: str, trials: pd.DataFrame, summary: pd.DataFrame) -> Table:
         rows.append((held.fuel, *held.fuel_interval, text) if beside else (None,) * 3 + (text,))
     columns = ["score_over_short", "score_low", "score_high", "against_short"]
     frame = frame.join(pd.DataFrame(rows, columns=columns))
-    return Table(f"ablations-{_slug(at)}", frame, PARTS, int(frame["seeds"].max()))
+    return Table(f"ablations-{_slug(at)}", frame, PARTS)
 
 
 def rounds_table(at: str, summary: pd.DataFrame) -> Table:
     """A row for tuned, short and the rule after each number of rounds."""
     lines = lines_of(summary)
-    return Table(f"ablations-rounds-{_slug(at)}", lines, ROUNDS, int(lines["seeds"].max()))
+    return Table(f"ablations-rounds-{_slug(at)}", lines, ROUNDS)
 
 
 def _slug(at: str) -> str:

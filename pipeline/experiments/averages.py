@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
-from pipeline.experiments.rows import FLOWN, PLAN, PREDICTED
+from pipeline.experiments.records import FLOWN, PLAN, PREDICTED
 from pipeline.figures.intervals import wilson
 from pipeline.figures.labels import count, error, in_order, name_of, number, ratio, share
 from pipeline.figures.style import PAGE_WIDTH, Style, fit_scale
@@ -217,8 +217,7 @@ def tables_against(
         rows = summary[summary["reading"] != PREDICTED] if one is SAFE else summary
         frame = wide(rows, PLANNER, variable, one)
         columns = [wide_column(frame, heading, title, one) for heading, title in printed.items()]
-        trainings = int(rows["seeds"].max())
-        tables[name] = Table(f"{experiment}-{name}", named(frame), [*NAMED, *columns], trainings)
+        tables[name] = Table(f"{experiment}-{name}", named(frame), [*NAMED, *columns])
     return tables
 
 
@@ -271,7 +270,7 @@ def lines_figure(
         size: of the figure, inches.
         quoted: further values that the scale of the vertical axis has to show.
         handles: further entries of the legend.
-        shared: which axes are common, as for ``Figure.subplots``.
+        **shared: which axes are common, as for ``Figure.subplots``.
     """
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(grid), len(grid[0]), sharex=True, squeeze=False, **shared)

@@ -31,14 +31,8 @@ ORBIT_POINTS = 121
 ELEVATION, AZIMUTH = 26.0, -50.0
 """Where the viewer stands, deg."""
 
-FILL = 1.03
-"""Part of its square that matplotlib's 3-D axes give a box whose projection has unit size."""
-
-MARGINS, MARGINS_LARGE = (0.75, 0.6), (1.35, 0.8)
-"""Width and height around a projected box, for its numbers and labels, inches."""
-
-TITLE, LEGEND = 0.3, 0.35
-"""Heights above and below the panels, inches."""
+ZOOM = 1.02
+"""Of a small panel, in which the box of the axes and its labels just fit."""
 
 TRACK: dict[str, Any] = {"color": "#333333", "linewidth": 0.7}
 CONFLICT: dict[str, Any] = {"color": style.CONFLICT_COLOUR, "linewidth": 2.2}
@@ -52,53 +46,34 @@ def figure_transfer(example: Example) -> Figure:
     Initial states are blue and goal states green, with the passive relative orbits through them;
     stretches where a pair is within the collision radius are vermillion.
     """
-    ends = [
-        (states, colour, _orbits(states))
-        for states, colour in (
-            (example.initial, style.INITIAL_COLOUR),
-            (example.goal, style.GOAL_COLOUR),
-        )
-    ]
-    low, high = _limits([*example.tracks.values(), *(orbits for *_, orbits in ends)])
+    colours = {"initial": style.INITIAL_COLOUR, "goal": style.GOAL_COLOUR}
+    ends = [(getattr(example, end), colour) for end, colour in colours.items()]
+    drawn = [(states, colour, _orbits(states)) for states, colour in ends]
+    low, high = _limits([*example.tracks.values(), *(orbits for *_, orbits in drawn)])
     columns = max(1, min(COLUMNS, len(example.tracks)))
     rows = max(1, -(-len(example.tracks) // columns))
-    width = (style.PAGE_WIDTH if columns > 1 else 0.75 * style.PAGE_WIDTH) / columns
-    across, up = FILL * _projected(high - low)
-    margins = MARGINS if columns > 1 else MARGINS_LARGE
-    side = (width - margins[0]) / across
-    height = side * up + margins[1]
-    total = (columns * width, rows * height + TITLE + LEGEND)
-    figure = Figure(figsize=total)
-    for k, (label, path) in enumerate(example.tracks.items()):
-        # Centres of the panel; the axes are square, so that they overlap where they are empty.
-        x = (k % columns + 0.47) * width
-        y = LEGEND + (rows - k // columns - 0.5) * height
-        place = ((x - side / 2) / total[0], (y - side / 2) / total[1])
-        size = (side / total[0], side / total[1])
-        ax: Any = figure.add_axes((*place, *size), projection="3d", proj_type="ortho")
-        _draw(ax, path, ends, within(path, example.collision_radius))
-        _frame(ax, low, high, large=columns == 1)
-        top = (y + height / 2 - 0.05) / total[1]
-        figure.text(x / total[0], top, label_name(label), ha="center", va="top", fontsize=9)
-    figure.suptitle(example.title, y=1 - 0.06 / total[1], va="top")
+    large, width = columns == 1, style.PAGE_WIDTH if columns > 1 else 0.75 * style.PAGE_WIDTH
+    figure = Figure(figsize=(width, 0.7 + rows * 0.8 * width / columns))
+    projection = {"projection": "3d", "proj_type": "ortho"}
+    axes: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw=projection)
+    figure.subplots_adjust(left=0.01, right=0.95, bottom=0.04, top=0.95, wspace=0.0, hspace=0.0)
+    for ax in axes.flat[len(example.tracks) :]:
+        ax.remove()
+    for ax, (label, path) in zip(axes.flat, example.tracks.items(), strict=False):
+        _draw(ax, path, drawn, within(path, example.collision_radius))
+        _frame(ax, low, high, large)
+        ax.set_title(label_name(label), loc="center", y=0.92)
+    figure.suptitle(example.title)
     handles = [
-        Line2D([], [], color=style.INITIAL_COLOUR, linestyle="none", marker="o", label="initial"),
-        Line2D([], [], color=style.GOAL_COLOUR, linestyle="none", marker="o", label="goal"),
+        Line2D([], [], color=colour, linestyle="none", marker="o", label=end)
+        for end, colour in colours.items()
+    ]
+    handles += [
         Line2D([], [], label="trajectory", **TRACK),
         Line2D([], [], label=f"pair within {example.collision_radius:g} m", **CONFLICT),
     ]
     figure.legend(handles=handles, loc="lower center", ncols=4)
     return figure
-
-
-def _projected(box: Float[Array, "3"]) -> Float[Array, "2"]:
-    """Width and height of a box in the viewer's plane, for a box of unit diagonal."""
-    azimuth, elevation = np.radians(AZIMUTH), np.radians(ELEVATION)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    upward = np.array([0.0, 0.0, np.cos(elevation)]) - np.sin(elevation) * ahead
-    extent: Array = np.abs(np.stack([right, upward])) @ (box / np.linalg.norm(box))
-    return extent
 
 
 def within(track: Float[Array, "n K 3"], collision_radius: float) -> Bool[Array, "n K"]:
@@ -149,7 +124,7 @@ def _limits(tracks: list[Array]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
 
 def _frame(ax: Any, low: Float[Array, "3"], high: Float[Array, "3"], large: bool) -> None:
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_box_aspect(high - low)
+    ax.set_box_aspect(high - low, zoom=0.85 if large else ZOOM)
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
     ax.patch.set_visible(False)
     names = ("x, radial (m)", "y, along-track (m)", "z, cross-track (m)")

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from pipeline.experiments import averages, paper
 from pipeline.experiments.averages import BOUND, COLLISIONS, FUEL, Average
-from pipeline.experiments.rows import FLOWN, PREDICTED
+from pipeline.experiments.records import FLOWN, PREDICTED
 from pipeline.experiments.verdicts import DECOUPLED, Finding, Rules, decide, network_findings
 from pipeline.figures import labels
 from pipeline.figures.labels import EXPERTS, number, span
@@ -49,7 +49,7 @@ def objectives_table(summary: pd.DataFrame, n: int) -> Table:
     names = paper.Objectives._fields
     reported = pd.DataFrame([row._asdict() if row else {} for row in rows], columns=names)
     frame = frame.join(reported.add_prefix("paper_"))
-    return Table("experiment1", frame, COLUMNS, int(frame["seeds"].max()))
+    return Table("experiment1", frame, COLUMNS)
 
 
 RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}

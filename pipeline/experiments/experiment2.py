@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, Average, Panel
-from pipeline.experiments.rows import FLOWN, PLAN, PREDICTED
+from pipeline.experiments.records import FLOWN, PLAN, PREDICTED
 from pipeline.experiments.verdicts import ANY, Finding, Rules
 from pipeline.figures.labels import FEED_FORWARD, RECURRENT, in_order, is_network, name_of, number
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, in_style
@@ -140,10 +140,7 @@ def _title(reading: str, recipe: str, what: Quantity) -> str:
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
     """A row for each group of networks on the largest swarm that any were flown in, up to n = 30.
 
-    Args:
-        trials: from ``prepared``.
-        training: a row for each trained model.
-        n: the swarm size of experiment 1; there is no row where that is the largest.
+    There is none where that is n, the swarm size of experiment 1.
     """
     trials = averages.sizes_of_paper(trials)
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)

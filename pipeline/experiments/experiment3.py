@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import average, average_share
-from pipeline.experiments.rows import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, OPTIMIZERS, PLAIN
+from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, OPTIMIZERS, PLAIN
 from pipeline.experiments.verdicts import ANY, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import mean_interval
@@ -83,7 +83,7 @@ def warmstart_table(warmstarts: pd.DataFrame, optimizer: str, n: int) -> Table:
     frame = summarize_warmstarts(rows)
     frame = frame.assign(name=[label_name(seed) for seed in frame["seed"]])
     name = "experiment3-plain" if optimizer == PLAIN else "experiment3"
-    return Table(f"{name}-n{n}", frame, COLUMNS[optimizer], int(frame["seeds"].max()))
+    return Table(f"{name}-n{n}", frame, COLUMNS[optimizer])
 
 
 def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:

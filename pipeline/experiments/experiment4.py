@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pipeline.experiments import averages, verdicts
 from pipeline.experiments.averages import SHOWN, Panel
-from pipeline.experiments.rows import NODES, PREDICTED, VARIED
+from pipeline.experiments.records import NODES, PREDICTED, VARIED
 from pipeline.experiments.verdicts import DECOUPLED, Finding, Group, Measured, measured
 from pipeline.figures.labels import REFINERS, is_network, percents, ratio, ratios, share
 from pipeline.figures.style import PAGE_WIDTH, REFERENCE, Style, in_style
@@ -132,10 +132,6 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     """Whether each group of networks serves other T, and other Δt, where one took part at all.
 
     A transfer time is served where plans are proven safe and cheap.
-
-    Args:
-        times: a row for each trial at each transfer time.
-        training: a row for each trained model.
     """
     if times.empty:
         return []

@@ -8,18 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
-from pipeline.experiments import averages
+from pipeline.experiments import averages, records
 from pipeline.experiments.averages import average, average_share
-from pipeline.experiments.rows import (
-    ERRORS,
-    LOOPS,
-    NO_ERRORS,
-    OPEN,
-    SIZE,
-    TYPICAL,
-    WITH_ERRORS,
-    WORLDS,
-)
+from pipeline.experiments.records import LOOPS, NO_ERRORS, OPEN, TYPICAL, WITH_ERRORS, WORLDS
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
@@ -52,15 +43,8 @@ MARGIN = average("Margin, av. (m)", "margin_mean", number, "margin")
 
 SHARES = (WITHIN_RADIUS, WITHIN_SIZE)
 AVERAGES = (
-    *SHARES,
-    averages.SEPARATION,
-    GOAL,
-    GOAL_HIGH,
-    VELOCITY,
-    DELTA_V,
-    MOST_DELTA_V,
-    NO_PLAN,
-    MARGIN,
+    *(*SHARES, averages.SEPARATION, GOAL, GOAL_HIGH, VELOCITY),
+    *(DELTA_V, MOST_DELTA_V, NO_PLAN, MARGIN),
 )
 
 CONDITIONS = [Column(name.capitalize(), name) for name in CONDITION]
@@ -84,7 +68,7 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         "trials": int(summary["trials"].max()),
         "most": share(1 - SAFE),
         "typical": TYPICAL,
-        "size": SIZE,
+        "size": records.SIZE,
         "margin": coordinated.loc[coordinated["loop"] == LOOPS[-1], MARGIN.source].mean(),
         "picture": Picture("experiment5", flights_figure(summary, look)),
         "within": within_table(summary),
@@ -98,20 +82,15 @@ def within_table(summary: pd.DataFrame) -> Table:
     names = zip(summary["planner"], summary["recipe"], strict=True)
     rows = summary.assign(label=[f"{name_of(who)} {recipe}".strip() for who, recipe in names])
     frame = averages.wide(rows, CONDITION, "label", WITHIN_RADIUS)
-    labels = rows["label"].drop_duplicates()
-    columns = [
-        *CONDITIONS,
-        *(averages.wide_column(frame, one, one, WITHIN_RADIUS) for one in labels),
-    ]
-    return Table("experiment5-within", frame, columns, int(summary["seeds"].max()))
+    planners = rows["label"].drop_duplicates()
+    columns = [averages.wide_column(frame, one, one, WITHIN_RADIUS) for one in planners]
+    return Table("experiment5-within", frame, [*CONDITIONS, *columns])
 
 
 def conditions_table(summary: pd.DataFrame) -> Table:
     """All averages in all conditions; the page shows one world of them."""
     printed = summary["world"] == TYPICAL
-    return Table(
-        "experiment5", averages.named(summary), COLUMNS, int(summary["seeds"].max()), printed
-    )
+    return Table("experiment5", averages.named(summary), COLUMNS, printed=printed)
 
 
 def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
@@ -130,7 +109,7 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
         delta_v_ratio=flights["delta_v"].astype(float) / bound.where(bound > averages.NO_FUEL),
         no_plan=(unsafe > 0).astype(float).where(unsafe.notna()),
     )
-    order = dict(zip(CONDITION, (WORLDS, ERRORS, LOOPS), strict=True))
+    order = dict(zip(CONDITION, (WORLDS, records.ERRORS, LOOPS), strict=True))
     summary = averages.averaged(rows, group, AVERAGES, order)
     for one in SHARES:
         found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).reset_index()

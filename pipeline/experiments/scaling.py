@@ -8,7 +8,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, FUEL_RATIO, SAFE, SECONDS, Panel
-from pipeline.experiments.rows import PREDICTED
+from pipeline.experiments.records import PREDICTED
 from pipeline.experiments.verdicts import DECOUPLED, Finding, measured
 from pipeline.figures.labels import count, in_order, is_papers, number, share
 from pipeline.figures.style import PAGE_WIDTH, Style, in_style
@@ -32,13 +32,7 @@ COLUMNS = [
 def sections(
     trials: pd.DataFrame, training: pd.DataFrame, look: Mapping[str, Style]
 ) -> list[Section]:
-    """One section, or none where no swarm beyond n = 30 was evaluated.
-
-    Args:
-        trials: from ``prepared``.
-        training: a row for each trained model.
-        look: a style for each planner.
-    """
+    """One section, or none where no swarm beyond n = 30 was evaluated."""
     shown = larger_swarms(trials, training)
     if shown.empty:
         return []
@@ -60,10 +54,6 @@ def larger_swarms(trials: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
 
     These are SHOWN, and networks as they are flown: one for the paper's, by validation (all of
     them where that was not recorded), and every other. There are none without such a size.
-
-    Args:
-        trials: from ``prepared``.
-        training: a row for each trained model.
     """
     rows = trials[trials["reading"] != PREDICTED]
     sizes = rows["n"].astype(int)
@@ -97,7 +87,7 @@ def summarize_larger(trials: pd.DataFrame) -> pd.DataFrame:
 
 def scaling_table(summary: pd.DataFrame) -> Table:
     """A row for each size and planner, from ``summarize_larger``."""
-    return Table("beyond", averages.named(summary), COLUMNS, int(summary["seeds"].max()))
+    return Table("beyond", averages.named(summary), COLUMNS)
 
 
 DODGE = 1.025
@@ -125,12 +115,7 @@ def scaling_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
 
 
 def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
-    """Whether each group of networks is safe and cheap beyond n = 30, where that was evaluated.
-
-    Args:
-        shown: from ``larger_swarms``.
-        training: a row for each trained model.
-    """
+    """Whether each group of networks is safe and cheap on the trials from ``larger_swarms``."""
     free = shown[shown["planner"] == DECOUPLED]
     largest = free[free["n"] == free["n"].max()]
     beside = "" if free.empty else f"Own LP at n = {largest['n'].iloc[0]}: {measured(largest).text}"

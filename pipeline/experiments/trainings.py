@@ -81,7 +81,7 @@ def training_table(training: pd.DataFrame) -> Table:
         paper_neurons=neurons,
         paper_seconds=[paper.TRAIN_SECONDS.get(arch, math.nan) for arch in frame["arch"]],
     )
-    return Table("training", frame, COLUMNS, int(frame["seeds"].max()))
+    return Table("training", frame, COLUMNS)
 
 
 @in_style

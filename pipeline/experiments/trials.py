@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.experiments.rows import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, VARIED, Trial
+from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, VARIED, Trial
 from pipeline.orbit.fuel import fuel, implied_controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
@@ -39,19 +39,12 @@ class Predictor(Protocol):
 
 @dataclass(frozen=True)
 class EvaluatedPlanner:
-    """A planner in the experiments.
-
-    Attributes:
-        planner: what plans.
-        recipe: of its training, where it has one.
-        training_seed: of that training, or 0.
-        predictor: a network, whose raw output is judged beside its plans, as in the paper.
-    """
+    """A planner in the experiments."""
 
     planner: Planner
-    recipe: str = ""
-    training_seed: int = 0
-    predictor: Predictor | None = None
+    recipe: str = ""  # of its training, where it has one
+    training_seed: int = 0  # of that training
+    predictor: Predictor | None = None  # whose raw output is judged too, as in the paper
 
     @property
     def label(self) -> str:
@@ -234,21 +227,13 @@ MOST_BYTES = 250 * 10**6
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """One transfer as several planners fly it.
-
-    Attributes:
-        title: of the figure.
-        initial: initial states, m and m/s.
-        goal: goal states.
-        tracks: positions in m, dense in time, by the label of the planner.
-        collision_radius: r_col, m.
-    """
+    """One transfer as several planners fly it."""
 
     title: str
-    initial: Float[Array, "n 6"]
+    initial: Float[Array, "n 6"]  # m and m/s
     goal: Float[Array, "n 6"]
-    tracks: Mapping[str, Float[Array, "n _ 3"]]
-    collision_radius: float
+    tracks: Mapping[str, Float[Array, "n _ 3"]]  # positions dense in time, m, by planner's label
+    collision_radius: float  # m
 
 
 def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pandas as pd
 from scipy import stats
 
-from pipeline.experiments.rows import PREDICTED
+from pipeline.experiments.records import PREDICTED
 from pipeline.figures import intervals, labels
 from pipeline.figures.intervals import Interval, at_least, at_most
 from pipeline.figures.labels import in_order, is_network, is_papers, percents, ratio, ratios, share
@@ -35,19 +35,12 @@ Rules = Sequence[tuple[tuple[bool | str | None, ...], str]]
 
 @dataclass(frozen=True)
 class Finding:
-    """A row of the table of questions.
-
-    Attributes:
-        question: what is asked.
-        verdict: the short answer.
-        numbers: the two or three that it rests on, with their uncertainty.
-        baseline: the same of the best baseline that costs nothing.
-    """
+    """A row of the table of questions."""
 
     question: str
     verdict: str
-    numbers: str
-    baseline: str = ""
+    numbers: str  # that decide, with their uncertainty
+    baseline: str = ""  # the same numbers of the best baseline that costs nothing
 
 
 def decide(rules: Rules, *claims: bool | str | None) -> str:
@@ -239,10 +232,6 @@ def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     That is the cheapest of those that are as safe as the safest, but for chance: whose share of
     safe scenarios is within Wilson's interval of the highest. None where trainings did not record
     it: no network is chosen by the trials themselves.
-
-    Args:
-        rows: from ``prepared``.
-        training: a row for each trained model.
     """
     names = names_in(rows)
     if len(names) == 1:
@@ -281,12 +270,7 @@ def network_findings(
 ) -> list[Finding]:
     """A row for each group of networks of which any was flown at one swarm size.
 
-    Args:
-        papers: beginning of the question on the paper's networks.
-        asked: the rest of the question.
-        trials: of all planners, from ``prepared``.
-        training: a row for each trained model.
-        n: the swarm size.
+    ``papers`` begins the question on the paper's networks, ``asked`` is the rest of any.
     """
     flown = flown_networks(trials)
     free = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]

@@ -152,7 +152,7 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
     decided = files - {f"pipeline/{part}" for part in PLANNING}
     assert decided == {
         "pipeline/experiments/flights.py",
-        "pipeline/experiments/rows.py",
+        "pipeline/experiments/records.py",
         "pipeline/experiments/trials.py",
         "pipeline/experiments/warmstart.py",
         "cli/stages/ablate.py",

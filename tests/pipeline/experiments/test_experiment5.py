@@ -14,7 +14,7 @@ from pipeline.experiments.experiment5 import (
 from pipeline.experiments.experiment5 import (
     findings as flight_findings,
 )
-from pipeline.experiments.rows import LOOPS, MARGIN, OPEN, REPLANNED, WORLDS
+from pipeline.experiments.records import LOOPS, MARGIN, OPEN, REPLANNED, WORLDS
 from pipeline.figures.style import styles
 from pipeline.report import Results, build_report
 
