@@ -100,8 +100,8 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
         return plain.solve(scenario, own_seed(scenario))
 
     peers: list[tuple[str, Separation, int, Work]] = [
-        ("the same SCP in cvxpy", "continuous", instances, by_plain),
-        ("the same SCP in cvxpy", "nodes", instances, by_plain),
+        ("plain SCP", "continuous", instances, by_plain),
+        ("plain SCP", "nodes", instances, by_plain),
     ]
     if dccp:
         peers.append(("DCCP", "continuous", dccp, solve_dccp))

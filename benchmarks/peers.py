@@ -1,13 +1,65 @@
-"""What one would write instead of the expert: DCCP; the plain SCP is ``pipeline.expert.plain``.
+"""Programs that one would write in cvxpy: a swarm's variables and dynamics, and DCCP's procedure.
 
-It keeps craft apart at the nodes only, which is less than the expert promises.
+They keep craft apart at the nodes only, which is less than the expert promises. The plain SCP is
+``pipeline.expert.plain``, which has the same program without cvxpy.
 """
 
 import cvxpy as cp
+import numpy as np
+from jaxtyping import Float
 
-from pipeline.expert.plain import SwarmModel
+from pipeline.arrays import Array
+from pipeline.expert.own import control_limit
+from pipeline.expert.plain import UNIT
+from pipeline.orbit.approaches import pairs
 from pipeline.orbit.fuel import fuel
+from pipeline.orbit.problem import Problem
 from pipeline.scenario import Scenario
+
+
+class SwarmModel:
+    """Variables, dynamics and ends of a swarm in cvxpy.
+
+    Attributes:
+        states: of all craft at each node, T of (n, 6), m and m/s.
+        controls: of all craft in each interval, T-1 of (n, 3), in UNIT.
+        initial: parameter (n, 6).
+        goal: parameter (n, 6).
+        objective: Eq. 4, in UNIT.
+        constraints: Eq. 2, both ends, and the thrust limit where there is one.
+    """
+
+    def __init__(self, n: int, problem: Problem) -> None:
+        A, B = problem.dynamics.step(problem.time_step)
+        self.states = [cp.Variable((n, 6)) for _ in range(problem.nodes)]
+        self.controls = [cp.Variable((n, 3)) for _ in range(problem.intervals)]
+        self.initial, self.goal = cp.Parameter((n, 6)), cp.Parameter((n, 6))
+        self.objective = cp.Minimize(sum(cp.sum(cp.abs(u)) for u in self.controls))
+        steps = zip(self.states[:-1], self.controls, self.states[1:], strict=True)
+        self.constraints = [
+            self.states[0] == self.initial,
+            self.states[-1] == self.goal,
+            *(after == s @ A.T + u @ (UNIT * B.T) for s, u, after in steps),
+        ]
+        if problem.max_acceleration is not None:
+            limit = control_limit(problem) / UNIT
+            self.constraints += [cp.abs(u) <= limit for u in self.controls]
+        first, second = pairs(n)
+        self._difference = np.eye(n)[first] - np.eye(n)[second]
+
+    def gaps(self) -> list[cp.Expression]:
+        """Position of each pair's first craft relative to its second, at each inner node."""
+        if len(self._difference) == 0:
+            return []
+        return [self._difference @ s[:, :3] for s in self.states[1:-1]]
+
+    def set_ends(self, scenario: Scenario) -> None:
+        """Give initial and goal states."""
+        self.initial.value, self.goal.value = scenario.initial, scenario.goal
+
+    def solution(self) -> Float[Array, "n intervals 3"]:
+        """The controls after a solve, m/s²."""
+        return UNIT * np.stack([u.value for u in self.controls], axis=1)
 
 
 def solve_dccp(scenario: Scenario) -> float:

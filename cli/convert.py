@@ -67,6 +67,8 @@ def convert(
             echo(about, err=target == STDIO)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from error
+    if made.separation == "nodes":
+        echo(f"prolearn: {plan} keeps craft apart at the nodes only, as was asked.", err=True)
     if made.status != SOLVED:
         echo(f"prolearn: {plan} is {made.status}: {made.message}", err=True)
         raise typer.Exit(FAILED)

@@ -99,6 +99,7 @@ def sample(
 
 
 def solve(
+    context: typer.Context,
     folder: Folder,
     jobs: Jobs = -1,
     backend: Backend = "loky",
@@ -106,10 +107,9 @@ def solve(
     scheduler_wait: SchedulerWait = None,
     separation: Separation = "continuous",
     solver: Annotated[
-        Literal["simplex", "clarabel", "cvxpy"],
+        Literal["simplex", "clarabel"],
         typer.Option(
-            help="Of the convex programs: the simplex method of HiGHS, Clarabel's interior points, "
-            "or the readable form in cvxpy."
+            help="Of the convex programs: HiGHS' simplex method or Clarabel's interior points."
         ),
     ] = "simplex",
 ) -> None:
@@ -127,7 +127,7 @@ def solve(
     from pipeline.expert import Settings
     from pipeline.plan import Requirements
 
-    workers = _workers(jobs, backend, scheduler, scheduler_wait)
+    workers = _workers(context, jobs, backend, scheduler, scheduler_wait)
     _solve(folder, Settings(solver=solver), Requirements(separation), workers)
 
 
@@ -162,7 +162,8 @@ def make(
     from pipeline.orbit.problem import Problem
     from pipeline.plan import AT_ALL_TIMES
 
-    folder, workers = out or f"data/{preset}", _workers(jobs, backend, scheduler, scheduler_wait)
+    folder = out or f"data/{preset}"
+    workers = _workers(context, jobs, backend, scheduler, scheduler_wait)
     with progress("sampling") as shown:
         run(folder, PRESETS[preset], Problem(), jobs=jobs, progress=shown)
     _solve(folder, Settings(), AT_ALL_TIMES, workers)
@@ -253,12 +254,21 @@ def _refuse_options(context: typer.Context) -> None:
 
 
 def _workers(
-    jobs: int, backend: Backend, scheduler: str | None, scheduler_wait: float | None
+    context: typer.Context,
+    jobs: int,
+    backend: Backend,
+    scheduler: str | None,
+    scheduler_wait: float | None,
 ) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
     from pipeline.jobs.workers import SCHEDULER_WAIT, Workers
 
     if backend == "loky":
+        if "scheduler" in given_options(context):
+            raise InputError(
+                f"--scheduler is {public_url(scheduler)} and work on this machine has no "
+                "scheduler; expected it with --backend dask."
+            )
         if scheduler_wait is not None:
             raise InputError(
                 f"--scheduler-wait is {scheduler_wait:g} and work on this machine has no "

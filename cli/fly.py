@@ -1,6 +1,7 @@
 """The command that flies a plan outside the linear model."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from pipeline.flight.conditions import Conditions
-    from pipeline.plan import Plan
+    from pipeline.plan import Plan, Requirements
     from pipeline.scenario import Scenario
 
 from cli.app import FAILED
@@ -23,6 +24,7 @@ from cli.conditions import (
     Raan,
     conditions_of,
 )
+from cli.memory import within_memory
 from cli.output import AsJson, echo, print_json, print_table
 from cli.plan import planner_of
 from cli.progress import progress
@@ -84,7 +86,8 @@ def fly(
     not be a circle, under two-body gravity, J2 and, if asked for, drag. The table has a row for
     each effect, added to those above it: how far the worst craft then ends from its goal, what
     the effect added at most, its share of the final error, and which pair comes closest when.
-    Exit status 0: no pair comes within r_col at any time; 1: one does; 2: bad input.
+    Exit status 0: no pair comes within r_col at any time, or at the nodes where the plan was made
+    for these only; 1: one does; 2: bad input.
 
     With `--trials` it is flown so many times with errors of thrust, timing and navigation, and
     with `--replan every-node` also planned anew from where craft seem to be, without and with a
@@ -110,7 +113,8 @@ def fly(
     if world == "linear":
         refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
 
-    made, scenario = read_whole_plan(plan)
+    with within_memory():
+        made, scenario = read_whole_plan(plan)
     conditions = conditions_of(
         scenario.reference,
         eccentricity=eccentricity,
@@ -127,14 +131,16 @@ def fly(
         return
     from cli.stages.fly_trials import fly_trials
     from pipeline.flight.world import LinearWorld
-    from pipeline.plan import AT_ALL_TIMES
 
     problem = scenario.problem
     linear = world == "linear"
     flown_in = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
     told = errors_of(errors, error or [])
-    replanner = None if replan == "none" else planner_of(planner, AT_ALL_TIMES, effort)
-    with progress("flying") as shown:
+    replanner = None
+    if replan != "none":
+        _refuse_risk(made)
+        replanner = planner_of(planner, made.requirements, effort)
+    with progress("flying") as shown, within_memory():
         done = fly_trials(
             made,
             scenario,
@@ -150,10 +156,41 @@ def fly(
             progress=shown,
         )
     if as_json:
-        print_json({"plan": str(plan), "folder": str(done.folder), "loops": done.summaries})
+        required = None if replanner is None else asdict(made.requirements)
+        result = {"folder": str(done.folder), "loops": done.summaries, "requirements": required}
+        print_json({"plan": str(plan), **result})
         return
     print_trials(done.summaries, problem.collision_radius, size)
+    if replanner is not None and (kept := _kept(made.requirements)):
+        echo(kept)
     echo(f"The trials, trials.csv and the figure are in {done.folder}/.")
+
+
+def _refuse_risk(plan: "Plan") -> None:
+    """Refuse to plan anew for a risk, which is one of open loop.
+
+    Raises:
+        InputError: where the plan was asked for one.
+    """
+    if (risk := plan.certificate.risk) is not None:
+        raise InputError(
+            f"the plan was asked for a risk of at most {risk.asked:g} in open loop, which planning "
+            "anew does not keep; expected --replan none, or a plan without --risk: --margin is "
+            "what keeps craft apart from their errors then."
+        )
+
+
+def _kept(required: "Requirements") -> str:
+    """What planning anew keeps other than separation at all times, or nothing."""
+    if required.at_nodes:
+        return "Planned anew, craft are kept apart at the nodes only, as in the plan."
+    if required.passive_safety is None:
+        return ""
+    return (
+        "Planned anew, craft are also kept apart from any that loses its thrust at a node, for "
+        f"{required.passive_safety:g} orbits of drift, as in the plan; nodes without a safe plan "
+        "are those at which this or r_col was not kept from where craft seemed to be."
+    )
 
 
 def _fly_once(
@@ -164,7 +201,8 @@ def _fly_once(
     from pipeline.flight.report import flight_report
 
     try:
-        found = effects(scenario, plan.controls, conditions)
+        with within_memory():
+            found = effects(scenario, plan.controls, conditions)
     except InputError as wrong:
         raise InputError(f"{path}: {wrong}") from wrong
     report = {"plan": str(path), **flight_report(plan, scenario, conditions, found)}
@@ -228,9 +266,13 @@ def _verdict(report: Mapping[str, Any]) -> str:
         "its goal"
     )
     pair, radius = report["min_separation_pair"], report["collision_radius"]
-    if report["safe"]:
+    at_nodes = report["separation"] == "nodes"
+    if report["safe"] and (pair is None or not at_nodes):
         return f"{miss}. No pair comes within {radius:g} m."
+    verdict = (
+        "No pair is too close at a node, and no more was asked" if report["safe"] else "Not safe"
+    )
     return (
-        f"{miss}. Not safe: craft {pair[0]} and {pair[1]} come within "
+        f"{miss}. {verdict}: craft {pair[0]} and {pair[1]} come within "
         f"{report['min_separation']:.2f} m of each other; collision_radius is {radius:g} m."
     )

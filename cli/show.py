@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from cli.app import not_over
+from cli.memory import within_memory
 from cli.output import echo
 from pipeline.errors import InputError
 from pipeline.files import STDIO
@@ -42,10 +43,11 @@ def show(
     not_over(plan, target)
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
-    claimed, scenario = read_whole_plan(plan)
-    try:
-        shown = write_page(target, claimed, scenario, plan.name)
-    except InputError as error:
-        raise InputError(f"{plan}: {error}") from error
+    with within_memory():
+        claimed, scenario = read_whole_plan(plan)
+        try:
+            shown = write_page(target, claimed, scenario, plan.name)
+        except InputError as error:
+            raise InputError(f"{plan}: {error}") from error
     said = " ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults])
     echo(said, err=target == STDIO)

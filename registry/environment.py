@@ -34,7 +34,7 @@ EVALUATED_BY: DecidedBy = (
         *(f"pipeline/experiments/{part}" for part in EXPERIMENTS),
         *(f"cli/stages/{stage}.py" for stage in STAGES),
     ),
-    ("numpy", "scipy", "numba", "clarabel", "highspy", "cvxpy", "torch"),
+    ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""
 

@@ -1,7 +1,10 @@
 """What all tests share."""
 
 import os
+from collections.abc import Iterator
 
+import pytest
+from forked import Forked
 from hypothesis import settings
 
 # Arrays and networks this small are slower on several threads, above all beside other workers.
@@ -11,3 +14,10 @@ os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 # How long an example takes says nothing on a machine that others use as well.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+@pytest.fixture(scope="session")
+def forked() -> Iterator[Forked]:
+    """What runs commands and code in processes of their own, without the imports of each."""
+    with Forked() as found:
+        yield found

@@ -1,6 +1,9 @@
 """A short form of `make torture`: kills, full disks and damaged files, and nothing is lost."""
 
+import pytest
 from torture.__main__ import torture
+
+pytestmark = pytest.mark.system
 
 
 def test_kills_and_damaged_files_lose_nothing_and_go_by_in_silence_nowhere(tmp_path):

@@ -68,21 +68,25 @@ def _interface(T: int, *, flown: bool) -> Markdown:
     return table(("", "name", "shape, float32", "content"), rows if flown else rows[:-1])
 
 
-def training(version: ModelVersion, model: Model) -> Markdown:
-    """What it was trained on."""
-    problem, params = model.problem, version.params
-    commit = version.tags.get("git_commit", "unknown")
-    rows = [
-        ("dataset", code(params.get("dataset", "unknown"))),
-        ("digest", code(version.dataset_digest or "unknown")),
-        ("instances", f"{params.get('train_instances')} + {params.get('valid_instances')}"),
+def training(version: ModelVersion | None, model: Model) -> Markdown:
+    """What it was trained on, as far as the registry or the model itself knows."""
+    problem = model.problem
+    rows: list[tuple[str, object]] = [
         ("spacecraft in each", model.n_train),
         ("mean motion", f"{problem.mean_motion:.9g} rad/s"),
         ("nodes, step", f"{problem.nodes}, {problem.time_step:g} s"),
         ("collision radius", f"{problem.collision_radius:g} m"),
-        ("weights", params.get("parameters", "unknown")),
-        ("seed, code", formatted("{}, {}", params.get("seed"), code(commit))),
     ]
+    if version is not None:
+        params, commit = version.params, version.tags.get("git_commit", "unknown")
+        rows = [
+            ("dataset", code(params.get("dataset", "unknown"))),
+            ("digest", code(version.dataset_digest or "unknown")),
+            ("instances", f"{params.get('train_instances')} + {params.get('valid_instances')}"),
+            *rows,
+            ("weights", params.get("parameters", "unknown")),
+            ("seed, code", formatted("{}, {}", params.get("seed"), code(commit))),
+        ]
     return table(("", ""), rows)
 
 

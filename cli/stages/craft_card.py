@@ -16,7 +16,7 @@ from registry.version import ModelVersion
 
 
 def craft_card(
-    version: ModelVersion,
+    version: ModelVersion | None,
     model: Model,
     exported: ExportedCraft,
     measured: Mapping[str, Mapping[int, float]],
@@ -24,7 +24,7 @@ def craft_card(
     """The card as Markdown.
 
     Args:
-        version: what the registry knows about the model.
+        version: what the registry knows about the model; None for the packaged one.
         model: the network.
         exported: the files and what was measured of them.
         measured: metrics of experiment 2 by name, then by swarm size.
@@ -32,6 +32,7 @@ def craft_card(
     messages = [(code(name), count, _content(name)) for name, count in exported.told.items()]
     return template("cli/stages/craft_card.md.jinja").render(
         version=version,
+        recipe=model.recipe,
         checked=exported.checked,
         tolerance=f"{TOLERANCE:g}",
         rounds=model.config["rounds"],

@@ -271,11 +271,7 @@ class Search:
         )
         if self.settings.solver == "simplex":
             return simplex.solve(sub)
-        if self.settings.solver == "clarabel":
-            return interior_point.solve(sub)
-        from pipeline.expert import readable  # cvxpy takes a second to import
-
-        return readable.solve(sub)
+        return interior_point.solve(sub)
 
     def _judge(self, clusters: list[Cluster]) -> None:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""

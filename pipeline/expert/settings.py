@@ -22,8 +22,7 @@ class Settings:
         max_rounds: rounds of programs that a search may take.
         again: further searches, each begun by passing on other sides, of a scenario for which
             passive safety is asked and no plan that has it was found.
-        solver: the subproblem by the simplex method of HiGHS, by the interior points of Clarabel,
-            or by its readable form in cvxpy.
+        solver: the subproblem by the simplex method of HiGHS or by the interior points of Clarabel.
     """
 
     stop: Literal["converged", "first-safe"] = "converged"
@@ -35,7 +34,7 @@ class Settings:
     beside: float = 0.0
     max_rounds: int = 60
     again: int = 8
-    solver: Literal["simplex", "clarabel", "cvxpy"] = "simplex"
+    solver: Literal["simplex", "clarabel"] = "simplex"
 
 
 BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8, margin=0.005)

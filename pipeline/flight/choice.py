@@ -8,9 +8,10 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import side_by_side
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separations
+from pipeline.orbit.separation import least_separations, node_distances
+from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import fly
-from pipeline.plan import Plan
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 
 SomeControls = Float[Array, "K n left 3"]
@@ -21,7 +22,8 @@ class Choice:
 
     Attributes:
         controls: of the best so far, (K, n, intervals, 3), m/s².
-        separation: no pair comes closer than this on them, from the estimate, (K,), m.
+        separation: no pair comes closer than this on them, from the estimate, (K,), m: at any time
+            or at the nodes, and after a loss of thrust, as is required.
         open: whether none of them is both safe and to the goal, (K,).
     """
 
@@ -31,6 +33,7 @@ class Choice:
         estimate: Float[Array, "K n 6"],
         under_way: SomeControls,
         allowance: float = np.inf,
+        requirements: Requirements = AT_ALL_TIMES,
     ) -> None:
         """Begin with what is under way, corrected for the goal.
 
@@ -39,8 +42,9 @@ class Choice:
             estimate: states, as they are known, m and m/s.
             under_way: its controls, m/s².
             allowance: fuel beyond its own which more separation than r_col may cost, m/s².
+            requirements: what separation is required.
         """
-        self._problem, self._estimate = problem, estimate
+        self._problem, self._estimate, self._requirements = problem, estimate, requirements
         self.controls = self._within_limit(under_way)
         self._most = _fuel(self.controls) + allowance
         self.separation = self._separation(slice(None), self.controls)
@@ -96,8 +100,17 @@ class Choice:
         trials, n, intervals, _ = controls.shape
         initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
         states = _nodes(initial, flat, self._problem)
-        found = least_separations(states, flat, self._problem, side_by_side((n,) * trials))
-        return np.array([one.bound for one in found])
+        if self._requirements.at_nodes:
+            each = states.reshape(trials, n, *states.shape[1:])
+            return node_distances(each).min(axis=(1, 2), initial=np.inf)
+        swarms = side_by_side((n,) * trials)
+        found = least_separations(states, flat, self._problem, swarms)
+        bounds = np.array([one.bound for one in found])
+        orbits = self._requirements.passive_safety
+        if orbits is None or n == 1:
+            return bounds
+        adrift = least_after_loss(states, flat, self._problem, orbits, swarms)
+        return np.minimum(bounds, [np.inf if one is None else one.bound for one in adrift])
 
 
 def _nodes(

@@ -40,8 +40,8 @@ class ClosedLoop:
     """Trials side by side, each planned anew at every node but the first; a ``Guidance``.
 
     Attributes:
-        unsafe: nodes of each trial at which no plan to the goal was found that is safe from the
-            estimate, so that the least unsafe one was flown, (K,).
+        unsafe: nodes of each trial at which no plan to the goal was found that keeps from the
+            estimate what the planner is required to, so that the least unsafe one was flown, (K,).
         seconds: what each trial's plan took at each node, (K, intervals); not a number where no
             planner was asked: at the first node, and with one or two intervals left.
     """
@@ -84,7 +84,8 @@ class ClosedLoop:
     def _plan_anew(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
-        choice = Choice(problem, estimate, corrected, self._allowance)
+        required = self._planner.requirements
+        choice = Choice(problem, estimate, corrected, self._allowance, required)
         if problem.intervals > DETERMINED:
             self._ask(choice, node, estimate, problem)
         self._ahead = choice.controls
@@ -112,7 +113,7 @@ class ClosedLoop:
         weight = np.repeat([1.0, 1.0 / problem.mean_motion], 3)
         nearest = np.linalg.pinv(weight[:, None] * B) * weight
         miss = self._scenario.goal - np.matvec(A, estimate)
-        choice = Choice(problem, estimate, self._ahead)
+        choice = Choice(problem, estimate, self._ahead, requirements=self._planner.requirements)
         choice.offer_end(np.matvec(nearest, miss)[:, :, None])
         self._ahead = choice.controls
         self.unsafe += choice.separation <= problem.collision_radius

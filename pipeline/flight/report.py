@@ -12,6 +12,7 @@ from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import Effect
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.fuel import fuel
+from pipeline.orbit.separation import node_collisions
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 
@@ -22,14 +23,19 @@ def flight_report(
     """The last flight, with all effects, and under ``effects`` each of them.
 
     Errors at the goal are distances, of the craft that misses by most. Separations are None for a
-    craft alone.
+    craft alone. It is safe where craft stay apart when the plan was to keep them apart, at all
+    times or at the nodes.
     """
     problem, last = scenario.problem, found[-1]
     used = float(fuel(plan.controls))
+    safe = last.flight.nearest.bound > problem.collision_radius
+    if plan.separation == "nodes":
+        safe = node_collisions(last.flight.states, problem.collision_radius) == 0
     return {
         "planner": plan.planner,
         "status": plan.status,
-        "safe": last.flight.nearest.bound > problem.collision_radius,
+        "separation": plan.separation,
+        "safe": safe,
         "collision_radius": problem.collision_radius,
         "conditions": asdict(conditions),
         "fuel": used,

@@ -61,6 +61,7 @@ def _header(plan: Plan, scenario: Scenario, craft: int, created: str) -> Iterato
     problem = scenario.problem
     planner = visible(plan.planner).encode("ascii", "replace").decode()
     about = f"Craft {craft} of {scenario.n}, planned by {planner}: {plan.status}."
+    about += " Craft are kept apart at the nodes only." * (plan.separation == "nodes")
     yield "CCSDS_OEM_VERS = 2.0"
     yield from (f"COMMENT {line}" for line in wrap(about, LONGEST))
     yield "COMMENT Relative motion is linear (Clohessy-Wiltshire). It was added to a circular"

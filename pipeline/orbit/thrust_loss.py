@@ -6,7 +6,7 @@ intervals, so two craft are closest where two that fly would be: nothing is samp
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,7 +23,8 @@ from pipeline.orbit.approaches import (
 )
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.drift import free_drift
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.problem import RANGES, Problem
 
 MOST_ORBITS = 100.0
 """Longest drift that is looked at; over so many orbits linear motion says little of the real."""
@@ -33,6 +34,9 @@ AT_ONCE = 1_000_000
 
 NO_LENGTH = 1e-9
 """A rest of an interval below this share of it is rounding."""
+
+SHORTEST = 2 * RANGES["time_step"][0]
+"""Drift in s below which nothing is proven of the ends alone; plans are held to it all the same."""
 
 Ball = tuple[Float[Array, "*batch 3"], Float[Array, "*batch"]]
 """Middle and radius, m."""
@@ -137,13 +141,14 @@ def loss_encounters(
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
-    flight, looked = _Flight.of(states, controls, problem, orbits), _Looked(problem, swarms, moved)
+    flight = _Flight.of(states, controls, problem, orbits)
+    looked = _Looked(flight.last, swarms, moved)
     found = []
-    for piece, since in flight.pieces:
-        near = list(_candidates(flight, piece, since, reach, looked))
+    for length, since in flight.pieces:
+        near = list(_candidates(flight, length, since, reach, looked))
         if near:
             lost, node, other, interval = map(np.concatenate, zip(*near, strict=True))
-            found.append(_closest(flight, piece, reach, (lost, node, other, interval)))
+            found.append(_closest(flight, length, reach, (lost, node, other, interval)))
     if not found:
         return NO_ENCOUNTERS
     return Encounters(*map(np.concatenate, zip(*found, strict=True)))
@@ -196,7 +201,7 @@ def unavoidable(
     """
     met = [_met_adrift(goal, problem, orbits, problem.nodes - 1, len(goal))]
     longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
-    if longer > 0:
+    if _is_drift(longer, problem):
         A, _ = problem.dynamics.step(problem.duration)
         both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
         met.append(_met_adrift(both, problem, longer, 0, len(goal)))
@@ -222,7 +227,7 @@ def forced_goals(
     if _met_adrift(goal, problem, orbits, problem.nodes - 1, n) is not None:
         return ~allowed
     longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
-    if longer > 0:
+    if _is_drift(longer, problem):
         A, _ = problem.dynamics.step(problem.duration)
         flown, idle, drift = free_drift(np.concatenate([initial @ A.T, goal]), problem, longer)
         found = close_approaches(flown, idle, drift, problem.collision_radius)
@@ -236,6 +241,8 @@ def _met_adrift(
     states: Float[Array, "k 6"], problem: Problem, orbits: float, node: int, n: int
 ) -> LossSeparation | None:
     """Who drifts into whom from the plan's end on: of n craft, or the first n into the next."""
+    if not _is_drift(orbits, problem):
+        return None
     flown, idle, drift = free_drift(states, problem, orbits)
     found = close_approaches(flown, idle, drift, problem.collision_radius)
     hit = found.distance <= problem.collision_radius
@@ -251,6 +258,11 @@ def _met_adrift(
         node=node,
         time=float(problem.duration + found.interval[k] * drift.time_step + found.offset[k]),
     )
+
+
+def _is_drift(orbits: float, problem: Problem) -> bool:
+    """Whether a drift is long enough that something is proven of it alone."""
+    return orbits * 2 * np.pi / problem.mean_motion >= SHORTEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,38 +307,46 @@ class _Flight:
         )
 
     @property
-    def pieces(self) -> Iterator[tuple[Problem, Int[Array, "steps"]]]:
-        """Intervals of one length, and how many time steps after the loss they begin."""
+    def last(self) -> int:
+        """The last node of the plan, or of what is left of it."""
+        return self.states.shape[1] - len(self.drift)
+
+    @property
+    def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
+        """Intervals of one length, s, and how many time steps after the loss they begin."""
         whole = len(self.drift) - 1
         if whole:
-            yield self.problem, np.arange(whole)
+            yield self.problem.time_step, np.arange(whole)
         if self.rest > NO_LENGTH * self.problem.time_step or not whole:
-            yield replace(self.problem, time_step=self.rest), np.array([whole])
+            yield self.rest, np.array([whole])
 
 
 def _balls(
-    start: Float[Array, "*batch 6"], controls: Float[Array, "*batch 3"], piece: Problem
+    start: Float[Array, "*batch 6"],
+    controls: Float[Array, "*batch 3"],
+    dynamics: Dynamics,
+    h: float,
 ) -> Ball:
-    """A ball about the middle of the chord that each craft stays in over an interval."""
-    h = piece.time_step
-    A, B = piece.dynamics.step(h)
+    """A ball about the middle of the chord that each craft stays in over an interval of h s."""
+    A, B = dynamics.step(h)
     begin, end = start[..., :3], start @ A[:3].T + controls @ B[:3].T
-    sag = piece.dynamics.most_acceleration(start, controls, h) * h**2 / 8
+    sag = dynamics.most_acceleration(start, controls, h) * h**2 / 8
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
 def _candidates(
     flight: _Flight,
-    piece: Problem,
+    length: float,
     since: Int[Array, "steps"],
     reach: Float[Array, "n"],
     looked: "_Looked",
 ) -> Iterator[Which]:
     """Craft adrift and others whose balls over an interval are within a distance, by node."""
-    middle, radius = _balls(flight.states, flight.controls, piece)
-    for node in range(flight.problem.nodes):
+    dynamics = flight.problem.dynamics
+    middle, radius = _balls(flight.states, flight.controls, dynamics, length)
+    for node in range(flight.last + 1):
         adrift = np.matvec(flight.drift[since], flight.states[:, node, None])
-        centre, size = _balls(adrift, np.zeros((*adrift.shape[:2], 3)), piece)
+        centre, size = _balls(adrift, np.zeros((*adrift.shape[:2], 3)), dynamics, length)
         for i, j, steps in looked.at(node, since):
             at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
             apart = norm(centre[i, steps] - middle[j, at])
@@ -340,12 +360,12 @@ class _Looked:
     """What is looked at: all, or that in which the controls of moved craft have a say.
 
     Attributes:
-        problem: the plan's.
+        last: the last node.
         swarms: which craft belong together.
         moved: craft of interest, or None for all, those at their fixed ends too.
     """
 
-    problem: Problem
+    last: int
     swarms: Swarms
     moved: Bool[Array, "n"] | None
 
@@ -353,7 +373,7 @@ class _Looked:
         self, node: int, since: Int[Array, "steps"]
     ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
         """Craft adrift from a node, others, and steps of their drift, not too many at once."""
-        last, count = self.problem.nodes - 1, len(since)
+        last, count = self.last, len(since)
         one, other = self.swarms.pairs
         lost, met = np.concatenate([one, other]), np.concatenate([other, one])
         if self.moved is None:
@@ -371,16 +391,17 @@ class _Looked:
 
 
 def _closest(
-    flight: _Flight, piece: Problem, reach: Float[Array, "n"], which: Which
+    flight: _Flight, length: float, reach: Float[Array, "n"], which: Which
 ) -> tuple[Array, ...]:
     """The fields of the encounters among candidates."""
     lost, node, other, interval = which
     held = flight.controls[other, interval]
     adrift = np.matvec(flight.drift[interval - node], flight.states[lost, node])
     start = adrift - flight.states[other, interval]
-    A, B = piece.dynamics.step(piece.time_step)
+    dynamics = flight.problem.dynamics
+    A, B = dynamics.step(length)
     end = np.matvec(A, start) - np.matvec(B, held)
-    found = passes(start, end, -held, piece.dynamics, piece.time_step, reach[lost])
+    found = passes(start, end, -held, dynamics, length, reach[lost])
     closest = found.offset, found.distance, found.bound, found.free, found.pushed
     return *(part[found.which] for part in which), *closest
 
@@ -392,9 +413,9 @@ def _closest_at_steps(flight: _Flight, swarms: Swarms) -> list[LossSeparation | 
     """
     closest: list[LossSeparation | None] = [None] * len(swarms.sizes)
     since = np.arange(len(flight.drift))
-    looked = _Looked(flight.problem, swarms, None)
+    looked = _Looked(flight.last, swarms, None)
     slack = rounding(flight.states)
-    for node in range(flight.problem.nodes):
+    for node in range(flight.last + 1):
         adrift = np.matvec(flight.drift, flight.states[:, node, None])[..., :3]
         for i, j, _ in looked.at(node, since):
             apart = norm(adrift[i] - flight.states[j, node : node + len(since), :3])

@@ -14,6 +14,7 @@ from pipeline.files import stem_of
 from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Plan
+from pipeline.plan.requirements import Separation
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import ScenarioDocument, document_of
 from pipeline.scenario.ends import Number, State
@@ -59,6 +60,11 @@ class PlanDocument(BaseModel):
     assignment: Assignment | None = Field(
         None, description="Who takes which goal, where that was chosen; the scenario has it so."
     )
+    separation: Separation = Field(
+        "continuous",
+        description="When craft were to be kept apart: continuous, at all times; nodes, at the "
+        "nodes only. Left out where it is continuous.",
+    )
 
     @field_validator("certificate", mode="before")
     @classmethod
@@ -97,6 +103,7 @@ class PlanDocument(BaseModel):
             self.timing,
             self.message,
             self.assignment,
+            self.separation,
         )
 
 
@@ -109,12 +116,14 @@ def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
     """
     problem = scenario.problem
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
+    asked = {"separation": plan.separation} if plan.separation == "nodes" else {}
     return {
         "schema": SCHEMA,
         "scenario": document_of(scenario),
         "planner": plan.planner,
         "status": plan.status,
         "message": plan.message,
+        **asked,
         "times": (np.arange(problem.nodes) * problem.time_step).tolist(),
         "states": plan.states.tolist(),
         "controls": plan.controls.tolist(),

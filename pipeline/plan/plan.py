@@ -8,6 +8,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
+from pipeline.plan.requirements import Requirements, Separation
 from pipeline.scenario import Scenario
 
 SOLVED = "solved"
@@ -40,6 +41,7 @@ class Plan:
         message: why, where the status is not SOLVED.
         assignment: who takes which of the given goals, where that was chosen: the plan is for the
             scenario's goals in that order.
+        separation: when craft were to be kept apart: at all times, or at the nodes only.
     """
 
     planner: str
@@ -51,6 +53,17 @@ class Plan:
     timing: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     assignment: Assignment | None = None
+    separation: Separation = "continuous"
+
+    @property
+    def requirements(self) -> Requirements:
+        """What was asked of its flight without errors; of a risk its certificate says what.
+
+        Raises:
+            InputError: for passive safety that is none, or together with separation at nodes only.
+        """
+        adrift = self.certificate.passive_safety
+        return Requirements(self.separation, None if adrift is None else adrift.orbits)
 
     def flown(self, scenario: Scenario) -> Scenario:
         """The scenario that it is for: the one given, its goals in the order of the assignment."""

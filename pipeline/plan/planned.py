@@ -82,6 +82,7 @@ def planned_all(
                 one.convex_solves,
                 timing,
                 missed or fault,
+                separation=requirements.separation,
             )
         )
     return plans

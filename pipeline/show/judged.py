@@ -13,7 +13,6 @@ from pipeline.plan import (
     Certificate,
     Made,
     Plan,
-    Requirements,
     Risk,
     is_passively_safe,
     is_safe,
@@ -38,8 +37,8 @@ class Judged:
     Attributes:
         plan: states, certificate and status found anew from the scenario and the controls; the
             lower bound on the fuel and how it was proven are as the file has them.
-        safe: whether no pair comes within r_col at any time, nor after a loss of thrust where that
-            is claimed.
+        safe: whether no pair comes within r_col, at any time or at the nodes, whichever was asked,
+            nor after a loss of thrust where that is claimed.
         faults: what is wrong with it, in sentences; empty where it is solved.
     """
 
@@ -53,14 +52,12 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
 
     Raises:
         InputError: where the controls lead nowhere that a number could say, or where passive
-            safety is claimed for no length of a drift.
+            safety is claimed for no length of a drift, or with separation at the nodes only.
     """
     said = claimed.certificate
     made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
     _refuse_overflow(claimed, scenario)
-    adrift = said.passive_safety
-    asked = Requirements(passive_safety=None if adrift is None else adrift.orbits)
-    found = planned(claimed.planner, scenario, made, asked)
+    found = planned(claimed.planner, scenario, made, claimed.requirements)
     found = _with_risk(found, said.risk, scenario.problem)
     plan = replace(
         found, convex_solves=claimed.convex_solves, timing=claimed.timing, message=claimed.message
@@ -75,7 +72,7 @@ def judged(claimed: Plan, scenario: Scenario) -> Judged:
             "where they lead"
         )
     faults += _false_claims(said, found.certificate, scenario.problem)
-    safe = is_safe(found.certificate, scenario.problem)
+    safe = is_safe(found.certificate, scenario.problem, claimed.requirements)
     safe &= is_passively_safe(found.certificate, scenario.problem)
     return Judged(plan, safe, tuple(fault.rstrip(".") + "." for fault in faults))
 

@@ -32,14 +32,19 @@ def verdict(shown: Judged, problem: Problem, claimed_status: str) -> Verdict:
     """Whether a plan can be flown; who comes closest, when, and what is proven."""
     found = shown.plan.certificate
     reasons = list(shown.faults)
+    at_nodes = shown.plan.requirements.at_nodes
     if found.min_separation_pair and found.min_separation_bound is not None and shown.safe:
         i, j = found.min_separation_pair
+        if at_nodes:
+            reasons.append(
+                "Asked for was separation at the nodes only, where no pair is within r_col."
+            )
         reasons.append(
             f"Craft {i} and {j} come closest, {found.min_separation:.4f} m at "
             f"{found.min_separation_time:.1f} s. Proven: no two craft are ever closer than "
             f"{_down(found.min_separation_bound)} m; r_col is {problem.collision_radius:g} m."
         )
-    headline = "Unsafe" if not shown.safe else "Safe"
+    headline = "Unsafe" if not shown.safe else "Safe at the nodes" if at_nodes else "Safe"
     if shown.safe and shown.faults:
         headline = "Not as claimed" if claimed_status == SOLVED else claimed_status.capitalize()
     elif found.min_separation_pair is None:

@@ -81,6 +81,8 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
         (["solve", "DATA", "--jobs", "0"], "jobs is 0"),
         (["solve", "DATA", "--backend", "dask"], "--scheduler tcp://HOST:8786"),
         (["solve", "DATA", "--scheduler-wait", "60"], "expected it with --backend dask"),
+        (["solve", "DATA", "--scheduler", "tcp://h:1"], "--scheduler is tcp://h:1 and work on"),
+        (["dataset", "--backend", "loky", "--scheduler", "tcp://h:1"], "it with --backend dask"),
         (["solve", "DATA", *DASK, "--scheduler-wait", "-1"], "scheduler is -1; expected a number"),
         (
             ["solve", "DATA", *DASK, "--scheduler-wait", "nan"],
@@ -155,6 +157,7 @@ def alive(group):
     return True
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("to_all", "jobs"), [(True, "2"), (False, "2"), (False, "1")], ids=["all", "main", "one"]
 )
@@ -187,6 +190,7 @@ def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
     assert not list(long_work.rglob("*.tmp"))
 
 
+@pytest.mark.system
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
 @pytest.mark.parametrize("wait", [0.2, 0.5])  # s: they are importing
 def test_ctrl_c_while_workers_are_starting_shows_no_traceback(long_work, wait):
@@ -205,6 +209,7 @@ def test_ctrl_c_while_workers_are_starting_shows_no_traceback(long_work, wait):
     assert "Traceback" not in complaints
 
 
+@pytest.mark.system
 def test_after_kill_9_of_the_main_process_its_workers_end_and_the_next_run_completes(long_work):
     process = begun(long_work, "--jobs", "2")
     kept = content(long_work)

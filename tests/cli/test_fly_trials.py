@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -13,8 +14,9 @@ import pyarrow.dataset
 import pytest
 from scipy.stats import binom
 
-from pipeline.expert import solve
+from pipeline.expert import solve, within_risk
 from pipeline.orbit.problem import Problem
+from pipeline.plan import Requirements, RiskLimit
 from pipeline.plan.document import write_plan
 from pipeline.scenario import draw
 
@@ -93,6 +95,7 @@ def test_the_nonlinear_world_leads_elsewhere_and_one_error_can_be_changed(prolea
     assert (rows(tmp_path / "b", "open loop")["delta_v"] < 1e-12).all()
 
 
+@pytest.mark.system
 def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, tmp_path):
     asked = ["fly", "plan.json", "--trials", "100", "--replan", "every-node"]
     assert prolearn(*asked, "--out", "whole", "--jobs", "1").returncode == 0
@@ -110,6 +113,35 @@ def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, tmp_path):
     assert len(files) == 3 * 2
     for name in [*files, "trials.svg", "trials.png"]:
         assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+REPLANNED = ("--trials", "1", "--jobs", "1", "--replan", "every-node", "--json")
+
+
+def test_a_plan_is_planned_anew_for_what_it_was_asked_for(prolearn, tmp_path):
+    """The plan for r_col alone is the cheaper one, and found on the way where no more is asked."""
+    scenario = draw("coplanar-split", 0, 5, 3, Problem(), "valid")
+    exact, used = (*REPLANNED, "--errors", "none", "--world", "linear", "--margin", "0"), []
+    for orbits in (0.5, None):
+        safe = solve(scenario, requirements=Requirements(passive_safety=0.5))
+        if orbits is None:  # the same controls, of which nothing is said
+            safe = replace(safe, certificate=replace(safe.certificate, passive_safety=None))
+        write_plan(tmp_path / "plan.json", safe, scenario)
+        done = prolearn("fly", "plan.json", *exact, "--out", f"{orbits}")
+        assert done.returncode == 0, done.stderr
+        told = json.loads(done.stdout)
+        assert told["requirements"]["passive_safety"] == orbits
+        used.append(told["loops"][1]["delta_v_median"])
+    assert used[0] > used[1] + 1e-3
+
+
+def test_a_plan_for_a_risk_is_not_planned_anew(prolearn, tmp_path):
+    scenario = draw("rings", 0, 3, 0, Problem(), "valid")
+    made = within_risk(scenario, solve(scenario), Requirements(risk=RiskLimit(0.1, 0.1)))
+    write_plan(tmp_path / "plan.json", made, scenario)
+    done = prolearn("fly", "plan.json", *REPLANNED)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "risk of at most 0.1 in open loop, which planning anew does not keep" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ import json
 import math
 import os
 import re
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +45,7 @@ COMMANDS = {
 GIVE = """
 import json, os, sys
 from cli.main import app
-for name, command in json.loads(sys.argv[1]).items():
+for name, command in COMMANDS.items():
     for number, kind in ((1, "out"), (2, "err")):
         os.dup2(os.open(f"{name}.{kind}", os.O_CREAT | os.O_WRONLY), number)
     try:
@@ -69,12 +67,12 @@ class Given:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(forked, tmp_path_factory):
     """Where the commands were given, one after another in one process."""
     here = tmp_path_factory.mktemp("line")
     environment = {k: v for k, v in os.environ.items() if k != "MLFLOW_TRACKING_URI"}
-    command = [sys.executable, "-c", GIVE, json.dumps(COMMANDS)]
-    subprocess.run(command, cwd=here, env=environment, check=True, timeout=600)
+    code = f"COMMANDS = {COMMANDS!r}\n{GIVE}"
+    forked.run((), here, environment, code=code).check_returncode()
     return here
 
 

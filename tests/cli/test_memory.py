@@ -6,6 +6,10 @@ import sys
 import pytest
 
 from cli.memory import available
+from pipeline.orbit.problem import Problem
+from pipeline.plan.document import write_plan
+from pipeline.planners.named import named_planner
+from pipeline.scenario import draw
 
 ASK = """
 import numpy as np
@@ -23,3 +27,27 @@ def test_more_than_is_free_is_refused_in_a_sentence(share, refused):
     )
     assert (done.returncode != 0) == refused, done.stderr
     assert ("takes more memory than the" in done.stderr) == refused
+
+
+COMMAND = """
+import resource
+import pipeline.flight.effects, pipeline.flight.report, pipeline.plan.document, pipeline.show
+from cli.main import app
+from cli.memory import _kilobytes, Path
+used = _kilobytes(Path("/proc/self/status"), "VmData")
+resource.setrlimit(resource.RLIMIT_DATA, (used + 32 * 2**20, resource.RLIM_INFINITY))
+app({arguments})
+"""
+"""With 32 MB left, which is enough to read the plan."""
+
+
+@pytest.mark.skipif(available() is None, reason="the system does not say what is free")
+@pytest.mark.parametrize("command", ["show", "fly"])
+def test_a_plan_that_is_too_large_to_look_at_is_refused_in_a_sentence(command, tmp_path):
+    scenario = draw("rings", 0, 500, 0, Problem())
+    (plan,) = named_planner("minimum-energy").plan([scenario])
+    write_plan(tmp_path / "plan.json", plan, scenario)
+    program = COMMAND.format(arguments=[command, str(tmp_path / "plan.json")])
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 1, done.stderr
+    assert "this takes more memory than" in done.stderr and "Traceback" not in done.stderr

@@ -142,6 +142,18 @@ def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(prolearn, tmp
     assert row_of("s", strict.stdout).startswith("own LP (unsafe) 0.")
     assert re.match(r"own LP +0\.", row_of("s", lax.stdout))
     assert "unsafe" not in lax.stdout
+    report = judged(tmp_path / "s.json", tmp_path / "p.json")
+    assert [fault.endswith("between nodes") for fault in report.faults] == [True]
+    assert "apart at the nodes only" in prolearn("convert", "p.json", "--to", "csv").stderr
+    assert prolearn("show", "p.json").stdout == "p.html: 10 craft by own LP.\n"
+    assert "<strong>Safe at the nodes</strong>" in (tmp_path / "p.html").read_text()
+    exact = ("fly", "p.json", "--eccentricity", "0", "--no-j2")
+    assert (done := prolearn(*exact)).returncode == 0
+    assert "at a node, and no more was asked: craft" in done.stdout.replace("\n", " ")
+    document = json.loads((tmp_path / "p.json").read_text())
+    (tmp_path / "p.json").write_text(json.dumps(document | {"separation": "continuous"}))
+    assert "come within" in prolearn("show", "p.json").stdout
+    assert prolearn(*exact).returncode == 1
 
 
 def passes_between(scenario):

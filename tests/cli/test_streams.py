@@ -11,10 +11,10 @@ import pytest
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
 
-def test_a_pipe_from_scenario_to_plan_to_page_and_table(tmp_path):
+def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
     def through(*arguments, given=""):
         done = subprocess.run(
-            [*PROGRAM, *arguments], input=given, capture_output=True, text=True, cwd=tmp_path
+            [*forked.command, *arguments], input=given, capture_output=True, text=True, cwd=tmp_path
         )
         assert done.returncode == 0, done.stderr
         return done.stdout
@@ -46,6 +46,7 @@ def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn,
     assert words in done.stderr
 
 
+@pytest.mark.system
 def test_who_interrupts_plan_is_told_how_many_plans_there_are(prolearn, tmp_path):
     prolearn("scenario", "new", "short.json", "--n", "2")
     prolearn("scenario", "new", "long.json", "--n", "4", "--nodes", "1000")  # a minute and more

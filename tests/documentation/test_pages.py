@@ -1,6 +1,7 @@
 """The pages that show how to work are run from top to bottom, and the site is built."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -16,21 +17,27 @@ from pipeline.scenario import draw
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("tutorial", "engineer", "flight", "researcher", "programmer", "api")
-MAKE = f'prolearn() {{ "{sys.executable}" -c "from cli.main import app; app()" "$@"; }}\n'
+PATIENCE = 300.0
+"""Seconds after which a block is given up."""
 
 
-def shell(example):
+@pytest.fixture
+def shell(forked):
     """Run the lines of a block in the folder of the test; each must succeed."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    script = "set -e\n" + MAKE + example.parsed
-    done = subprocess.run(
-        ["bash", "-c", script], capture_output=True, text=True, env=environment, timeout=300
-    )
-    assert done.returncode == 0, f"{example.parsed}\n{done.stdout}\n{done.stderr}"
+    prolearn = f'prolearn() {{ {shlex.join(forked.command)} "$@"; }}'
+
+    def run(example):
+        script = f"set -e\n{prolearn}\n{example.parsed}"
+        done = subprocess.run(
+            ["bash", "-c", script], capture_output=True, text=True, timeout=PATIENCE
+        )
+        assert done.returncode == 0, f"{example.parsed}\n{done.stdout}\n{done.stderr}"
+
+    return run
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_what_a_page_shows_works_in_its_order(page, tmp_path, monkeypatch):
+def test_what_a_page_shows_works_in_its_order(page, shell, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     parsers = [PythonCodeBlockParser(), CodeBlockParser("bash", shell)]
     document = Sybil(parsers, path=str(ROOT / "docs")).parse(ROOT / "docs" / f"{page}.md")

@@ -16,6 +16,8 @@ import pytest
 
 from pipeline.scratch import PREFIX, clear_scratch, scratch_folder, temporary_files_in
 
+pytestmark = pytest.mark.system
+
 KILLED_AT_EACH_CALL = """
 import json, os, signal, sys, tempfile
 from pathlib import Path

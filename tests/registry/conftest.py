@@ -2,13 +2,14 @@
 
 import shutil
 import socket
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-from children import Children
+from forked import Forked
 from noisy import network
 
 from pipeline.dataset.format.manifest import read_manifest
@@ -125,17 +126,16 @@ def register(
     return one
 
 
-@pytest.fixture(scope="session")
-def children() -> Iterator[Children]:
-    """What runs code in processes of its own, without the imports of each."""
-    with Children() as found:
-        yield found
-
-
 @pytest.fixture
-def child(children: Children, folder: Path) -> Callable[[str], int]:
-    """Run code in a process of its own, in the folder of the store."""
-    return lambda code: children.run(code, folder)
+def child(forked: Forked, folder: Path) -> Callable[[str], int]:
+    """Run code in a process of its own, in the folder of the store; its exit status."""
+
+    def run(code: str) -> int:
+        done = forked.run((), folder, code=code)
+        print(done.stderr, file=sys.stderr)
+        return done.returncode
+
+    return run
 
 
 @pytest.fixture

@@ -11,9 +11,13 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+import pytest
+
 from cli.stages.train import TrainingSettings, train_model, trained_before
 from registry.models import list_versions
 from registry.store import connect
+
+pytestmark = pytest.mark.system
 
 DIES_AT_EACH_COMMIT = """
 import json, os, shutil, signal, sys

@@ -3,20 +3,19 @@
 import json
 import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import documented
 import pytest
+from forked import Forked
 
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
 PREDICT = """
-import mlflow, numpy as np, sys
+import mlflow, numpy as np
 model = mlflow.pyfunc.load_model(f"models:/prolearn-{sys.argv[1]}@champion")
 for n in (1, 7):
     ends = np.ones((2, n, 6))
@@ -25,8 +24,14 @@ for n in (1, 7):
 print("predicted")
 """
 
+PLACES = """
+import sys
+sys.path.insert(0, {site!r})
+sys.argv[1:] = {arguments!r}
+"""
+
 COMMANDS = """
-import json, sys
+import json
 from cli.main import app
 for command in json.loads(sys.argv[1]):
     app(command, standalone_mode=False)
@@ -36,23 +41,15 @@ Python = Callable[..., str]
 
 
 @pytest.fixture
-def python(folder: Path, tmp_path: Path) -> Python:
+def python(forked: Forked, folder: Path, tmp_path: Path) -> Python:
     """Runs code where they are installed, and gives what it prints."""
     documented.install(tmp_path / "site")
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), str(Path(__file__).parents[2])]),
-        "MLFLOW_TRACKING_URI": f"sqlite:///{folder / 'mlflow.db'}",
-    }
+    site = str(tmp_path / "site")
 
     def run(code: str, *arguments: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-c", code, *arguments],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=240,
-        )
+        places = PLACES.format(site=site, arguments=list(arguments))
+        environment = os.environ | {"MLFLOW_TRACKING_URI": f"sqlite:///{folder / 'mlflow.db'}"}
+        done = forked.run((), folder, environment, code=places + code)
         assert done.returncode == 0, done.stderr
         return done.stdout
 

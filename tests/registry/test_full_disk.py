@@ -46,9 +46,12 @@ def mounting_works() -> bool:
     return done.returncode == 0
 
 
-pytestmark = pytest.mark.skipif(
-    not mounting_works(), reason="needs util-linux's unshare and the right to mount a tmpfs"
-)
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(
+        not mounting_works(), reason="needs util-linux's unshare and the right to mount a tmpfs"
+    ),
+]
 
 
 def record_on(disk: Path, mebibytes: float, network: Path, here: Path, store: Path) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from children import Children
+from forked import Forked
 from noisy import network
 from planted import one_size
 from typer.testing import CliRunner
@@ -119,10 +119,10 @@ list_versions(), newest_trainings()
 
 
 def test_the_warning_is_one_line_on_stderr(
-    sql: Callable[..., None], project: Path, children: Children
+    sql: Callable[..., None], project: Path, forked: Forked
 ) -> None:
     sql(f"UPDATE params SET value = 'x' WHERE key = 'seed' AND run_uuid = {run_of(2)}")
-    assert children.run(LISTS, project) == 0
+    assert forked.run((), project, code=LISTS).returncode == 0
     (line,) = (project / "stderr.txt").read_text().splitlines()
     assert line.startswith("models:/prolearn-ff1/2 cannot be used")
 
@@ -182,10 +182,10 @@ add_model_results(resolve("ff1/2"), {0: {"x": 1.0}}, Path("files"), dataset=("da
 
 @pytest.mark.parametrize("place", ["s3://nowhere/x", "http://127.0.0.1:1/x", "file:///dev/null"])
 def test_an_evaluation_is_not_lost_where_a_models_run_cannot_take_its_part(
-    sql: Callable[..., None], place: str, project: Path, children: Children
+    sql: Callable[..., None], place: str, project: Path, forked: Forked
 ) -> None:
     sql(f"UPDATE runs SET artifact_uri = ? WHERE run_uuid = {run_of(2)}", place)
-    assert children.run(ADDS, project) == 0
+    assert forked.run((), project, code=ADDS).returncode == 0
     said = (project / "stderr.txt").read_text()
     assert "models:/prolearn-ff1/2 is not added to its training run" in said.splitlines()[-1]
 

@@ -15,6 +15,8 @@ from pipeline.errors import ProlearnError
 from registry.running import recorded_run, reopened_run
 from registry.store import EVALUATION, connect
 
+pytestmark = pytest.mark.system
+
 DIES = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 
 RECORDS = f"""

@@ -24,6 +24,8 @@ from registry.running import recorded_run
 from registry.store import EVALUATION, connect, opened
 from registry.training import DatasetInfo, record_training
 
+pytestmark = pytest.mark.system
+
 
 @pytest.fixture
 def server(

@@ -11,6 +11,9 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.plan import Requirements
 
+FORMER_SOLVERS = {"cvxpy": "clarabel"}
+"""What earlier versions could solve a dataset by, and what is called for instead now."""
+
 REQUIRED = ("separation", "passive_safety")
 """Requirements that are recorded, beside the settings of the expert."""
 
@@ -31,7 +34,13 @@ def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any
 
 def settings_of(record: Mapping[str, Any]) -> Settings:
     """The settings of the expert in a record."""
-    return Settings(**{k: v for k, v in record.items() if k not in REQUIRED})
+    return Settings(**{k: v for k, v in _now(record).items() if k not in REQUIRED})
+
+
+def _now(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A record by the solvers that there are now."""
+    solver = record.get("solver")
+    return {**record, "solver": FORMER_SOLVERS[solver]} if solver in FORMER_SOLVERS else record
 
 
 def requirements_of(record: Mapping[str, Any]) -> Requirements:
@@ -51,7 +60,7 @@ def checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
         ValueError: naming what is wrong with it.
     """
     try:
-        TypeAdapter(Settings).validate_python(given)
+        TypeAdapter(Settings).validate_python(_now(given))
         settings_of(given), requirements_of(given)
     except ValidationError as error:
         raise ValueError(first_fault(error)) from None

@@ -4,8 +4,6 @@ All that decides the bytes of a dataset is in its manifest, and so in each shard
 """
 
 from pipeline.dataset.format.manifest import Manifest
-from pipeline.dataset.format.solving import settings_of
-from pipeline.expert import Settings
 from pipeline.provenance import DecidedBy, made_with, refuse_other_versions
 
 SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scipy", "pyarrow")
@@ -15,11 +13,11 @@ PLANNING = ("orbit", "scenario", "plan", "expert")
 """Packages of ours that decide a plan to the last bit."""
 
 
-def solved_by(settings: Settings) -> DecidedBy:
-    """Code of ours and distributions that the bytes of plans depend on."""
-    readable = ("cvxpy",) if settings.solver == "cvxpy" else ()
-    packages = ("numpy", "scipy", "pyarrow", "clarabel", "highspy", *readable)
-    return tuple(f"pipeline/{part}" for part in PLANNING), packages
+SOLVED_BY: DecidedBy = (
+    tuple(f"pipeline/{part}" for part in PLANNING),
+    ("numpy", "scipy", "pyarrow", "clarabel", "highspy"),
+)
+"""Code of ours and packages that the bytes of plans depend on."""
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
@@ -31,5 +29,5 @@ def refuse_versions(what: object, manifest: Manifest) -> None:
     made = manifest.made_with
     refuse_other_versions(f"{what} was sampled", made.sample, made_with(*SAMPLED_BY))
     if manifest.solve:
-        versions = made_with(*solved_by(settings_of(manifest.solve)))
+        versions = made_with(*SOLVED_BY)
         refuse_other_versions(f"{what} was solved", made.solve, versions)

@@ -15,7 +15,7 @@ from pipeline.dataset.format.schema import (
     timing_table,
 )
 from pipeline.dataset.format.solving import recorded, requirements_of, settings_of
-from pipeline.dataset.stages.begun import refuse_versions, solved_by
+from pipeline.dataset.stages.begun import SOLVED_BY, refuse_versions
 from pipeline.dataset.stages.sample import draw_scenarios
 from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
@@ -103,7 +103,7 @@ def _begun(folder: Folder, settings: Settings, requirements: Requirements) -> Ma
     if manifest.solve:
         refuse_change(str(folder), manifest.solve, now)
     refuse_versions(folder, manifest)
-    versions = made_with(*solved_by(settings))
+    versions = made_with(*SOLVED_BY)
     return replace(manifest, solve=now, made_with=replace(manifest.made_with, solve=versions))
 
 
@@ -129,7 +129,7 @@ def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
 
 def _solved(shard: Shard, content: bytes) -> Solved:
     settings, requirements = settings_of(shard.about.solve), requirements_of(shard.about.solve)
-    check_worker(shard.about.made_with.solve, solved_by(settings))
+    check_worker(shard.about.made_with.solve, SOLVED_BY)
     table = decode(content, shard.most)
     outcomes = _outcomes(scenarios_of(table), settings, requirements)
     solved = encode(solved_table(table, outcomes, shard.metadata(shard.solved)))

@@ -19,6 +19,8 @@ from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.progress import Progress
 
+pytestmark = pytest.mark.system
+
 SHARDS = 12
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 

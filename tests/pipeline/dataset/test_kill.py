@@ -16,6 +16,8 @@ from pathlib import Path
 import pytest
 from processes import SOON, workers_of
 
+pytestmark = pytest.mark.system
+
 SCRIPT = """
 import json, os, signal, sys
 from pathlib import Path

@@ -9,7 +9,8 @@ from forged import forge, remove
 
 from pipeline.dataset.format.manifest import read_manifest
 from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.begun import solved_by
+from pipeline.dataset.format.solving import settings_of
+from pipeline.dataset.stages.begun import SOLVED_BY
 from pipeline.dataset.stages.repair import repair
 from pipeline.dataset.stages.sample import sample
 from pipeline.dataset.stages.solve import solve
@@ -85,8 +86,15 @@ def test_plans_of_another_version_are_not_adopted_where_the_manifest_is_gone(sol
     assert (solved / name).read_bytes() == right
 
 
+def test_what_was_solved_by_the_solver_of_an_earlier_version_is_read(solved):
+    forge(solved, lambda manifest: manifest["solve"].update(solver="cvxpy"))
+    manifest = read_manifest(solved)
+    assert manifest.solve["solver"] == "cvxpy", "which the card says"
+    assert settings_of(manifest.solve) == Settings(solver="clarabel")
+
+
 def test_a_worker_with_other_versions_is_refused():
-    here = solved_by(Settings())
+    here = SOLVED_BY
     check_worker(made_with(*here), here)
     with pytest.raises(ProlearnError, match=r"numpy 1\.0, now it is 2.* on all machines"):
         check_worker({**made_with(*here), "numpy": "1.0"}, here)

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import readable
 from scipy.optimize import linprog
 
-from pipeline.expert import interior_point, readable, simplex
+from pipeline.expert import interior_point, simplex
 from pipeline.expert.cuts import conflicts, gaps, half_spaces
 from pipeline.expert.own import control_limit, control_units, goal_miss, own_optima
 from pipeline.expert.subproblem import Subproblem, UnsolvableError

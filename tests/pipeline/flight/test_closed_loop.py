@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from judge import Case, closest_adrift
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
@@ -16,6 +17,8 @@ from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.plan import Requirements
 from pipeline.planners.expert import Expert
 from pipeline.planners.named import named_planner
 from pipeline.planners.network import Flown
@@ -191,6 +194,48 @@ def test_controls_keep_to_the_thrust_limit(tight):
     flown(bounded, Watched(), replace(COLD_GAS, magnitude=0.2, missed=0.05))
     assert max(most) <= limit * (1 + 1e-9)
     assert guide.unsafe.any()  # so much goes wrong that the goal is not always within reach
+
+
+def flown_undisturbed(scenario, plan, requirements):
+    """The controls that are flown, (n, intervals, 3), and the Δv."""
+    guide, commanded = closed(scenario, plan, Expert(requirements=requirements), trials=1), []
+
+    @dataclass
+    class Noted:
+        def commanded(self, node, estimate):
+            commanded.append(guide.commanded(node, estimate))
+            return commanded[-1]
+
+    found = flown(scenario, Noted(), Errors(), trials=1)
+    assert not guide.unsafe.any()
+    return np.stack([one[0] for one in commanded], axis=1), found.delta_v[0]
+
+
+def test_craft_that_are_planned_anew_stay_passively_safe_where_the_planner_must():
+    """Planned anew for r_col alone a cheaper plan is found, in which they are not."""
+    problem, asked = Problem(), Requirements(passive_safety=0.5)
+    case = Case(problem.mean_motion, problem.time_step, problem.nodes, problem.collision_radius)
+    scenario = draw("coplanar-split", 0, 5, 3, problem, "valid")
+    plan = solve(scenario, requirements=asked)
+    least = {}
+    for requirements in (asked, Requirements()):
+        controls, used = flown_undisturbed(scenario, plan, requirements)
+        states = fly(scenario.initial, controls, problem)
+        least[requirements] = closest_adrift(case, states, controls, 0.5).distance, used
+    assert least[asked][0] > 15 > least[Requirements()][0]
+    assert plan.certificate.delta_v >= least[asked][1] > least[Requirements()][1]
+
+
+def test_craft_that_need_be_apart_at_the_nodes_only_are_planned_anew_for_these(tight):
+    scenario, _ = tight
+    asked = Requirements("nodes")
+    plan = solve(scenario, requirements=asked)
+    assert plan.certificate.min_separation < 15
+    controls, used = flown_undisturbed(scenario, plan, asked)
+    states = fly(scenario.initial, controls, scenario.problem)[:, 1:, :3]
+    i, j = np.triu_indices(12, 1)
+    assert np.linalg.norm(states[i] - states[j], axis=-1).min() > 15
+    assert used <= plan.certificate.delta_v * (1 + 1e-9)
 
 
 def test_a_network_for_one_time_grid_alone_says_so():

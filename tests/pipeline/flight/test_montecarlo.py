@@ -157,6 +157,7 @@ print(step)
 """
 
 
+@pytest.mark.system
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks a child for each kill")
 def test_killed_at_any_step_of_writing_the_next_run_gives_the_same_bytes(tmp_path):
     """With -9, at each flush of a file or a folder."""

@@ -56,6 +56,31 @@ def test_the_least_separation_is_the_judge_s(seed, orbits, step):
     assert 0 <= found.time - found.node * step <= orbits * PERIOD * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("seconds", [5e-4, 480.0 + 5e-4, 600.0 + 5e-4])
+def test_a_drift_that_ends_shortly_after_a_node_is_looked_at_like_any_other(seconds):
+    """By less than the shortest time step that a problem may have."""
+    problem = Problem(time_step=120.0, nodes=5)
+    states, controls = transfer(1, 3, problem)
+    found = least(states, controls, problem, seconds / PERIOD)
+    truth = closest_adrift(case_of(problem), states, controls, seconds / PERIOD)
+    assert found.distance == pytest.approx(truth.distance, abs=2e-4)
+    assert found.bound <= truth.distance + 1e-6
+    assert unavoidable(states[:, 0], states[:, -1], problem, seconds / PERIOD) is None
+
+
+def test_a_meeting_after_seventy_orbits_is_found():
+    """A craft that is slower by v gains 3 v in the mean and stays at its height but for 4 v/e."""
+    problem, ahead, met = Problem(), 200.0, 74 * PERIOD
+    v = (ahead - problem.collision_radius) / (3 * met)
+    behind = [0.0, -ahead, 0.0, 0.0, -v, 0.0]
+    goal = np.array([np.zeros(6), behind])
+    found = unavoidable(goal, goal, problem, 100.0)
+    assert found.pair in ((0, 1), (1, 0))
+    assert found.distance < problem.collision_radius
+    assert unavoidable(goal, goal, problem, 73.0) is None
+    assert unavoidable(goal, goal, problem, 75.0).distance < problem.collision_radius
+
+
 def test_everything_within_a_distance_is_found_and_nothing_else():
     """Beside a dense grid that is 2 s fine; relative speeds are below 1 m/s."""
     problem, orbits = Problem(nodes=4), 0.2

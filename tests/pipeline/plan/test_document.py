@@ -64,6 +64,15 @@ def test_a_plan_of_the_given_order_says_nothing_of_an_assignment(written):
     assert read_plan(written[1])[0].assignment is None
 
 
+def test_separation_at_the_nodes_comes_back_and_at_all_times_is_what_is_not_said(written, tmp_path):
+    assert "separation" not in json.loads(written[1].read_text())
+    assert read_plan(written[1])[0].requirements == Requirements()
+    plan = solve(SCENARIO, requirements=Requirements("nodes"))
+    write_plan(tmp_path / "nodes.json", plan, SCENARIO)
+    assert json.loads((tmp_path / "nodes.json").read_text())["separation"] == "nodes"
+    assert read_plan(tmp_path / "nodes.json")[0].requirements == Requirements("nodes")
+
+
 def test_a_risk_comes_back(tmp_path):
     plan = within_risk(SCENARIO, solve(SCENARIO), Requirements(risk=RiskLimit(1e-3, 0.05, 1e-3)))
     assert plan.certificate.risk.uncertainty.direction == 1e-3
@@ -111,6 +120,7 @@ def test_files_of_version_1_are_read_without_a_scenario(written):
         ({"scenario": None}, r"scenario is missing, which prolearn\.plan/2 has"),
         ({"times": ["0"] * 9}, r"times\[0\] is '0'"),
         ({"status": "fine"}, "status is 'fine'"),
+        ({"separation": "never"}, "separation is 'never'"),
         ({"speed": 1}, "speed is not a field"),
         ({"times": [0.0, 100.0]}, "4 craft and 2 nodes, its scenario has others"),
         ({"assignment": {"slots": [0, 1, 2, 2], **KNOWN}}, "assignment.slots is no order of the 4"),

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from commands import Commands
+from forked import Forked
 
 from torture.bench import Bench
 from torture.damage import CUT, DELETED, FLIPPED, SWAPPED, Damage
@@ -19,7 +19,7 @@ MARK = "<!-- made by make torture -->"
 def torture(scratch: Path, seed: int, kills: int, flips: int) -> Tally:
     """Interrupt commands and damage files so many times; others in proportion."""
     tally = Tally()
-    with Commands() as commands:
+    with Forked() as commands:
         bench = Bench(scratch, commands)
         interruption, damage = Interruption(bench, seed, tally), Damage(bench, seed, tally)
         for kind, share in ((KILLED, 1.0), (TERMINATED, 0.3), (FULL, 0.4)):

@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from commands import Commands
+from forked import Forked
 
 from torture.project import FLY, READERS, environment, make, untimed
 
@@ -20,7 +20,7 @@ class Bench:
         usual: what commands that read say of the undisturbed project.
     """
 
-    def __init__(self, scratch: Path, commands: Commands) -> None:
+    def __init__(self, scratch: Path, commands: Forked) -> None:
         self.project, self.tried = scratch / "project", scratch / "tried"
         self._commands = commands
         make(self.tried, commands)

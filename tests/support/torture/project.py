@@ -5,7 +5,7 @@ import os
 import shutil
 from pathlib import Path
 
-from commands import Commands
+from forked import Forked
 
 from pipeline.dataset.format.samples import Sample
 from pipeline.dataset.stages.sample import sample
@@ -62,7 +62,7 @@ def environment() -> dict[str, str]:
     return kept | ENVIRONMENT
 
 
-def make(folder: Path, commands: Commands) -> None:
+def make(folder: Path, commands: Forked) -> None:
     """Make the project in a folder."""
     one = Workers(jobs=1)
     sample(folder / "data", SAMPLES, Problem(), jobs=1)

@@ -1,4 +1,4 @@
-"""The convex subproblem written in cvxpy: the readable form that the fast one is held against."""
+"""The convex subproblem of the expert written in cvxpy: the oracle of its fast solvers."""
 
 import cvxpy as cp
 import numpy as np

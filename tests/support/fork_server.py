@@ -1,0 +1,116 @@
+"""A process that has imported everything and forks one for each request on a Unix socket.
+
+A request is one packet: the environment, the folder, and a command's arguments or a piece of code,
+with stdin, stdout and stderr as file descriptors. The answers are the process id and the exit
+status, negative for a signal.
+"""
+
+import atexit
+import importlib
+import json
+import os
+import pkgutil
+import select
+import signal
+import socket
+import sys
+import tempfile
+import threading
+import traceback
+
+LATE = (
+    "cli.main",
+    "alembic.command",
+    "alembic.config",
+    "git",
+    "matplotlib.pyplot",
+    "matplotlib.backends.backend_svg",
+    "mlflow.pyfunc",
+    "mlflow.store.model_registry.sqlalchemy_store",
+    "mlflow.store.tracking.sqlalchemy_store",
+    "optuna",
+    "sqlalchemy.dialects.sqlite",
+    "torch._dynamo",
+    "torch.profiler",
+)
+PACKET = 1 << 17  # bytes, above what an environment takes
+
+
+def main(path: str) -> None:
+    """Serve until stdin ends, which is when the process that started this one does."""
+    import_everything()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(path)
+        listener.listen()
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that answer
+        print("ready", flush=True)
+        while listener in select.select([listener, sys.stdin], [], [])[0]:
+            connection, _ = listener.accept()
+            if os.fork() == 0:
+                listener.close()
+                answer(connection)
+            connection.close()
+
+
+def import_everything() -> None:
+    """Import what commands import, and what libraries import at their first use."""
+    import cli.stages
+
+    for module in pkgutil.iter_modules(cli.stages.__path__, "cli.stages."):
+        importlib.import_module(module.name)
+    for name in LATE:
+        importlib.import_module(name)
+
+
+def answer(connection: socket.socket) -> None:
+    """Run what is asked in a process of its own, say its id, wait for it, and say its status."""
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    packet, streams, _, _ = socket.recv_fds(connection, PACKET, 3)
+    child = os.fork()
+    if child == 0:
+        connection.close()
+        leave(run(json.loads(packet), streams))
+    for stream in streams:
+        os.close(stream)
+    try:
+        connection.send(str(child).encode())
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        connection.send(str(status).encode())
+    finally:
+        os._exit(0)
+
+
+def run(asked: dict[str, object], streams: list[int]) -> int:
+    """The exit status of a command or of a piece of code, in this process."""
+    os.environ.clear()
+    os.environ.update(asked["environment"])
+    os.chdir(asked["folder"])
+    tempfile.tempdir = None
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+        os.close(stream)
+    sys.argv[1:] = asked["arguments"]
+    try:
+        if asked["code"]:
+            exec(asked["code"], {"__name__": "__main__"})
+        else:
+            sys.modules["cli.main"].app()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def leave(status: int) -> None:
+    """All that an interpreter does at its end, except taking each module apart."""
+    threading._shutdown()
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
