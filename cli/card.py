@@ -29,8 +29,8 @@ def card(
         prolearn dataset card data/paper
         prolearn dataset card data/n10 --license cc-by-4.0 --force
     """
-    from pipeline.dataset.card.card import write_card
-    from pipeline.dataset.format.layout import CARD
+    from pipeline.dataset.card import write_card
+    from pipeline.dataset.manifest import CARD
 
     with progress("reading") as shown:
         write_card(folder, licence=licence, replace=replace, progress=shown)

@@ -22,9 +22,9 @@ from pipeline.urls import public_url
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pipeline.dataset.stages.verify import Fault
+    from pipeline.dataset.verifying import Fault
     from pipeline.expert import Settings
-    from pipeline.jobs.workers import Workers
+    from pipeline.parallel.workers import Workers
     from pipeline.plan import Requirements
 
 
@@ -87,8 +87,8 @@ def sample(
 
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
     """
-    from pipeline.dataset.format.samples import Sample
-    from pipeline.dataset.stages.sample import sample as run
+    from pipeline.dataset.samples import Sample
+    from pipeline.dataset.sampling import sample as run
 
     problem = problem_at(altitude, time_step, nodes, collision_radius, max_acceleration)
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
@@ -156,8 +156,8 @@ def make(
     if context.invoked_subcommand:
         _refuse_options(context)
         return
-    from pipeline.dataset.stages.presets import PRESETS
-    from pipeline.dataset.stages.sample import sample as run
+    from pipeline.dataset.samples import PRESETS
+    from pipeline.dataset.sampling import sample as run
     from pipeline.expert import Settings
     from pipeline.orbit.problem import Problem
     from pipeline.plan import AT_ALL_TIMES
@@ -200,9 +200,9 @@ def verify(
         prolearn verify data/paper --repair
         prolearn verify data/paper --json
     """
-    from pipeline.dataset.stages.repair import repair
-    from pipeline.dataset.stages.verify import verify as check
-    from pipeline.jobs.workers import Workers
+    from pipeline.dataset.verifying import repair
+    from pipeline.dataset.verifying import verify as check
+    from pipeline.parallel.workers import Workers
 
     if yes and not mend:
         raise InputError("--yes is given without --repair; expected both, or neither.")
@@ -261,7 +261,7 @@ def _workers(
     scheduler_wait: float | None,
 ) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
-    from pipeline.jobs.workers import SCHEDULER_WAIT, Workers
+    from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
 
     if backend == "loky":
         if "scheduler" in given_options(context):
@@ -286,7 +286,7 @@ def _workers(
 def _solve(
     folder: str, settings: "Settings", requirements: "Requirements", workers: "Workers"
 ) -> None:
-    from pipeline.dataset.stages.solve import solve as run
+    from pipeline.dataset.solving import solve as run
 
     with progress("solving") as shown:
         run(folder, settings, requirements, workers=workers, progress=shown)

@@ -8,9 +8,9 @@ from typing import Any
 import pandas as pd
 
 from cli.stages.entrants import Choice, Network, networks, planners_on
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.schema import scenarios_of
-from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import solved_rows
+from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.progress import Progress
 from pipeline.scenario import Scenario

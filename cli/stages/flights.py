@@ -11,9 +11,9 @@ from cli.stages.experiment import held_out, listed
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.experiments.verdicts import DECOUPLED
-from pipeline.jobs.workers import Workers
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.ladder import Ladder

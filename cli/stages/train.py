@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cli.stages.champion import Challenge, challenge, flown_metrics, validation_trials
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.reading.stream import MEMORY
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import MEMORY
 from pipeline.errors import check_range
 from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.recipes import Recipe

@@ -16,8 +16,8 @@ from cli.stages.entrants import networks
 from cli.stages.evaluate import evaluate
 from cli.stages.experiment import HeldOut
 from cli.stages.report import report
-from pipeline.dataset.format.schema import scenarios_of
-from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.reading import solved_rows
+from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.model import Model
