@@ -9,14 +9,14 @@ import pandas as pd
 from cli.stages.entrants import Network, newest_on
 from cli.stages.experiment import HeldOut, held_out, listed
 from pipeline.errors import InputError
-from pipeline.experiments.findings import DECOUPLED
-from pipeline.experiments.rows import TABLES
+from pipeline.experiments.records import TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.networks.recipes import REFINER, SHORT
 from pipeline.networks.refiner.ablations import TUNED
 from pipeline.networks.refiner.refiner import own_rounds, with_rounds
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.network import Flown
+from pipeline.planners.classical import BASELINES
+from pipeline.planners.network import NetworkPlanner
 from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
@@ -138,7 +138,9 @@ def refiners_on(data: Where) -> list[ModelVersion]:
 def _with_rounds(network: Network, count: int) -> EvaluatedPlanner:
     """A refiner that takes so many rounds; its controls are flyable plans as they stand."""
     version, model = network.version, with_rounds(network.model, count)
-    return EvaluatedPlanner(Flown(model, network.name), version.recipe, version.training_seed)
+    return EvaluatedPlanner(
+        NetworkPlanner(model, network.name), version.recipe, version.training_seed
+    )
 
 
 def _common_rounds(networks: Sequence[Network]) -> int:

@@ -7,11 +7,11 @@ import pandas as pd
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
-from pipeline.experiments.findings import compare
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.verdicts import compare
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import for_comparison
-from pipeline.planners.network import Flown
+from pipeline.planners.network import NetworkPlanner
 from pipeline.storage.folder import Where
 from registry.models import champion_of, crown, load, resolve, settle
 from registry.version import ModelVersion
@@ -42,7 +42,7 @@ def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
         InputError: where the data has none of this size, or the weights do not fit it.
     """
     scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:MOST]
-    flown = Flown(model, model.architecture)
+    flown = NetworkPlanner(model, model.architecture)
     return run_trials([EvaluatedPlanner(flown)], scenarios) if scenarios else pd.DataFrame()
 
 

@@ -10,9 +10,8 @@ from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import for_comparison
 from pipeline.plan import Requirements
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
-from pipeline.planners.network import Flown, check_problem
+from pipeline.planners.classical import BASELINES, Expert
+from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
 from registry.models import load, newest_trainings, resolve
@@ -42,7 +41,7 @@ class Network:
     @property
     def entrant(self) -> EvaluatedPlanner:
         """The network flown, and as predicted."""
-        flown = Flown(self.model, self.name)
+        flown = NetworkPlanner(self.model, self.name)
         return EvaluatedPlanner(flown, self.version.recipe, self.version.training_seed, self.model)
 
 

@@ -8,16 +8,14 @@ import pandas as pd
 
 from cli.stages.entrants import Network, planners_on
 from cli.stages.experiment import held_out, listed
-from pipeline.experiments.findings import DECOUPLED
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.networks.recipes import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
-from pipeline.planners.ladder import Ladder
-from pipeline.planners.network import Flown
+from pipeline.planners.classical import BASELINES, Expert
+from pipeline.planners.network import FallbackPlanner, NetworkPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.storage.folder import Where
 from registry.results import Done
@@ -104,5 +102,5 @@ def _safe(network: Network, problem: Problem) -> EvaluatedPlanner:
         InputError: where its weights do not fit the transfers that are planned on the way.
     """
     network.model.on(replace(problem, nodes=SHORTEST))
-    planner = Ladder(Flown(network.model, network.name))
+    planner = FallbackPlanner(NetworkPlanner(network.model, network.name))
     return EvaluatedPlanner(planner, network.version.recipe, network.version.training_seed)

@@ -6,7 +6,7 @@ from pipeline.errors import InputError
 from pipeline.networks.catalogue import architecture_names
 from pipeline.plan import Requirements
 from pipeline.planners.named import NAMES, refuse_effort, with_expert
-from pipeline.planners.network import Flown
+from pipeline.planners.network import NetworkPlanner
 from pipeline.planners.planner import Planner
 from registry.models import load
 from registry.version import PREFIX
@@ -33,7 +33,7 @@ def model_planner(
         refuse_effort(effort)
     _check_architecture(reference)
     model, version = load(reference)
-    flown = Flown(model, f"{version.arch}/{version.version}", requirements)
+    flown = NetworkPlanner(model, f"{version.arch}/{version.version}", requirements)
     return flown if raw else with_expert(flown, effort)
 
 

@@ -6,16 +6,15 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
-from pipeline.networks.refiner.on_board.swarm import fly_rounds
 from typer.testing import CliRunner
 
 from cli.main import app
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.on_board.check import Files
+from pipeline.networks.refiner.on_board.check import Files, fly_rounds
 from pipeline.networks.refiner.on_board.steps import STEPS
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.planners.named import named_planner
 from pipeline.scenario import draw

@@ -21,7 +21,7 @@ from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, like, plain, rows
 from pipeline.networks.refiner.geometry import Grid
 from pipeline.networks.refiner.simplex import first_ratios, solve_all
-from pipeline.orbit.least_fuel import least_fuel
+from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import Problem
 
 LARGEST_DUAL = 50.0
@@ -43,7 +43,7 @@ class Decoupled:
 def decoupled_optima(
     initial: Float[Array, "N 6"], goal: Float[Array, "N 6"], grid: Grid, problem: Problem
 ) -> Decoupled:
-    """The decoupled optima, by table (``pipeline.orbit.least_fuel``).
+    """The decoupled optima, by table (``pipeline.orbit.decoupled``).
 
     Raises:
         InputError: for a problem whose controls do not reach every state.

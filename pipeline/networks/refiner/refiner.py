@@ -46,7 +46,7 @@ from pipeline.networks.refiner.model import (
     start,
     task_of,
 )
-from pipeline.orbit.drift import drift_separations
+from pipeline.orbit.separation import drift_separations
 
 CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
 

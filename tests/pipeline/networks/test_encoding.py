@@ -7,7 +7,7 @@ import torch
 from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
 from pipeline.networks.encoding import INTERIORS, Encoding, fit
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 
 PROBLEM = Problem(nodes=5)

@@ -1,7 +1,7 @@
 """What is compiled for a swarm, for one craft and by torch alone, so that it can be traced.
 
 ``nearest`` is that of ``refiner.nearest``, ``decoupled_optimum`` looks up the table of
-``orbit.least_fuel``, and ``solve_one`` takes the pivots of ``refiner.simplex``. A graph has no
+``orbit.decoupled``, and ``solve_one`` takes the pivots of ``refiner.simplex``. A graph has no
 branches, so each computes all cases and chooses among them; for many craft that would be slower
 than the compiled code by far.
 """
@@ -17,7 +17,7 @@ from pipeline.networks.refiner.geometry import Grid
 from pipeline.networks.refiner.nearest import LEVEL, NEWTON_STEPS, STRETCHES
 from pipeline.networks.refiner.programs import LARGEST_DUAL, Decoupled
 from pipeline.networks.refiner.simplex import MOST_PIVOTS, NO_PIVOT, SMALL, STEEP, TIE
-from pipeline.orbit.least_fuel import ROUNDING, Facets, facets_of
+from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
 
 Cubic = tuple[Tensor, Tensor, Tensor, Tensor]
@@ -129,7 +129,7 @@ def decoupled_optimum(
 
 
 def _met(facets: Facets, part: Float[Tensor, "d"]) -> tuple[Tensor, Float[Tensor, "d d"]]:
-    """The facet that the ray meets, (1,), and its weights, as ``orbit.least_fuel`` chooses it."""
+    """The facet that the ray meets, (1,), and its weights, as ``orbit.decoupled`` chooses it."""
     table, dual = torch.from_numpy(facets.weights), torch.from_numpy(facets.dual)
     value, weight = dual @ part, table @ part  # (F,), (F, d)
     first = value.argmax(dim=0, keepdim=True)

@@ -1,0 +1,306 @@
+"""Findings: a question, its verdict by a table of rules, and the numbers that decide it.
+
+The paper's networks answer the paper's questions together; any other is asked on its own.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+from scipy import stats
+
+from pipeline.experiments.records import PREDICTED
+from pipeline.figures import intervals, labels
+from pipeline.figures.intervals import Interval, at_least, at_most
+from pipeline.figures.labels import in_order, is_network, is_papers, percents, ratio, ratios, share
+
+DECOUPLED = "own LP"
+"""The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
+
+SAFE = 0.95
+"""Share of trials, by the whole of its interval, from which a planner is called safe."""
+
+CHEAP = 1.1
+"""Fuel over its bound, by the whole of its interval, up to which a planner is called cheap."""
+
+CHANCE = 1 - intervals.CONFIDENCE
+"""Probability under which a difference is no longer put down to chance."""
+
+ANY, MIXED = "any", "mixed"
+"""In a rule: a claim that does not matter; one that holds for some and fails for others."""
+
+Rules = Sequence[tuple[tuple[bool | str | None, ...], str]]
+"""Verdicts by what claims come to: True, False, None where that is open, MIXED, or ANY."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A row of the table of questions."""
+
+    question: str
+    verdict: str
+    numbers: str  # that decide, with their uncertainty
+    baseline: str = ""  # the same numbers of the best baseline that costs nothing
+
+
+def decide(rules: Rules, *claims: bool | str | None) -> str:
+    """The verdict of the first rule that some claims meet."""
+    return next(
+        verdict
+        for pattern, verdict in rules
+        if all(asked is ANY or asked is claim for asked, claim in zip(pattern, claims, strict=True))
+    )
+
+
+def together(claims: Iterable[bool | None]) -> bool | str | None:
+    """What a claim comes to for several planners: open if it is for any, MIXED if they differ."""
+    found = set(claims)
+    return None if None in found or not found else found.pop() if len(found) == 1 else MIXED
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Safety and fuel of one planner on some trials, averaged over its trainings."""
+
+    name: str  # of the planner with its recipe
+    trainings: int
+    safe: float  # share of trials
+    safe_interval: Interval  # Wilson's
+    fuel: float  # over its bound, mean
+    fuel_interval: Interval  # Student's
+
+    @property
+    def text(self) -> str:
+        """Both numbers with their intervals."""
+        return (
+            f"safe in {share(self.safe)} {percents(*self.safe_interval)} at {ratio(self.fuel)} "
+            f"{ratios(*self.fuel_interval)} of the bound"
+        )
+
+
+def measured(rows: pd.DataFrame) -> Measured:
+    """The numbers of one planner's trials from ``prepared``, of one or several trainings."""
+    first = rows.iloc[0]
+    each = rows.groupby("trial")[["safe", "fuel_ratio"]].mean()
+    safe = float(each["safe"].mean())
+    return Measured(
+        name=f"{labels.name_of(first['planner'])} {first['recipe']}".strip(),
+        trainings=int(rows["training_seed"].nunique()),
+        safe=safe,
+        safe_interval=intervals.wilson(safe, len(each)),
+        fuel=float(each["fuel_ratio"].mean()),
+        fuel_interval=intervals.mean_interval(each["fuel_ratio"].dropna().to_numpy(dtype=float)),
+    )
+
+
+YES = "Yes"
+
+SAFE_AND_CHEAP: Rules = (
+    ((True, True), YES),
+    ((True, False), "No: safe, not cheap"),
+    ((True, ANY), "Open: fuel"),
+    ((False, False), "No: neither safe nor cheap"),
+    ((False, ANY), "No: not safe"),
+    ((None, ANY), "Open: too few trials"),
+    ((MIXED, ANY), "In part: some are safe"),
+)
+"""By whether planners are safe, and cheap."""
+
+
+WHERE: Rules = (
+    ((True, ANY, ANY), "Yes, wherever tried: {yes}"),
+    ((ANY, True, True), "At {yes}; open, with too few trials: {open}"),
+    ((ANY, True, False), "Only at {yes}"),
+    ((ANY, False, True), "Open, with too few trials: {open}"),
+    ((ANY, False, False), "No"),
+)
+"""By whether a planner is safe and cheap everywhere, anywhere, and anywhere perhaps."""
+
+
+def verdict_on(*planners: Measured) -> str:
+    """Whether some planners are all safe and cheap."""
+    return decide(
+        SAFE_AND_CHEAP,
+        together(at_least(one.safe_interval, SAFE) for one in planners),
+        together(at_most(one.fuel_interval, CHEAP) for one in planners),
+    )
+
+
+def where_safe_and_cheap(at: Mapping[str, Measured]) -> str:
+    """Where a planner is safe and cheap, of some swarm sizes or transfer times by their label."""
+    said = {label: verdict_on(one) for label, one in at.items()}
+    yes = [label for label, verdict in said.items() if verdict == YES]
+    still_open = [label for label, verdict in said.items() if verdict.startswith("Open")]
+    form = decide(WHERE, len(yes) == len(said), bool(yes), bool(still_open))
+    return form.format(yes=", ".join(yes), open=", ".join(still_open))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Differences of the first of two planners from the second, on the trials of both.
+
+    ``safe_by_chance`` is the probability of so uneven a split of the trials in which just one is
+    safe, where either were as likely (exact sign test).
+    """
+
+    trials: int
+    safe: float  # difference in the share of safe trials
+    safe_interval: Interval  # Newcombe's
+    safe_by_chance: float
+    fuel: float  # mean difference in fuel over its bound, or in the column compared instead
+    fuel_interval: Interval  # Student's
+
+    @property
+    def better(self) -> bool:
+        """Whether the first is safer, or, where that may be chance, cheaper."""
+        return self.safe > 0 if self.safe_by_chance <= CHANCE else self.fuel < 0
+
+    @property
+    def safe_text(self) -> str:
+        """The difference in safe trials with its interval."""
+        low, high = self.safe_interval
+        return f"{100 * self.safe:+.1f} % safe [{100 * low:+.1f}, {100 * high:+.1f}]"
+
+
+def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio") -> Compared:
+    """Compare two planners on the trials that both have flown.
+
+    Args:
+        first: rows of trials with columns trial, safe and the one of ``fuel``; several rows of a
+            trial, as of several trainings, count as their mean.
+        second: the same of the other planner.
+        fuel: column to compare fuel by.
+    """
+    one, other = (
+        rows.assign(safe=rows["safe"].astype(float)).groupby("trial")[["safe", fuel]].mean()
+        for rows in (first, second)
+    )
+    differences = (one - other).dropna()
+    safe, cost = (differences[column].to_numpy(dtype=float) for column in ("safe", fuel))
+    uneven = safe[safe != 0]
+    chance = stats.binomtest(int((uneven > 0).sum()), len(uneven)).pvalue if len(uneven) else 1.0
+    shares = (rows.loc[differences.index, "safe"].to_numpy(dtype=float) for rows in (one, other))
+    return Compared(
+        trials=len(differences),
+        safe=float(safe.mean()) if len(safe) else float("nan"),
+        safe_interval=intervals.newcombe(*shares),
+        safe_by_chance=float(chance),
+        fuel=float(cost.mean()) if len(cost) else float("nan"),
+        fuel_interval=intervals.mean_interval(cost),
+    )
+
+
+Name = tuple[str, str]
+"""A network: planner and recipe."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Networks that a question is asked of: all of the paper's, or one other."""
+
+    planners: tuple[str, ...]
+
+    @property
+    def papers(self) -> bool:
+        """Whether they are the paper's."""
+        return is_papers(self.planners[0])
+
+    def question(self, papers: str, other: str, asked: str) -> str:
+        """A question that begins with the paper's networks, or with another's name put in."""
+        begun = papers if self.papers else other.format(labels.in_sentence(self.planners[0]))
+        return f"{begun} {asked}"
+
+    def of(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Their rows."""
+        return rows[rows["planner"].isin(self.planners)]
+
+
+def groups(planners: Iterable[str]) -> list[Group]:
+    """The networks among some planners: the paper's together, then every other one alone."""
+    networks = [p for p in in_order(planners) if is_network(p)]
+    papers = tuple(filter(is_papers, networks))
+    others = [Group((p,)) for p in networks if not is_papers(p)]
+    return [Group(papers), *others] if papers else others
+
+
+VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
+
+
+def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
+    """The network that stands for those in some rows: the only one, or the best on validation.
+
+    That is the cheapest of those that are as safe as the safest, but for chance: whose share of
+    safe scenarios is within Wilson's interval of the highest. None where trainings did not record
+    it: no network is chosen by the trials themselves.
+    """
+    names = names_in(rows)
+    if len(names) == 1:
+        return names.pop()
+    known = training.dropna(subset=VALIDATED)
+    known = known.assign(recipe=known["recipe"].fillna(""))
+    means = {
+        (str(arch), str(recipe)): [float(x) for x in group[VALIDATED].mean()]
+        for (arch, recipe), group in known.groupby(["arch", "recipe"])
+        if (arch, recipe) in names
+    }
+    if not means:
+        return None
+    safest, _, trials = max(means.values())
+    low, _ = intervals.wilson(safest, int(trials))
+    return min((fuel, name) for name, (safe, fuel, _) in means.items() if safe >= low)[1]
+
+
+def names_in(rows: pd.DataFrame) -> set[Name]:
+    """The networks that have some rows."""
+    return set(zip(rows["planner"], rows["recipe"], strict=True))
+
+
+def rows_of(rows: pd.DataFrame, name: Name) -> pd.DataFrame:
+    """The rows of one network."""
+    return rows[(rows["planner"] == name[0]) & (rows["recipe"] == name[1])]
+
+
+def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
+    """The trials of networks whose plans can be flown."""
+    return trials[(trials["reading"] != PREDICTED) & trials["planner"].map(is_network).astype(bool)]
+
+
+def network_findings(
+    papers: str, asked: str, trials: pd.DataFrame, training: pd.DataFrame, n: int
+) -> list[Finding]:
+    """A row for each group of networks of which any was flown at one swarm size.
+
+    ``papers`` begins the question on the paper's networks, ``asked`` is the rest of any.
+    """
+    flown = flown_networks(trials)
+    free = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]
+    found = []
+    for group in groups(flown.loc[flown["n"] == n, "planner"]):
+        networks = group.of(flown)
+        here = networks[networks["n"] == n]
+        every = [measured(rows) for _, rows in here.groupby(["planner", "recipe"])]
+        name, alone = representative(networks, training), len(names_in(networks)) == 1
+        mine = here.head(0) if name is None else rows_of(here, name)
+        said = verdict_on(*every)
+        safe = [one.safe for one in every]
+        low, high = share(min(safe)), share(max(safe))
+        spread = low if low == high else f"{low} to {high}"
+        numbers = [] if alone else [f"all {len(every)}: safe in {spread}"]
+        if not mine.empty:
+            chosen = measured(mine)
+            how = "" if alone else ", best on validation"
+            numbers.insert(0, f"{chosen.name}{how}: {chosen.text}")
+            by_itself = chosen.trainings == 1 and said[:2] != verdict_on(chosen)[:2]
+            said = verdict_on(chosen) + (", for one training" if by_itself else "")
+        question = group.question(papers, "Does {}", asked)
+        found.append(Finding(question, said, "; ".join(numbers), _baseline(free, mine)))
+    return found
+
+
+def _baseline(free: pd.DataFrame, mine: pd.DataFrame) -> str:
+    if free.empty:
+        return ""
+    text = f"Own LP: {measured(free).text}"
+    if mine.empty:
+        return text
+    return f"{text}; the network on the same trials: {compare(mine, free).safe_text}"
