@@ -15,8 +15,7 @@ import numpy as np
 import typer
 from rich.progress import track
 
-from benchmarks.quality import quality
-from benchmarks.tables import Row, show, write_json
+from benchmarks.tables import Row, quality, show, write_json
 from pipeline.expert import Settings, solve_many
 from pipeline.networks.model import load
 from pipeline.networks.refiner.packaged import packaged

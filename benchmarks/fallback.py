@@ -19,8 +19,7 @@ import torch
 import typer
 from threadpoolctl import threadpool_limits
 
-from benchmarks.quality import quality
-from benchmarks.tables import Row, quartiles, show, write_json
+from benchmarks.tables import Row, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import Model, load
 from pipeline.networks.refiner.other_rounds import own_rounds

@@ -9,7 +9,7 @@ import typer
 from cli.app import float_list, int_list, name_list
 from cli.output import AsJson, beside, echo, print_json
 from cli.progress import progress
-from pipeline.experiments.rows import EXPERT, PLAIN
+from pipeline.experiments.records import EXPERT, PLAIN
 
 if TYPE_CHECKING:
     from registry.results import Done

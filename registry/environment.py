@@ -26,7 +26,7 @@ TRAINED_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "torch"),
 )
 PLANNING = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
-EXPERIMENTS = ("trials.py", "*/run.py", "experiment3/rows.py", "experiment5/rows.py")
+EXPERIMENTS = ("records.py", "trials.py", "warmstart.py", "flights.py")
 STAGES = ("ablate", "entrants", "evaluate", "experiment", "flights", "transfer_times", "warmstart")
 EVALUATED_BY: DecidedBy = (
     (

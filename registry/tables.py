@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from pipeline.experiments.rows import Epoch, Training
+from pipeline.experiments.records import Epoch, Training
 from registry.store import Store, opened
 from registry.values import whole, whole_metric
 from registry.version import ModelVersion

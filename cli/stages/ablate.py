@@ -9,9 +9,9 @@ import pandas as pd
 from cli.stages.entrants import Network, newest_on
 from cli.stages.experiment import HeldOut, held_out, listed
 from pipeline.errors import InputError
-from pipeline.experiments.findings import DECOUPLED
-from pipeline.experiments.rows import TABLES
+from pipeline.experiments.records import TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.networks.refiner.ablations import REFINER, SHORT, TUNED
 from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
 from pipeline.planners.classical import BASELINES

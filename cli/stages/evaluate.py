@@ -9,9 +9,8 @@ from cli.stages.entrants import unlearned
 from cli.stages.experiment import held_out, listed
 from cli.stages.model_results import add_to_model
 from pipeline.errors import InputError
-from pipeline.experiments.examples import example_transfer, write_example
 from pipeline.experiments.paper import NETWORK_SIZE
-from pipeline.experiments.trials import run_trials
+from pipeline.experiments.trials import example_transfer, run_trials, write_example
 from pipeline.progress import SILENT, Progress
 from pipeline.storage.folder import Where
 from registry.results import Done

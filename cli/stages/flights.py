@@ -8,9 +8,9 @@ import pandas as pd
 
 from cli.stages.entrants import Network, planners_on
 from cli.stages.experiment import held_out, listed
-from pipeline.experiments.findings import DECOUPLED
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers

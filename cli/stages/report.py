@@ -9,7 +9,7 @@ from cli.stages.report_parts import find_parts, models_of
 from cli.stages.report_story import Story, results_of
 from cli.stages.run_tables import sound_table
 from pipeline.errors import InputError, ProlearnError
-from pipeline.experiments.examples import Example, read_example
+from pipeline.experiments.trials import Example, read_example
 from pipeline.report import ReportFiles, build_report
 from pipeline.scratch import scratch_folder
 from registry.artifacts import FILES, TABLE, unusable

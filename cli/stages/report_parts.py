@@ -7,7 +7,7 @@ import pandas as pd
 
 from cli.stages.run_tables import sound_table
 from pipeline.errors import ProlearnError
-from pipeline.experiments.rows import OPTIMIZERS
+from pipeline.experiments.records import OPTIMIZERS
 from pipeline.markdown import formatted
 from pipeline.provenance import version_change
 from registry.artifacts import has_digests

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from cli.stages.report_parts import FIRST, Found, day, how_made
-from pipeline.experiments.examples import Example
+from pipeline.experiments.trials import Example
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.report import Results, no_rows
 from registry.environment import versions_of

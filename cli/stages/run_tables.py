@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import pandas as pd
 from pandas.api.types import infer_dtype
 
-from pipeline.experiments.rows import TABLES
+from pipeline.experiments.records import TABLES
 from registry.artifacts import TABLE, unusable
 from registry.results import table_of
 from registry.runs import Run

@@ -10,9 +10,8 @@ import pandas as pd
 from cli.stages.entrants import unlearned
 from cli.stages.experiment import held_out, listed
 from pipeline.errors import InputError
-from pipeline.experiments.experiment4 import run_transfer_times, variations
-from pipeline.experiments.rows import NODES, TIME_STEP
-from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.experiments.records import NODES, TIME_STEP
+from pipeline.experiments.trials import EvaluatedPlanner, run_transfer_times, variations
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
 from pipeline.storage.folder import Where

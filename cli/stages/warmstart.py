@@ -7,7 +7,7 @@ import pandas as pd
 
 from cli.stages.experiment import held_out, listed
 from pipeline.errors import InputError
-from pipeline.experiments.rows import EXPERT, OPTIMIZERS
+from pipeline.experiments.records import EXPERT, OPTIMIZERS
 from pipeline.experiments.warmstart import run_warmstarts
 from pipeline.progress import SILENT, Progress
 from pipeline.storage.folder import Where

@@ -11,7 +11,7 @@ import pytest
 import torch
 from judged import check_rows, judged
 
-from cli.stages.ablate import ablate, dense_beside
+from benchmarks.ablate import Asked, ablate, dense_beside
 from cli.stages.entrants import networks
 from cli.stages.evaluate import evaluate
 from cli.stages.experiment import HeldOut
@@ -32,7 +32,8 @@ from registry.store import ABLATIONS
 from registry.training import DatasetInfo, record_training
 
 CRAFT, ROUNDS = 3, find("refiner").config["rounds"]
-ASKED: dict[str, Any] = {"sizes": [CRAFT], "rounds": [0, 2], "trials": 2, "dense": 1, "timed": 1}
+TRIALS = 2
+ASKED = Asked(sizes=[CRAFT], rounds=[0, 2], trials=TRIALS, dense=1, timed=1)
 
 Register = Callable[..., Model]
 
@@ -61,19 +62,17 @@ def register(folder: Path, trained: Trained, on_solved: DatasetInfo) -> Register
 def scenarios(solved: Path) -> list[Scenario]:
     """The first scenarios of the test split."""
     columns = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
-    return list(scenarios_of(solved_rows(solved, CRAFT, "test", columns)))[: ASKED["trials"]]
+    return list(scenarios_of(solved_rows(solved, CRAFT, "test", columns)))[:TRIALS]
 
 
 def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds(
     register: Register, solved: Path
 ) -> None:
     models = {recipe: register(recipe) for recipe in ("tuned", "short", "no-third")}
-    done = ablate([], solved, **ASKED)
+    done = ablate([], solved, ASKED)
     found = latest(ABLATIONS)
     assert found is not None
     assert done == Done(found.run_id)
-    assert ablate([], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
-    assert not ablate([], solved, **{**ASKED, "rounds": [1]}, resume=True).earlier
     assert (found.params["rounds"], found.params["sizes"]) == (f"0,2,{ROUNDS}", "3")
     table = table_of(found)
     counted = table.groupby(["planner", "recipe"])["rounds"].agg(lambda k: sorted(set(k)))
@@ -109,11 +108,11 @@ def test_the_report_has_the_ablations_of_its_data_and_says_where_another_refiner
     register("tuned")
     register("no-third")
     register("short")
-    done = ablate([], solved, **ASKED)
+    done = ablate([], solved, ASKED)
     first = evaluate([], solved, sizes=[CRAFT], trials=2, timed=0)
     files = report(folder / "out")
     text = files.markdown.read_text()
-    assert "At n = 3 learning" in text
+    assert "| Is the refiner worse without what other sides say?" in text
     provenance = pd.read_csv(folder / "out" / "tables" / "provenance.csv").set_index("part")["run"]
     assert provenance["Ablations"] == done.run_id
     assert "Training refiner:no-third, seed 0" in provenance
@@ -121,7 +120,7 @@ def test_the_report_has_the_ablations_of_its_data_and_says_where_another_refiner
     training = pd.read_csv(folder / "out" / "tables" / "training.csv")
     assert list(training["recipe"]) == ["tuned"], "ablations take part in no evaluation"
     register("tuned", seed=1)
-    ablate([], solved, **ASKED)
+    ablate([], solved, ASKED)
     text = report(folder / "later", first.run_id).markdown.read_text()
     assert "Ablations: models:/prolearn-refiner/4 took part there and not in this" in text
 
@@ -152,12 +151,12 @@ def test_networks_of_other_kinds_and_refiners_of_other_rounds_are_refused(
 ) -> None:
     record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
     with pytest.raises(InputError, match=r"no refiner was trained on .*; expected some: `make abl"):
-        ablate([], solved, **ASKED)
+        ablate([], solved, ASKED)
     with pytest.raises(InputError, match=r"rounds \(ff1 tuned none\); expected refiners"):
-        ablate(["ff1:tuned"], solved, **ASKED)
+        ablate(["ff1:tuned"], solved, ASKED)
     register("tuned")
     register("short", rounds=5)
     with pytest.raises(InputError, match=rf"\(refiner short 5, refiner tuned {ROUNDS}\); expected"):
-        ablate([], solved, **ASKED)
-    with pytest.raises(InputError, match="timed is -1, dense 1 and rounds 0,2; expected 0 or more"):
-        ablate([], solved, **{**ASKED, "timed": -1})
+        ablate([], solved, ASKED)
+    with pytest.raises(InputError, match=r"timed=-1.* has a number below 0; expected 0 or more"):
+        ablate([], solved, replace(ASKED, timed=-1))

@@ -10,7 +10,7 @@ from cli.stages.evaluate import evaluate
 from cli.stages.flights import flights
 from cli.stages.report import report
 from pipeline.errors import InputError
-from pipeline.experiments.rows import LINEAR, NO_ERRORS, OPEN, REPLANNED
+from pipeline.experiments.records import LINEAR, NO_ERRORS, OPEN, REPLANNED
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained

@@ -23,7 +23,7 @@ from cli.stages.champion import challenge, validation_trials
 from cli.stages.entrants import networks
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.experiments.examples import Example, write_example
+from pipeline.experiments.trials import Example, write_example
 from pipeline.networks.architecture import recipe_for
 from pipeline.training.loop import Epoch, Trained
 from registry.environment import versions_of
