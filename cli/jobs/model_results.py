@@ -1,10 +1,10 @@
-"""What an evaluation says about one network, in that network's own training run."""
+"""Metrics and figures of an evaluation for the training run of one network."""
 
 from pathlib import Path
 
 import pandas as pd
 
-from cli.stages.entrants import Network
+from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages
 from pipeline.experiments.averages import sizes_of_paper, summarize
 from pipeline.experiments.examples import example_transfer, figure_transfer
@@ -15,8 +15,7 @@ from pipeline.figures.style import save, styles
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
-from pipeline.storage.folder import Where
-from registry.model_metrics import add_model_results
+from registry.training import add_model_results
 
 COMPARED = {
     "collisions": averages.COLLISIONS,
@@ -28,7 +27,7 @@ COMPARED = {
     "dynamics_error": averages.DYNAMICS,
     "seconds": averages.SECONDS,
 }
-"""What a model's run has of the averages, by the name of its metric."""
+"""The averages that a model's run has, by the name of its metric."""
 
 ERRORS = (averages.BOUNDARY, averages.DYNAMICS)
 """Of predictions alone: what is flown has none but rounding."""
@@ -40,7 +39,7 @@ DRAWN = ("collisions", "fuel", "safe")
 
 
 def add_to_model(
-    network: Network, trials: pd.DataFrame, scenario: Scenario, data: Where, digest: str
+    network: EvaluatedNetwork, trials: pd.DataFrame, scenario: Scenario, dataset: tuple[str, str]
 ) -> None:
     """Add metrics, figures and the dataset to a network's run.
 
@@ -48,20 +47,15 @@ def add_to_model(
         network: the network.
         trials: of all planners, columns of ``pipeline.experiments.trials.Trial``.
         scenario: a transfer to draw.
-        data: the dataset's folder.
-        digest: of its content.
-
-    Raises:
-        ProlearnError: where the store fails.
+        dataset: folder and digest of the dataset.
     """
-    version = network.version
-    same = (trials.planner == network.name) & (trials.recipe == version.recipe)
-    mine = summarize(trials[same & (trials.training_seed == version.training_seed)])
+    same = (trials.planner == network.planner.name) & (trials.recipe == network.recipe)
+    mine = summarize(trials[same & (trials.training_seed == network.training_seed)])
     beside = summarize(trials[trials.planner == EXPERT])
     with scratch_folder() as scratch:
         _draw(scratch, pd.concat([beside, mine]), network, scenario)
-        metrics = _metrics(mine, network.model.n_train)
-        add_model_results(version, metrics, scratch, dataset=(str(data), digest))
+        metrics = _metrics(mine, network.predictor.n_train)
+        add_model_results(network.version, metrics, scratch, dataset=dataset)
 
 
 def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
@@ -80,15 +74,14 @@ def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
     return found
 
 
-def _draw(folder: Path, summary: pd.DataFrame, network: Network, scenario: Scenario) -> None:
+def _draw(
+    folder: Path, summary: pd.DataFrame, network: EvaluatedNetwork, scenario: Scenario
+) -> None:
     """Figures of experiment 2 and of one transfer, beside the expert's."""
-    look = styles(summary["planner"])
-    shown = sizes_of_paper(summary)
+    style = styles(summary["planner"])
+    paper = sizes_of_paper(summary)
+    shown = summary if paper.empty else paper
     for name in DRAWN:
-        save(
-            sizes_figure(summary if shown.empty else shown, QUANTITIES[name], look),
-            folder / name,
-            [".png"],
-        )
-    example = example_transfer(scenario, [EvaluatedPlanner(Expert()), network.entrant])
+        save(sizes_figure(shown, QUANTITIES[name], style), folder / name, [".png"])
+    example = example_transfer(scenario, [EvaluatedPlanner(Expert()), network])
     save(figure_transfer(example), folder / "transfer", [".png"])
