@@ -13,7 +13,7 @@ REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: help demo dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test torture lint bench docs lock clean
+.PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test torture lint bench docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -24,33 +24,45 @@ TOO_OLD := prolearn needs Python 3.11 or later; $(PYTHON) is %d.%d: make PYTHON=
 $(BIN)/prolearn: pyproject.toml requirements/run.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; v < (3, 11) and sys.exit("$(TOO_OLD)" % v[:2])'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch setuptools
-	$(BIN)/python -m pip install --quiet --no-deps --requirement requirements/run.txt
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt torch setuptools
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps --requirement requirements/run.txt
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
 	@touch $@
 
 $(BIN)/pytest: $(BIN)/prolearn requirements/test.txt
-	$(BIN)/python -m pip install --quiet --no-deps --requirement requirements/test.txt
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps --requirement requirements/test.txt
 	@touch $@
 
 $(BIN)/sphinx-build: $(BIN)/prolearn requirements/docs.txt
-	$(BIN)/python -m pip install --quiet --no-deps --requirement requirements/docs.txt
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps --requirement requirements/docs.txt
 	@touch $@
 
+DEMO = OMP_NUM_THREADS=1 $(BIN)/prolearn
 demo: $(BIN)/prolearn ## the whole line at small scale: dataset, seven networks, experiments, report
 	$(BIN)/prolearn dataset --preset demo --out data/demo --jobs $(JOBS)
-	$(BIN)/prolearn train --arch $(FF) --recipe tuned --data data/demo
-	$(BIN)/prolearn train --arch $(FF) --recipe paper --data data/demo
-	$(BIN)/prolearn train --arch $(LSTM) --recipe tuned --data data/demo --epochs 5
-	$(BIN)/prolearn train --arch $(LSTM) --recipe paper --data data/demo --epochs 5
-	$(BIN)/prolearn train --arch $(REFINER) --recipe tuned --data data/demo --epochs 3 --crowded 500
-	$(BIN)/prolearn evaluate --data data/demo --timed 5
-	$(BIN)/prolearn warmstart --data data/demo --n 10,30 --trials 10
-	$(BIN)/prolearn warmstart --data data/demo --optimizer plain --trials 4
-	$(BIN)/prolearn transfer-times --data data/demo --nodes 6,11,21 --trials 10
-	$(BIN)/prolearn flights --data data/demo --trials 5 --flights 4 --jobs $(JOBS)
+	$(MAKE) --jobs 2 --output-sync demo-lstm demo-ff demo-refiner
+	$(MAKE) --jobs 2 --output-sync demo-flights demo-evaluate demo-warmstart demo-plain demo-times
 	$(BIN)/prolearn report --out reports
 	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
+
+demo-ff:
+	$(DEMO) train --arch $(FF) --recipe tuned --data data/demo
+	$(DEMO) train --arch $(FF) --recipe paper --data data/demo
+demo-lstm:
+	$(DEMO) train --arch $(LSTM) --recipe tuned --data data/demo --epochs 5
+	$(DEMO) train --arch $(LSTM) --recipe paper --data data/demo --epochs 5
+demo-refiner:
+	$(DEMO) train --arch $(REFINER) --recipe tuned --data data/demo --epochs 3 --crowded 500
+demo-flights:
+	$(DEMO) flights --data data/demo --trials 5 --flights 4 --jobs 1
+demo-evaluate:
+	$(DEMO) evaluate --data data/demo --timed 5
+demo-warmstart:
+	$(DEMO) warmstart --data data/demo --n 10,30 --trials 10
+demo-plain:
+	$(DEMO) warmstart --data data/demo --optimizer plain --trials 4
+demo-times:
+	$(DEMO) transfer-times --data data/demo --nodes 6,11,21 --trials 10
 
 dataset: $(BIN)/prolearn ## the paper's dataset: 10,000 scenarios of n=10, 100 of each n=2..30, some of 60, 100, 300
 	$(BIN)/prolearn dataset --preset paper --out data/paper --jobs $(JOBS)
@@ -123,7 +135,7 @@ lint: $(BIN)/pytest ## ruff, mypy, import-linter
 	$(BIN)/lint-imports
 
 bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside their peers
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
 	$(BIN)/python -m benchmarks.ladder --out reports/bench

@@ -23,16 +23,16 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.peers import solve_dccp
 from benchmarks.tables import Row, quartiles, show, write_json
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve as solve_dataset
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve as solve_dataset
 from pipeline.expert import BEST, FIRST_SAFE, Settings, simplex, solve, solve_many
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import own_seed
 from pipeline.expert.subproblem import Optimum, Subproblem
 from pipeline.figures.style import PAGE_WIDTH, save
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.plan import SOLVED, Requirements, Separation
 from pipeline.scenario import Scenario, draw
 

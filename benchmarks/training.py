@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from benchmarks.tables import Row, quartiles, show, write_json
-from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.examples import Examples
 from pipeline.expert import own_optima
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit

@@ -14,9 +14,9 @@ from pipeline.urls import public_url
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pipeline.dataset.stages.verify import Fault
+    from pipeline.dataset.verifying import Fault
     from pipeline.expert import Settings
-    from pipeline.jobs.workers import Workers
+    from pipeline.parallel.workers import Workers
     from pipeline.plan import Requirements
 
 Out = Annotated[str, option("Dataset folder or URL.")]
@@ -49,8 +49,8 @@ def sample(
 
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
     """
-    from pipeline.dataset.format.samples import Sample
-    from pipeline.dataset.stages.sample import sample as run
+    from pipeline.dataset.samples import Sample
+    from pipeline.dataset.sampling import sample as run
 
     asked = problem.problem()
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
@@ -114,8 +114,8 @@ def make(
                 f"{context.invoked_subcommand}."
             )
         return
-    from pipeline.dataset.stages.presets import PRESETS
-    from pipeline.dataset.stages.sample import sample as run
+    from pipeline.dataset.samples import PRESETS
+    from pipeline.dataset.sampling import sample as run
     from pipeline.expert import Settings
     from pipeline.orbit.problem import Problem
     from pipeline.plan import AT_ALL_TIMES
@@ -146,8 +146,8 @@ def card(
         prolearn dataset card data/paper
         prolearn dataset card data/n10 --license cc-by-4.0 --force
     """
-    from pipeline.dataset.card.card import write_card
-    from pipeline.dataset.format.layout import CARD
+    from pipeline.dataset.card import write_card
+    from pipeline.dataset.manifest import CARD
 
     with progress("reading") as shown:
         write_card(folder, licence=licence, replace=replace, progress=shown)
@@ -183,9 +183,9 @@ def verify(
         prolearn verify data/paper --repair
         prolearn verify data/paper --json
     """
-    from pipeline.dataset.stages.repair import repair
-    from pipeline.dataset.stages.verify import verify as check
-    from pipeline.jobs.workers import Workers
+    from pipeline.dataset.verifying import repair
+    from pipeline.dataset.verifying import verify as check
+    from pipeline.parallel.workers import Workers
 
     if yes and not mend:
         raise InputError("--yes is given without --repair; expected both, or neither.")
@@ -229,7 +229,7 @@ def _tell(
 
 def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
-    from pipeline.jobs.workers import SCHEDULER_WAIT, Workers
+    from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
 
     scheduler, wait = settings.scheduler, settings.scheduler_wait
     if settings.backend == "loky":
@@ -252,7 +252,7 @@ def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
 def _solve(
     folder: str, settings: "Settings", requirements: "Requirements", workers: "Workers"
 ) -> None:
-    from pipeline.dataset.stages.solve import solve as run
+    from pipeline.dataset.solving import solve as run
 
     with progress("solving") as shown:
         run(folder, settings, requirements, workers=workers, progress=shown)

@@ -175,8 +175,7 @@ def _fly_once(
     path: Path, plan: "Plan", scenario: "Scenario", conditions: "Conditions", *, as_json: bool
 ) -> None:
     """Fly it without errors, with one effect more each time."""
-    from pipeline.flight.effects import effects
-    from pipeline.flight.report import flight_report
+    from pipeline.flight.effects import effects, flight_report
 
     try:
         with within_memory():

@@ -190,7 +190,8 @@ def export(
     models: Annotated[
         list[str],
         typer.Argument(
-            help="ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI; one or several."
+            help="ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI; one or several. "
+            "packaged: the refiner that comes with prolearn."
         ),
     ],
     out: Annotated[
@@ -214,24 +215,28 @@ def export(
 
     States in m and m/s go in and come out; scaling is inside. onnxruntime's answer is compared
     with torch's before the file takes its name. A refiner becomes a folder with what one craft
-    runs by itself: a file for each step, between which craft tell each other.
+    runs by itself: a file for each step, between which craft tell each other. The refiner that
+    `prolearn plan --planner refiner` runs is called packaged here, and needs no store.
 
     Examples:
 
         prolearn models export lstm2 --format onnx
         prolearn models export ff1/3 --n 12 --flown --out ff1-n12.onnx
         prolearn models export ff1 lstm2 --out onboard/
+        prolearn models export packaged --out refiner/
     """
+    from cli.jobs.export import PACKAGED
     from cli.jobs.export import export as run
     from registry.models import resolve
 
-    versions = [resolve(model) for model in models]  # a name that is wrong stops all of them
+    # A name that is wrong stops all of them.
+    versions = [None if model == PACKAGED else resolve(model) for model in models]
     targets = _targets(versions, out)
     for version, target in each("exporting", list(zip(versions, targets, strict=True))):
         _say(run(version, target, n=n, flown=flown))
 
 
-def _targets(versions: Sequence["ModelVersion"], out: Path | None) -> list[Path | None]:
+def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> list[Path | None]:
     """The file of each model; None for its default."""
     from cli.jobs.export import file_name
 

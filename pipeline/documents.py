@@ -20,26 +20,20 @@ Document = TypeVar("Document", bound=BaseModel)
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """Of JSON Schema, in which pydantic describes documents."""
 
-MOST_FAULTS = 8
-"""Faults of a file that are told in full; of others, how many."""
-
+MOST_FAULTS = 8  # faults of a file that are shown in full; of others, how many
 
 MOST_BYTES = 2**28
 """Size of the largest JSON file that is read; a plan of a thousand craft takes some MB."""
 
-_LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")
-"""An integer that no float is near to."""
-
-CHECKSUM = "checksum"
-"""Field with the checksum of all others, in documents that have one."""
+_LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")  # an integer that no float is near to
+CHECKSUM = "checksum"  # field with the checksum of all others, in documents that have one
 
 
 def parsed(content: bytes) -> Any:
     """The value of a JSON text.
 
     Raises:
-        ValueError: where it is none, too large, nested too deeply, or has an integer beyond all
-            floats.
+        ValueError: where it is none, too large, too deep, or has an integer beyond all floats.
     """
     if len(content) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES // 2**20} MiB")
@@ -54,11 +48,7 @@ def with_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def without_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a document whose checksum is right; earlier versions wrote none.
-
-    Raises:
-        ValueError: where it is wrong.
-    """
+    """The other fields; ValueError where the checksum is wrong. Earlier versions wrote none."""
     rest = {name: value for name, value in fields.items() if name != CHECKSUM}
     if fields.get(CHECKSUM, _checksum(rest)) != _checksum(rest):
         raise ValueError("its checksum is not that of its content")
@@ -72,15 +62,10 @@ def _checksum(fields: Mapping[str, Any]) -> str:
 
 
 def read_document(path: Path, kind: type[Document], what: str) -> Document:
-    """The document in a file.
+    """The document of a kind in a file, or in standard input for -.
 
-    Args:
-        path: the file, or - for standard input.
-        kind: its fields.
-        what: what it is meant to be, such as "a scenario file".
-
-    Raises:
-        InputError: where the file cannot be read or a field is missing or wrong, by its name.
+    ``what`` it is meant to be, such as "a scenario file", is for the InputError where it cannot be
+    read or a field, by its name, is missing or wrong.
     """
     try:
         content = read_bytes(path, MOST_BYTES + 1).removeprefix(BOM_UTF8)
@@ -99,11 +84,7 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
 
 
 def _refuse_repeated(content: bytes) -> None:
-    """Refuse JSON that has a field twice, of which readers take one or the other.
-
-    Raises:
-        InputError: naming the field.
-    """
+    """Raise InputError for a field that is there twice: readers take one or the other."""
 
     def once(fields: list[tuple[str, Any]]) -> None:
         names = [name for name, _ in fields]
@@ -118,11 +99,7 @@ def _refuse_repeated(content: bytes) -> None:
 
 
 def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:
-    """The document of fields that did not come from a file.
-
-    Raises:
-        InputError: where a field is missing or wrong, by its name.
-    """
+    """The document of fields that did not come from a file; InputError names a wrong one."""
     try:
         return kind.model_validate(fields)
     except ValidationError as error:
@@ -134,8 +111,8 @@ def faults(error: ValidationError, kind: type[BaseModel]) -> str:
     found = error.errors(include_url=False)
     if any(fault["loc"] == ("schema",) for fault in found):  # the others follow from it
         found = [fault for fault in found if fault["loc"] == ("schema",)]
-    told = "; ".join(_fault(fault, kind) for fault in found[:MOST_FAULTS])
-    return told + (f"; and {len(found) - MOST_FAULTS} more" if len(found) > MOST_FAULTS else "")
+    text = "; ".join(_fault(fault, kind) for fault in found[:MOST_FAULTS])
+    return text + (f"; and {len(found) - MOST_FAULTS} more" if len(found) > MOST_FAULTS else "")
 
 
 def first_fault(error: ValidationError) -> str:
@@ -163,16 +140,11 @@ def _fault(fault: ErrorDetails, kind: type[BaseModel] | None = None) -> str:
 
 
 def _fields(kind: type[BaseModel], places: Sequence[str | int]) -> list[str]:
-    """Names of the fields of a document where a path leads, its last part left out."""
+    """Names of the fields beside the last part of a path into a document."""
     models = [kind]
-    for name in places[:-1]:
-        if isinstance(name, str):
-            models = [
-                model
-                for one in models
-                if name in one.model_fields
-                for model in _models(one.model_fields[name].annotation)
-            ]
+    for name in (place for place in places[:-1] if isinstance(place, str)):
+        fields = [one.model_fields[name] for one in models if name in one.model_fields]
+        models = [model for field in fields for model in _models(field.annotation)]
     return [field.alias or name for one in models for name, field in one.model_fields.items()]
 
 

@@ -68,13 +68,7 @@ def formatted(form: str, *values: object) -> Markdown:
 def table(
     head: Sequence[object], rows: Iterable[Sequence[object]], right: Collection[int] | None = None
 ) -> Markdown:
-    """A table.
-
-    Args:
-        head: headings of its columns.
-        rows: their values.
-        right: columns that are aligned right, and the others left; None leaves that to the reader.
-    """
+    """A table, with columns ``right`` aligned right and the others left, or as readers like."""
     columns = range(len(head))
     sides = None if right is None else ["right" if k in right else "left" for k in columns]
     return Markdown(

@@ -16,28 +16,23 @@ DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 """What may have a docstring."""
 
-DIGITS = 12
-"""Hexadecimal digits of a code's digest that are shown."""
+DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 
 
 @cache
 def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str, str]:
-    """Versions that a result depends on, by name.
+    """Versions by name of the code of ours and of the distributions that decide a result.
 
     The version number of prolearn says which release runs and not whether its files were
-    changed, so a digest of the code of the parts that decide the result goes with it.
-
-    Args:
-        parts: packages and modules whose code decides the result, as patterns such as
-            ``pipeline/orbit`` and ``pipeline/experiments/*/run.py``.
-        packages: distributions that do.
+    changed, so a digest of the code goes with it. Parts are patterns such as ``pipeline/orbit`` and
+    ``pipeline/experiments/*/run.py``.
     """
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
     return found | {name: version(name) for name in packages}
 
 
 def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) -> str:
-    """Digest of the modules that some patterns stand for, folders for all in them.
+    """Digest of the modules, or all in the folders, of some patterns.
 
     It is of what the code does: comments, docstrings and the form of lines are left out.
     """
@@ -59,7 +54,7 @@ def _bare(tree: ast.AST) -> ast.AST:
 
 
 def _told(node: Any) -> str:
-    """A syntax tree in words, which leave out what is absent: so later Pythons say the same."""
+    """A syntax tree as text, without absent fields: so later Pythons give the same."""
     if isinstance(node, ast.AST):
         parts = ((k, v) for k, v in ast.iter_fields(node) if v is not None and v != [])
         return f"{type(node).__name__}({','.join(f'{k}={_told(v)}' for k, v in parts)})"
@@ -75,15 +70,9 @@ def version_change(was: Mapping[str, str], now: Mapping[str, str], then: str = "
 
 
 def refuse_other_versions(what: str, was: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Refuse to go on with what other versions have begun.
+    """Raise InputError, naming the first version that differs, for what others have begun.
 
-    Args:
-        what: a folder and what was done to it, such as "data/n10 was solved".
-        was: versions that it was begun with.
-        now: versions that are installed.
-
-    Raises:
-        InputError: naming the first version that differs.
+    ``what`` is a folder and what was done to it, such as "data/n10 was solved".
     """
     change = version_change(was, now)
     if change:
@@ -94,11 +83,7 @@ def refuse_other_versions(what: str, was: Mapping[str, str], now: Mapping[str, s
 
 
 def refuse_change(what: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    """Refuse to go on with other settings than a folder was begun with.
-
-    Raises:
-        InputError: naming the first setting that differs, what it was and what it is now.
-    """
+    """Raise InputError, naming the first setting that differs from those of a folder."""
     was, now = dict(_flat(was)), dict(_flat(now))
     for name in sorted({*was, *now}):
         if was.get(name) != now.get(name):

@@ -1,14 +1,81 @@
-"""Folders for temporary files, removed at the end or, after a kill, by the next command."""
+"""Lock files that show whether their process lives, and scratch folders that they guard.
 
+The locks are the operating system's: they end with their process, however that ends, and need
+neither process ids nor clocks.
+"""
+
+import os
+import re
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
-from pipeline.liveness import clear_dead, living
+from filelock import FileLock
 
 PREFIX = "prolearn-scratch-"
+SUFFIX = ".lock"
+TOKEN = len(uuid4().hex)  # characters between a prefix and the suffix
+
+NO_LOCK = (OSError, NotImplementedError)
+"""Where a folder cannot be written to, or its file system has no locks."""
+
+
+@contextmanager
+def living(folder: Path, prefix: str, *, keep_on_error: bool = False) -> Iterator[str]:
+    """Hold a lock file ``<prefix><token>.lock`` of its own for the block, and remove it after.
+
+    Where there can be none, there is none, and nobody takes this process for dead.
+
+    Args:
+        folder: made where it is missing.
+        prefix: distinguishes its kind from others in the folder.
+        keep_on_error: leave the file, unlocked, where the block raises: the next ``clear_dead``
+            then does what the block may have left undone.
+
+    Yields:
+        The prefix with the token.
+    """
+    name = f"{prefix}{uuid4().hex}"
+    path = folder / f"{name}{SUFFIX}"
+    lock = FileLock(path)
+    with suppress(*NO_LOCK):
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    removed = not keep_on_error
+    try:
+        yield name
+        removed = True
+    finally:
+        with suppress(OSError):
+            if removed and lock.is_locked:
+                path.unlink(missing_ok=True)
+        lock.release()
+
+
+def clear_dead(folder: Path, prefix: str, clear: Callable[[str], None]) -> None:
+    """Clear away what dead processes of this user left, and then their lock files.
+
+    Another process that does the same at the same time finds the lock held, or nothing left to do.
+    ``clear`` is given the name that ``living`` gave; its OSError leaves the lock file for the next
+    time.
+    """
+    fits = re.compile(rf"{re.escape(prefix)}.{{{TOKEN}}}{re.escape(SUFFIX)}").fullmatch
+    with suppress(OSError):
+        for path in sorted(path for path in folder.iterdir() if fits(path.name)):
+            with suppress(*NO_LOCK):
+                if _is_ours(path):
+                    with FileLock(path, timeout=0):  # a Timeout is an OSError: its holder lives
+                        clear(path.name.removesuffix(SUFFIX))
+                        path.unlink(missing_ok=True)
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is this user's, in a folder that several may write to."""
+    owner = getattr(os, "geteuid", None)
+    return owner is None or path.lstat().st_uid == owner()
 
 
 @contextmanager

@@ -20,10 +20,6 @@ def visible(text: str, escape: Callable[[str], str] = _escape) -> str:
     """A text on one line, with control, invisible and bidirectional characters as escapes.
 
     A terminal obeys such characters, and they can make a text look like another.
-
-    Args:
-        text: from a file, a store or a person.
-        escape: how one of them is written.
     """
     hidden = {ord(c): escape(c) for c in set(text) if not c.isprintable() or _BLANK.match(c)}
     return text.translate(hidden) if hidden else text

@@ -16,14 +16,11 @@ _BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")
 
 
 def public(text: object, *urls: object) -> str:
-    """A text without the secrets of the URLs in it.
+    """A sentence, or a URL without spaces, without the secrets of the URLs in it.
 
-    Plain paths, ``sqlite:///FILE`` and ``tcp://HOST:PORT`` stay as they are.
-
-    Args:
-        text: a sentence, such as what a library says is wrong, or a URL without spaces.
-        urls: URLs that the sentence may be about; their secrets leave it in any form, with spaces,
-            without the scheme, or quoted alone.
+    Plain paths, ``sqlite:///FILE`` and ``tcp://HOST:PORT`` stay as they are. The secrets of
+    ``urls`` that it may be about are removed in any form: with spaces, without the scheme, or
+    quoted alone.
     """
     told = str(text)
     for url in map(str, urls):

@@ -16,7 +16,7 @@ import mlflow
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.liveness import TOKEN, clear_dead, living
+from pipeline.scratch import TOKEN, clear_dead, living
 from registry.entities import pages
 from registry.sqlite import database_path
 

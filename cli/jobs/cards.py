@@ -64,9 +64,9 @@ def model_card(
 
 
 def craft_card(
-    version: ModelVersion, model: Model, exported: ExportedCraft, measured: Measured
+    version: ModelVersion | None, model: Model, exported: ExportedCraft, measured: Measured
 ) -> str:
-    """The card of a refiner's files for one craft as Markdown."""
+    """The card of a refiner's files for one craft as Markdown; the packaged one has no version."""
     files = [
         (
             code(f"{name}.onnx"),
@@ -80,6 +80,7 @@ def craft_card(
     messages = [(code(name), count, _content(name)) for name, count in exported.told.items()]
     return template("cli/jobs/craft_card.md.jinja").render(
         version=version,
+        recipe=model.recipe,
         checked=exported.checked,
         tolerance=f"{CRAFT_TOLERANCE:g}",
         rounds=model.config["rounds"],
@@ -112,21 +113,25 @@ def _content(name: str) -> Markdown:
     return Markdown(value(name).what)  # ours, and written as such
 
 
-def _training(version: ModelVersion, model: Model) -> Markdown:
-    """What it was trained on."""
-    problem, params = model.problem, version.params
-    commit = version.tags.get("git_commit", "unknown")
-    rows = [
-        ("dataset", code(params.get("dataset", "unknown"))),
-        ("digest", code(version.dataset_digest or "unknown")),
-        ("instances", f"{params.get('train_instances')} + {params.get('valid_instances')}"),
+def _training(version: ModelVersion | None, model: Model) -> Markdown:
+    """What it was trained on, as far as the registry or the model itself knows."""
+    problem = model.problem
+    rows: list[tuple[str, object]] = [
         ("spacecraft in each", model.n_train),
         ("mean motion", f"{problem.mean_motion:.9g} rad/s"),
         ("nodes, step", f"{problem.nodes}, {problem.time_step:g} s"),
         ("collision radius", f"{problem.collision_radius:g} m"),
-        ("weights", params.get("parameters", "unknown")),
-        ("seed, code", formatted("{}, {}", params.get("seed"), code(commit))),
     ]
+    if version is not None:
+        params, commit = version.params, version.tags.get("git_commit", "unknown")
+        rows = [
+            ("dataset", code(params.get("dataset", "unknown"))),
+            ("digest", code(version.dataset_digest or "unknown")),
+            ("instances", f"{params.get('train_instances')} + {params.get('valid_instances')}"),
+            *rows,
+            ("weights", params.get("parameters", "unknown")),
+            ("seed, code", formatted("{}, {}", params.get("seed"), code(commit))),
+        ]
     return table(("", ""), rows)
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 from cli.jobs.held_out import COLUMNS
-from pipeline.dataset.format.schema import scenarios_of
-from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.reading import solved_rows
+from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.experiments.findings import compare
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials

@@ -25,8 +25,8 @@ from pipeline.experiments.paper import NETWORK_SIZE
 from pipeline.experiments.rows import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.warmstart import run_warmstarts
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.planners.ladder import Ladder

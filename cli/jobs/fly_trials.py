@@ -1,6 +1,6 @@
 """A plan flown many times with errors: trials, table and figure in a folder."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,21 +12,16 @@ from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.figure import trials_figure
-from pipeline.flight.margin import default_margin, with_margin
-from pipeline.flight.montecarlo import fly_all
-from pipeline.flight.portions import Loop, MonteCarlo, portion_of
-from pipeline.flight.summary import Summary, summarize
+from pipeline.flight.loops import flight_loops
+from pipeline.flight.montecarlo import MonteCarlo, fly_all, portion_of
+from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import World
-from pipeline.jobs.workers import Workers
+from pipeline.parallel.workers import Workers
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
-
-OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
-"""Ways to fly a plan: as it is; planned anew at every node; with more separation asked for."""
 
 TABLE, FIGURE = "trials.csv", "trials"
 """Names of the files beside the trials."""
@@ -66,7 +61,7 @@ def fly_trials(
         check_range(f"--{name}", given, 0.0, FURTHEST)
     refuse_distance(scenario, plan.controls)
     of = MonteCarlo(scenario, world, errors, settings.seed, portion_of(scenario.n))
-    loops = list(_loops(plan, scenario, errors, planner, settings.margin))
+    loops = list(flight_loops(scenario, plan.controls, errors, planner, settings.margin))
     workers = Workers(settings.jobs)
     tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
     radius = scenario.problem.collision_radius
@@ -85,18 +80,6 @@ def fly_trials(
     title = f"{scenario.name}: n = {scenario.n}, {trials} trials in the {settings.world} world"
     save(trials_figure(tables, radius, size, title), out / FIGURE)
     return summaries
-
-
-def _loops(
-    plan: Plan, scenario: Scenario, errors: Errors, planner: Planner | None, margin: float | None
-) -> Iterator[Loop]:
-    yield Loop(OPEN, plan.controls)
-    if planner is None:
-        return
-    yield Loop(REPLANNED, plan.controls, planner)
-    wanted = default_margin(errors, plan.controls, scenario.problem) if margin is None else margin
-    controls, allowed = with_margin(scenario, plan.controls, planner, wanted)
-    yield Loop(MARGIN, controls, planner, allowed)
 
 
 def _write_table(summaries: Sequence[Summary], path: Path) -> None:

@@ -9,9 +9,9 @@ import pandas as pd
 
 from cli.jobs.networks import Choice, EvaluatedNetwork, networks, planners_on
 from cli.options import name_list
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.schema import scenarios_of
-from pipeline.dataset.reading.read import solved_rows
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import solved_rows
+from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.progress import Progress
 from pipeline.scenario import Scenario

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.networks.catalogue import architecture_names

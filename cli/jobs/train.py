@@ -4,7 +4,7 @@ from dataclasses import fields
 
 from cli.jobs.champion import Contest, challenge, flown_metrics, validation_trials
 from cli.settings import TrainingSettings
-from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import check_range
 from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.recipes import Recipe

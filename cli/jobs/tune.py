@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from mlflow.exceptions import MlflowException
 
 from cli.settings import TuningSettings
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.reading.examples import ExampleSource
+from pipeline.dataset.examples import ExampleSource
+from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.networks.architecture import find, recipe_for, unused_fields
 from pipeline.networks.recipes import MOST, Recipe

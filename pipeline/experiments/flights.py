@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 import pandas as pd
@@ -14,8 +14,6 @@ from pipeline.experiments.rows import (
     LINEAR,
     MARGIN,
     NO_ERRORS,
-    OPEN,
-    REPLANNED,
     SIZE,
     WITH_ERRORS,
     WORLDS,
@@ -23,14 +21,11 @@ from pipeline.experiments.rows import (
 )
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
-from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.errors import COLD_GAS, Errors, draws
-from pipeline.flight.margin import default_margin, with_margin
-from pipeline.flight.portions import Loop
-from pipeline.flight.trials import OpenLoop, fly_trials
+from pipeline.flight.loops import Loop, flight_loops
 from pipeline.flight.world import LinearWorld, World
-from pipeline.jobs.workers import Workers
+from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS
@@ -130,14 +125,11 @@ def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
 
 def _loops(one: EvaluatedPlanner, scenario: Scenario) -> tuple[list[Loop], float]:
     """The loops that a planner flies in, and the least Δv of any plan, m/s."""
-    planner, problem = one.planner, scenario.problem
+    planner = one.planner
     (plan,) = planner.plan([scenario])
-    loops = [Loop(OPEN, plan.controls), Loop(REPLANNED, plan.controls, planner)]
-    if planner.name not in BASELINES:
-        margin = default_margin(COLD_GAS, plan.controls, problem)
-        controls, allowed = with_margin(scenario, plan.controls, planner, margin)
-        loops.append(Loop(MARGIN, controls, planner, allowed))
-    return loops, plan.certificate.fuel_lower_bound * problem.time_step
+    loops = flight_loops(scenario, plan.controls, COLD_GAS, planner)
+    some = islice(loops, 2) if planner.name in BASELINES else loops
+    return list(some), plan.certificate.fuel_lower_bound * scenario.problem.time_step
 
 
 def _fly(asked: ScenarioFlights, world: World, errors: Errors, loop: Loop) -> pd.DataFrame:
@@ -145,8 +137,7 @@ def _fly(asked: ScenarioFlights, world: World, errors: Errors, loop: Loop) -> pd
     scenario, count = asked.scenario, 1 if errors == Errors() else asked.flights
     problem, first = scenario.problem, asked.trial * asked.flights
     drawn = draws(asked.seed, range(first, first + count), scenario.n, problem.intervals)
-    closed = loop.planner and ClosedLoop(scenario, loop.controls, loop.planner, count, loop.margin)
-    flown = fly_trials(scenario, world, closed or OpenLoop(loop.controls), drawn, errors)
+    flown, closed = loop.fly(scenario, world, drawn, errors)
     apart = flown.nearest.distance
     return pd.DataFrame(
         {

@@ -1,1 +1,1 @@
-"""What becomes of a plan when it is flown: other dynamics, errors, replanning."""
+"""Plans flown in other dynamics than those they are made for, with errors and replanning."""

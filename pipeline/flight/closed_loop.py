@@ -1,33 +1,35 @@
-"""The loop closed: at each node craft are planned anew from where they seem to be.
+"""Receding-horizon guidance: at each node craft are replanned from their estimated states.
 
 The goal stays. What is flown is the cheapest of two plans that are safe from the estimate, the
 planner's new one and the one under way, corrected for the goal: so an undisturbed swarm pays no
 more than its plan. Where neither is safe, the planner is asked for less and less separation, and
-of all that is known then the plan flies that keeps craft furthest apart.
+of all known plans the one is flown that keeps craft furthest apart.
 
 Two intervals before the end the goal determines all controls: six for six components of a state.
 In the last one three are left, and the goal can only be met in part: the control is flown that
 leaves the least ‖Δp‖² + ‖Δv/e‖², which is about the size of the orbit that the error becomes.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.flight.choice import Choice
-from pipeline.flight.margin import apart_at
-from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import meet_goal
-from pipeline.plan import Plan
+from pipeline.orbit.separation import least_separations, node_distances
+from pipeline.orbit.thrust_loss import least_after_loss
+from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
+from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
 DETERMINED = 2
-"""Intervals left in which the goal determines all controls, so that nobody need be asked."""
+"""Intervals left in which the goal determines all controls, so that no planner is asked."""
 
 GRAIN = 1 / 60
 """Share of r_col to which separations asked for are rounded down, so that many trials share one."""
@@ -35,15 +37,17 @@ GRAIN = 1 / 60
 LESS = (0.02, 0.1, 0.3)
 """Shares of r_col by which less is asked for, in turn, where no safe plan is found."""
 
+SomeControls = Float[Array, "K n left 3"]
+
 
 class ClosedLoop:
-    """Trials side by side, each planned anew at every node but the first; a ``Guidance``.
+    """Trials side by side, each replanned at every node but the first; a ``Guidance``.
 
     Attributes:
-        unsafe: nodes of each trial at which no plan to the goal was found that keeps from the
-            estimate what the planner is required to, so that the least unsafe one was flown, (K,).
-        seconds: what each trial's plan took at each node, (K, intervals); not a number where no
-            planner was asked: at the first node, and with one or two intervals left.
+        unsafe: number of nodes of each trial at which no known plan to the goal keeps from the
+            estimate what the planner is required to, (K,).
+        seconds: of planning for each trial at each node, (K, intervals); NaN at the first node and
+            with one or two intervals left, where no planner is asked.
     """
 
     def __init__(
@@ -54,15 +58,7 @@ class ClosedLoop:
         trials: int,
         margin: float = 0.0,
     ) -> None:
-        """Begin with a plan.
-
-        Args:
-            scenario: what the swarm is to do.
-            controls: of the plan that is under way from the first node on, m/s².
-            planner: plans anew.
-            trials: how many.
-            margin: asked for beyond the collision radius, m, where estimates allow it.
-        """
+        """Begin with a plan's controls, m/s²; ask for a margin, m, where estimates allow it."""
         self._scenario, self._planner, self._margin = scenario, planner, margin
         self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
@@ -70,7 +66,7 @@ class ClosedLoop:
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
 
     def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """Controls of the interval that begins at a node, m/s², as in ``Guidance``."""
+        """As ``Guidance.commanded``."""
         problem = self._scenario.problem
         left = problem.intervals - node
         if node > 0:
@@ -78,10 +74,10 @@ class ClosedLoop:
             if left == 1:
                 self._end(estimate)
             else:
-                self._plan_anew(node, estimate, replace(problem, nodes=left + 1))
+                self._replan(node, estimate, replace(problem, nodes=left + 1))
         return self._ahead[:, :, 0]
 
-    def _plan_anew(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
+    def _replan(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
         required = self._planner.requirements
@@ -99,12 +95,13 @@ class ClosedLoop:
         for asked in _asked(problem, apart_at(estimate), self._margin):
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
                 which = np.flatnonzero(choice.open & (asked == radius))
-                told = replace(problem, collision_radius=radius)
+                wider = replace(problem, collision_radius=radius)
                 plans = self._planner.plan(
-                    [replace(self._scenario, problem=told, initial=estimate[k]) for k in which]
+                    [replace(self._scenario, problem=wider, initial=estimate[k]) for k in which]
                 )
                 choice.offer(which, plans, radius)
-                self.seconds[which, node] += [_seconds(plan) for plan in plans]
+                spent = [[p.timing.get(k, 0.0) for k in ("plan", "certificate")] for p in plans]
+                self.seconds[which, node] += np.sum(spent, axis=1)
 
     def _end(self, estimate: Float[Array, "K n 6"]) -> None:
         """With one interval left, the nearest to the goal; or as planned, where that is safer."""
@@ -136,5 +133,124 @@ def _asked(
         yield least * (1 - share)
 
 
-def _seconds(plan: Plan) -> float:
-    return plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0)
+def apart_at(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
+    """Least distance of any pair, m; infinite without a pair."""
+    i, j = pairs(states.shape[1])
+    return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
+
+
+class Choice:
+    """Of several plans for each of K trials, the one that is flown.
+
+    Attributes:
+        controls: of the best so far, (K, n, intervals, 3), m/s².
+        separation: no pair comes closer than this on them, from the estimate, (K,), m: at any time
+            or at the nodes, and after a loss of thrust, as is required.
+        open: whether none of them is both safe and to the goal, (K,).
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        estimate: Float[Array, "K n 6"],
+        under_way: SomeControls,
+        allowance: float = np.inf,
+        requirements: Requirements = AT_ALL_TIMES,
+    ) -> None:
+        """Begin with what is under way, corrected for the goal.
+
+        Args:
+            problem: of what is left.
+            estimate: of states, m and m/s.
+            under_way: controls, m/s².
+            allowance: fuel beyond theirs that more separation than r_col may cost, m/s².
+            requirements: of separation.
+        """
+        self._problem, self._estimate, self._requirements = problem, estimate, requirements
+        self.controls = self._within_limit(under_way)
+        self._most = _fuel(self.controls) + allowance
+        self.separation = self._separation(slice(None), self.controls)
+        self.open = np.ones(len(estimate), dtype=bool)
+        self._to_goal = np.abs(under_way).max(axis=(1, 2, 3)) <= problem.most_control
+
+    def offer(self, which: Int[Array, "k"], plans: Sequence[Plan], radius: float) -> None:
+        """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
+
+        Where neither is, the one remains that keeps craft further apart; but one that misses the
+        goal does not replace one that meets it. Where a margin costs too much, as where all craft
+        must turn round for it, the plan counts as none.
+
+        Args:
+            which: open trials.
+            plans: for each of them.
+            radius: separation that was asked for, m.
+        """
+        controls = self._within_limit(np.stack([plan.controls for plan in plans]))
+        separation = self._separation(which, controls)
+        to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
+        worth = (_fuel(controls) <= self._most[which]) | (radius <= self._problem.collision_radius)
+        safe = worth & to_goal & (separation > radius)
+        kept = self._to_goal[which] & (self.separation[which] > radius)
+        cheaper = _fuel(controls) < _fuel(self.controls[which])
+        further = worth & (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
+        better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
+        taken = which[better]
+        self.controls[taken], self.separation[taken] = controls[better], separation[better]
+        self._to_goal[taken] = to_goal[better]
+        self.open[which] = ~(safe | kept)
+
+    def safe(self, radius: float) -> Bool[Array, "K"]:
+        """Whether what is flown meets the goal and keeps further apart than a radius, m."""
+        return self._to_goal & (self.separation > radius)
+
+    def offer_end(self, controls: SomeControls) -> None:
+        """Take controls of the last interval where they are safe, or no less so than others."""
+        limited = self._within_limit(controls)
+        separation = self._separation(slice(None), limited)
+        safe = separation > self._problem.collision_radius
+        better = safe | (separation >= self.separation)
+        self.controls = np.where(better[:, None, None, None], limited, self.controls)
+        self.separation = np.where(better, separation, self.separation)
+
+    def _within_limit(self, controls: SomeControls) -> SomeControls:
+        limit = self._problem.max_acceleration
+        return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
+
+    def _separation(
+        self, which: Int[Array, "k"] | slice, controls: SomeControls
+    ) -> Float[Array, "k"]:
+        trials, n, intervals, _ = controls.shape
+        initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
+        states = _nodes(initial, flat, self._problem)
+        if self._requirements.at_nodes:
+            each = states.reshape(trials, n, *states.shape[1:])
+            return node_distances(each).min(axis=(1, 2), initial=np.inf)
+        swarms = side_by_side((n,) * trials)
+        found = least_separations(states, flat, self._problem, swarms)
+        bounds = np.array([one.bound for one in found])
+        orbits = self._requirements.passive_safety
+        if orbits is None or n == 1:
+            return bounds
+        drifting = least_after_loss(states, flat, self._problem, orbits, swarms)
+        return np.minimum(bounds, [np.inf if one is None else one.bound for one in drifting])
+
+
+def _nodes(
+    initial: Float[Array, "N 6"], controls: Float[Array, "N intervals 3"], problem: Problem
+) -> Float[Array, "N T 6"]:
+    """Node states that controls lead to, also over a single interval."""
+    if controls.shape[1] == problem.intervals:
+        return fly(initial, controls, problem)
+    A, B = problem.dynamics.step(problem.time_step)
+    return np.stack([initial, np.matvec(A, initial) + np.matvec(B, controls[:, 0])], axis=1)
+
+
+def _is_at_goal(plan: Plan, problem: Problem) -> bool:
+    """Whether a plan, safe or not, meets the goal and keeps to the thrust limit."""
+    missed = plan.certificate.goal_error, plan.certificate.goal_velocity_error
+    within = float(np.abs(plan.controls).max()) <= problem.most_control
+    return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
+
+
+def _fuel(controls: SomeControls) -> Float[Array, "K"]:
+    return np.abs(controls).sum(axis=(1, 2, 3))

@@ -1,7 +1,9 @@
-"""Which share of a plan's error comes from what: flown again with one effect more each time."""
+"""A plan's controls flown open loop, with one effect more each time, and how much each adds."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -9,15 +11,18 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions
-from pipeline.flight.flight import Flight, fly_controls
+from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.fuel import fuel
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
+from pipeline.orbit.separation import Separation, node_collisions
 from pipeline.orbit.transfer import fly
+from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 
-PLAN = "plan"
-"""Of the effects' names: the linear model, in which the plan was made."""
+PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
 
 FURTHEST = 0.01
 """Distance from the origin in radii of the reference orbit, within which plans are flown."""
@@ -27,20 +32,32 @@ FURTHEST = 0.01
 class Effect:
     """A flight with one effect more than the one before.
 
-    Attributes:
-        name: "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag".
-        flight: with it and all before it.
-        errors: what each craft's state misses its goal's by, (n, 6), m and m/s.
-        added: what of that was not there without it, (n, 6); all effects' sum to the last errors.
-        share: of the last error in position of the craft that misses its goal by most: what was
-            added to its, along it. Shares sum to 1; below 0, the effect takes back what others do.
+    The share of an effect is of the last error in position of the craft that misses its goal by
+    most: what was added to its, along it. Shares sum to 1; below 0, the effect cancels others.
     """
 
-    name: str
-    flight: Flight
-    errors: Float[Array, "n 6"]
-    added: Float[Array, "n 6"]
+    name: str  # "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag"
+    states: Float[Array, "n T 6"]  # at the nodes, LVLH, m and m/s
+    nearest: Separation  # the least separation of any pair at any time
+    errors: Float[Array, "n 6"]  # state at the end minus goal, m and m/s
+    added: Float[Array, "n 6"]  # to the errors by this effect; their sum is the last errors
     share: float
+
+
+def fly_controls(
+    world: World,
+    initial: Float[Array, "n 6"],
+    controls: Float[Array, "n intervals 3"],
+    problem: Problem,
+) -> tuple[Float[Array, "n T 6"], Separation]:
+    """Node states and least separation at any time of controls (m/s²), flown open loop."""
+    e, step = problem.mean_motion, problem.time_step
+    pieces, nodes, closest = pieces_for(step, e), [initial], []
+    for k, control in enumerate(controls.swapaxes(0, 1)):
+        arc = world.arc(nodes[-1], control, k * step, step, pieces)
+        nodes.append(arc[:, -1])
+        closest.append(nearest(arc[None], k * step, step, e))
+    return np.stack(nodes, axis=1), reduce(nearer, closest).separation()
 
 
 def effects(
@@ -59,14 +76,16 @@ def effects(
     refuse_distance(scenario, controls)
     worlds = [(PLAN, LinearWorld(problem.dynamics)), *_worlds(scenario, conditions)]
     flights = [fly_controls(world, scenario.initial, controls, problem) for _, world in worlds]
-    errors = np.stack([flight.states[:, -1] - goal for flight in flights])
+    errors = np.stack([states[:, -1] - goal for states, _ in flights])
     added = np.diff(errors, axis=0, prepend=np.zeros((1, *goal.shape)))
     worst = int(norm(errors[-1, :, :3]).argmax())
     last = errors[-1, worst, :3]
     shares = np.vecdot(added[:, worst, :3], last) / max(float(last @ last), np.finfo(float).tiny)
     return [
-        Effect(name, *rest)
-        for (name, _), *rest in zip(worlds, flights, errors, added, shares.tolist(), strict=True)
+        Effect(name, *flight, *rest)
+        for (name, _), flight, *rest in zip(
+            worlds, flights, errors, added, shares.tolist(), strict=True
+        )
     ]
 
 
@@ -87,11 +106,7 @@ def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, W
 
 
 def refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"]) -> None:
-    """Refuse controls (m/s²) that lead too far away; written so that what is no number is refused.
-
-    Raises:
-        InputError: naming the craft, and how far.
-    """
+    """Raise InputError for controls (m/s²) that lead a craft too far away, or are NaN."""
     problem = scenario.problem
     with np.errstate(over="ignore", invalid="ignore"):
         far = norm(fly(scenario.initial, controls, problem)[..., :3]).max(axis=1)
@@ -103,3 +118,59 @@ def refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"])
             f"the controls lead craft {craft} {far[craft]:.3g} m away from the reference orbit's "
             f"point; expected at most {most:.3g} m, {FURTHEST:.0%} of that orbit's radius."
         )
+
+
+def flight_report(
+    plan: Plan, scenario: Scenario, conditions: Conditions, found: Sequence[Effect]
+) -> dict[str, Any]:
+    """The last flight, with all effects, and under ``effects`` each of them; SI units.
+
+    Errors at the goal are distances, of the craft that misses by most. Separations are None for a
+    craft alone. It is safe where craft stay apart when the plan was to keep them apart, at all
+    times or at the nodes.
+    """
+    problem, last = scenario.problem, found[-1]
+    used = float(fuel(plan.controls))
+    safe = last.nearest.bound > problem.collision_radius
+    if plan.separation == "nodes":
+        safe = node_collisions(last.states, problem.collision_radius) == 0
+    return {
+        "planner": plan.planner,
+        "status": plan.status,
+        "separation": plan.separation,
+        "safe": safe,
+        "collision_radius": problem.collision_radius,
+        "conditions": asdict(conditions),
+        "fuel": used,
+        "delta_v": used * problem.time_step,
+        **_of(last),
+        "goal_error_craft": int(norm(last.errors[:, :3]).argmax()),
+        "goal_errors": last.errors.tolist(),
+        "effects": [
+            {
+                "effect": one.name,
+                "added_error": _most(one.added[:, :3]),
+                "added_velocity_error": _most(one.added[:, 3:]),
+                "share": one.share,
+                **_of(one),
+            }
+            for one in found
+        ],
+    }
+
+
+def _of(effect: Effect) -> dict[str, Any]:
+    nearest = effect.nearest
+    alone = nearest.pair is None
+    return {
+        "goal_error": _most(effect.errors[:, :3]),
+        "goal_velocity_error": _most(effect.errors[:, 3:]),
+        "min_separation": None if alone else nearest.distance,
+        "min_separation_pair": nearest.pair,
+        "min_separation_time": nearest.time,
+        "min_separation_bound": None if alone else nearest.bound,
+    }
+
+
+def _most(errors: Float[Array, "n 3"]) -> float:
+    return float(np.max(norm(errors)))

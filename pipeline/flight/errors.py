@@ -1,4 +1,4 @@
-"""What goes wrong in flight: thrust, its timing, navigation; and draws of it, trial by trial."""
+"""Errors of navigation and thrust in flight, and their draws trial by trial."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,25 +21,17 @@ class Errors(Uncertainty):
     """Standard deviations of Gaussian errors, and how often a burn is missed.
 
     Those of ``Uncertainty`` are drawn anew at each node (position, velocity) and for each burn
-    (magnitude, direction). Position and velocity are errors of what is known of a craft; a
-    relative position is known √2 times worse. Burns have the four errors of Gates (1963), two
-    proportional to the burn and two fixed.
-
-    Attributes:
-        position_bias: of each component of a position as it is known, over a whole transfer, m.
-        velocity_bias: of each component of a velocity as it is known, over a whole transfer, m/s.
-        magnitude_fixed: of a burn's Δv along it, whatever its size, m/s.
-        direction_fixed: of a burn's Δv along each axis across it, whatever its size, m/s.
-        timing: of a burn, which begins and ends so much late, or early, s.
-        missed: probability that a burn is not made at all.
+    (magnitude, direction). Position and velocity are errors of the navigation of a craft, in each
+    component; a relative position is known √2 times worse. Burns have the four errors of Gates
+    (1963), two proportional to the burn and two fixed.
     """
 
-    position_bias: float = 0.0
-    velocity_bias: float = 0.0
-    magnitude_fixed: float = 0.0
-    direction_fixed: float = 0.0
-    timing: float = 0.0
-    missed: float = 0.0
+    position_bias: float = 0.0  # of an estimated position, over a whole transfer, m
+    velocity_bias: float = 0.0  # of an estimated velocity, over a whole transfer, m/s
+    magnitude_fixed: float = 0.0  # of a burn's Δv along it, whatever its size, m/s
+    direction_fixed: float = 0.0  # of a burn's Δv along each axis across it, m/s
+    timing: float = 0.0  # of a burn, which begins and ends so much late, or early, s
+    missed: float = 0.0  # probability that a burn is not made at all
 
 
 COLD_GAS = Errors(
@@ -76,23 +68,16 @@ PRESETS: Mapping[str, Errors] = {"none": Errors(), "cold-gas": COLD_GAS}
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """What chance gives K trials of n craft; normal but for ``missed``, and not yet to scale.
+    """Random numbers of K trials of n craft: standard normal, but uniform in 0..1 for ``missed``.
 
     The same trial has the same draws whatever the errors, and however it is flown.
-
-    Attributes:
-        bias: of what is known of each state.
-        noise: of the same at the node at which each interval begins.
-        burn: of each interval's burn.
-        lag: of the time of each burn.
-        missed: uniform in 0..1, one for each burn.
     """
 
-    bias: Float[Array, "K n 6"]
-    noise: Float[Array, "K intervals n 6"]
-    burn: Float[Array, "K intervals n 3"]
-    lag: Float[Array, "K intervals n"]
-    missed: Float[Array, "K intervals n"]
+    bias: Float[Array, "K n 6"]  # of the estimate of each state
+    noise: Float[Array, "K intervals n 6"]  # of the same at the node at which each interval begins
+    burn: Float[Array, "K intervals n 3"]  # of each interval's burn
+    lag: Float[Array, "K intervals n"]  # of the time of each burn
+    missed: Float[Array, "K intervals n"]  # whether a burn is
 
 
 def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
@@ -120,35 +105,25 @@ def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:
 
 
 def navigation_error(drawn: Draws, node: int, errors: Errors) -> Float[Array, "K n 6"]:
-    """What is known of states at a node, less what is so, m and m/s: bias and new noise."""
+    """Estimated states at a node minus true ones, m and m/s: bias and new noise."""
     bias = np.repeat([errors.position_bias, errors.velocity_bias], 3)
     noise = np.repeat([errors.position, errors.velocity], 3)
     return bias * drawn.bias + noise * drawn.noise[:, node]
 
 
 @dataclass(frozen=True, eq=False)
-class Burnt:
-    """What comes of controls that are commanded over an interval.
+class Burns:
+    """Burns as they are made over an interval."""
 
-    Attributes:
-        held: controls held over it, m/s².
-        late: uτ, what is lacking at its start and comes at its end, m/s.
-        missed: burns that each trial misses.
-    """
-
-    held: Float[Array, "K n 3"]
-    late: Float[Array, "K n 3"]
-    missed: Int[Array, "K"]
+    held: Float[Array, "K n 3"]  # controls held over it, m/s²
+    late: Float[Array, "K n 3"]  # uτ, the Δv that is missing at its start and added at its end, m/s
+    missed: Int[Array, "K"]  # number of burns that each trial misses
 
 
-def burnt(
-    commanded: Float[Array, "K n 3"],
-    drawn: Draws,
-    interval: int,
-    errors: Errors,
-    time_step: float,
-) -> Burnt:
-    """What comes of controls, m/s², that are commanded over an interval.
+def burns_made(
+    commanded: Float[Array, "K n 3"], drawn: Draws, interval: int, errors: Errors, time_step: float
+) -> Burns:
+    """The burns that controls, m/s², commanded over an interval of ``time_step`` s come to.
 
     A burn that is late by τ is, to second order in τ, the burn in time with an impulse of -uτ at
     its start and one of uτ at its end: the position after it is off by uτ²/2, and so little that
@@ -165,4 +140,4 @@ def burnt(
     error = in_size[..., None] * along + across[..., None] * (draw - along)
     burns, lag = burning[..., None], errors.timing * drawn.lag[:, interval]
     held = np.where(missed[..., None], 0.0, np.where(burns, commanded + error, commanded))
-    return Burnt(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))
+    return Burns(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))

@@ -3,46 +3,63 @@
     FOLDER/loop=open-loop/part-00000.parquet            a row a trial
     FOLDER/_timings/loop=open-loop/part-00000.parquet   how long its plans took
 
-and what any folder of shards has (pipeline/storage/layout.py). A shard says in its schema's
-metadata all that decides its bytes. One that is there, has its digest and is of the same settings
-is kept, so that a run that was killed goes on, and more trials come on top.
+and what any folder of shards has (pipeline/storage). A shard says in its schema's metadata all
+that decides its bytes. One that is there, has its digest and is of the same settings is kept, so
+that a run that was killed goes on, and more trials come on top.
 """
 
+import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import closing, suppress
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import InputError
-from pipeline.flight.closed_loop import ClosedLoop
-from pipeline.flight.errors import draws
-from pipeline.flight.portions import MADE_BY, OWNED, Loop, Manifest, MonteCarlo, Portion
-from pipeline.flight.trials import Flown, OpenLoop, fly_trials
-from pipeline.jobs.worker import check_worker
-from pipeline.jobs.workers import Workers
+from pipeline.flight.errors import Errors, draws
+from pipeline.flight.loops import Loop
+from pipeline.flight.world import World
+from pipeline.orbit.approaches import MOST_PAIRS
+from pipeline.parallel.workers import Workers, check_worker
+from pipeline.planners.identity import identity
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import refuse_change, refuse_other_versions
-from pipeline.storage.checked import read_checked
+from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
+from pipeline.scenario import Scenario
+from pipeline.scenario.families import SEEDS
+from pipeline.storage import COPY, MANIFEST, TIMINGS
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.layout import COPY, MANIFEST, TIMINGS
-from pipeline.storage.ledger import Ledger, written
+from pipeline.storage.ledger import Ledger, NewShard, open_ledger, read_checked, write_shards
 from pipeline.storage.shards import (
     METADATA_KEY,
     TIMED_KEY,
+    Size,
     decode,
     digest_of,
     encode,
     has_metadata,
-    told_by,
+    metadata_of,
+    read_metadata,
+    read_shard,
 )
-from pipeline.storage.sound import sound_table
 
-MOST_TRIALS = 10_000_000
-"""Of one Monte Carlo."""
+SCHEMA = "prolearn.flight/2"
+
+OWNED = rf"({TIMINGS})?loop=[\w-]+/part-\d{{5,}}\.parquet"  # pattern of the names of shards
+PORTION = 50  # most trials that are flown side by side, and rows of a shard
+MOST_TRIALS = 10_000_000  # of one Monte Carlo
+
+MADE_BY: DecidedBy = (
+    tuple(
+        f"pipeline/{part}"
+        for part in ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
+    ),
+    ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch"),
+)
+"""Code of ours and packages that the bytes of trials depend on."""
 
 FIELDS = [
     pa.field("trial", pa.int64(), nullable=False),
@@ -65,11 +82,86 @@ TIMING_FIELDS = [
 
 
 @dataclass(frozen=True)
-class Shard:
-    """A portion that is flown, as bytes, with its timings."""
+class Manifest:
+    """The manifest of a Monte Carlo: SHA-256 of each finished shard, by path inside the folder."""
 
-    content: bytes
-    timings: bytes
+    shards: Mapping[str, str]
+
+    def fields(self) -> dict[str, Any]:
+        """Fields of its file, JSON-ready."""
+        return {"schema": SCHEMA, "shards": dict(sorted(self.shards.items()))}
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarlo:
+    """All that decides what trials are, but for the loop; ``portion`` trials are a shard."""
+
+    scenario: Scenario
+    world: World
+    errors: Errors
+    seed: int = 0
+    portion: int = PORTION
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed < SEEDS:
+            raise InputError(f"seed is {self.seed}; expected 0 to {SEEDS - 1}.")
+
+    @cached_property
+    def made_with(self) -> Mapping[str, str]:
+        """Versions by name."""
+        return made_with(*MADE_BY)
+
+    def settings(self, loop: Loop) -> dict[str, Any]:
+        """All that decides the bytes of a loop's shards, versions apart."""
+        ends = self.scenario.initial, self.scenario.goal, loop.controls
+        digest = hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in ends))
+        world: Any = self.world
+        return {
+            "schema": SCHEMA,
+            **asdict(self.scenario.problem),
+            "n_spacecraft": self.scenario.n,
+            "plan": digest.hexdigest(),
+            "seed": self.seed,
+            "portion": self.portion,
+            "world": {"name": type(world).__name__, **asdict(world)},
+            "errors": asdict(self.errors),
+            "loop": loop.name,
+            "planner": None if loop.planner is None else identity(loop.planner),
+            "margin": loop.margin,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Portion:
+    """Some trials of a loop, the rows of a shard."""
+
+    of: MonteCarlo
+    loop: Loop
+    number: int
+    rows: range
+
+    @property
+    def path(self) -> str:
+        """Of its shard inside the folder."""
+        return f"loop={self.loop.name.replace(' ', '-')}/part-{self.number:05d}.parquet"
+
+    @property
+    def metadata(self) -> dict[bytes, bytes]:
+        """The schema metadata of its shard."""
+        versions = dict(self.of.made_with)
+        return metadata_of(
+            {**self.of.settings(self.loop), "part": self.number, "made_with": versions}
+        )
+
+    @property
+    def most(self) -> Size:
+        """What its files may hold."""
+        return Size(self.of.portion, self.of.portion * self.of.scenario.problem.intervals)
+
+
+def portion_of(n: int) -> int:
+    """Trials of n craft that are flown side by side: so few that their pairs fit in memory."""
+    return max(1, min(PORTION, 2 * MOST_PAIRS // n**2))
 
 
 def fly_all(
@@ -81,15 +173,7 @@ def fly_all(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, pa.Table]:
-    """Fly what is not flown yet; the trials of each loop, by its name.
-
-    Args:
-        where: folder, new or begun with the same settings.
-        of: what is flown.
-        loops: in how many ways.
-        trials: of each.
-        workers: what to fly with; all cores of this machine by default.
-        progress: told how far it is.
+    """Fly what is not flown yet of so many trials of each loop; all of them, by the loop's name.
 
     Raises:
         InputError: for no trials, where another process writes to the folder, or where it was
@@ -99,24 +183,15 @@ def fly_all(
     if not 1 <= trials <= MOST_TRIALS:
         raise InputError(f"trials is {trials}; expected 1 to {MOST_TRIALS}.")
     folder, workers = open_folder(where), workers or Workers()
-    with written(folder, OWNED, lambda: _begun(folder), progress) as ledger:
-        wanted = [
-            portion
-            for loop in loops
-            for portion in _portions(of, loop, trials)
-            if not _is_done(ledger, portion)
-        ]
-        progress.expect(sum(len(portion.trials) for portion in wanted))
-        results = workers.work(_flown, wanted, lambda portion: b"", progress)
-        with closing(results):
-            for portion, shard in results:
-                ledger.publish(portion.path, shard.content, shard.timings)
-                progress.done(len(portion.trials))
+    with open_ledger(folder, OWNED, lambda: _begin(folder), progress) as ledger:
+        portions = [one for loop in loops for one in _portions(of, loop, trials)]
+        wanted = [portion for portion in portions if not _is_done(ledger, portion)]
+        write_shards(ledger, _flown, wanted, workers, progress)
         return {loop.name: _read(ledger, of, loop, trials) for loop in loops}
 
 
-def _begun(folder: Folder) -> Manifest:
-    """The manifest of the folder; without one its shards speak for themselves."""
+def _begin(folder: Folder) -> Manifest:
+    """The manifest of the folder; without one, whole shards are adopted."""
     for name in (MANIFEST, COPY):
         with suppress(OSError, ValueError, KeyError, TypeError):
             return Manifest(dict(read_checked(folder, name)["shards"]))
@@ -129,79 +204,64 @@ def _portions(of: MonteCarlo, loop: Loop, trials: int) -> Iterator[Portion]:
 
 
 def _is_done(ledger: Ledger[Manifest], portion: Portion) -> bool:
-    """Whether a shard is there, sound, with its timings and the rows that are asked for.
+    """Whether a shard is sound, with its timings and the rows that are asked for.
 
-    Raises:
-        InputError: where it was made with other settings or versions.
+    InputError where it was made with other settings or versions.
     """
-    name, folder = portion.path, ledger.folder
-    try:
-        content, timings = folder.read(name), folder.read(TIMINGS + name)
-        table = decode(content, portion.most)
-    except (OSError, InputError):
+    name, folder, listed = portion.path, ledger.folder, ledger.manifest.shards
+    if name in listed and not ledger.is_sound(name):
         return False
-    if ledger.manifest.shards.get(name, digest_of(content)) != digest_of(content):
+    try:
+        table = decode(folder.read(name), portion.most)
+        timings = digest_of(folder.read(TIMINGS + name))
+    except (OSError, InputError):
         return False
     if not has_metadata(table, portion.metadata):
         _refuse_change(folder, table, portion)
         return False  # it is another part of the same
-    if name not in ledger.manifest.shards and encode(table) == content:
-        ledger.adopt(name, content, portion.most)
-    if ledger.timed.get(name) != digest_of(timings):
+    if name not in listed and not ledger.adopt(name, portion.most, lambda _: True):
         return False
-    first, rows = portion.trials.start, table.num_rows
+    first, rows = portion.rows.start, table.num_rows
     whole = table["trial"].to_pylist() == list(range(first, first + rows))
-    return whole and rows >= len(portion.trials)
+    return whole and rows >= len(portion.rows) and ledger.timed.get(name) == timings
 
 
 def _refuse_change(folder: Folder, table: pa.Table, portion: Portion) -> None:
-    was, now = told_by(table), json.loads(portion.metadata[METADATA_KEY])
+    was, now = read_metadata(table), json.loads(portion.metadata[METADATA_KEY])
     was["part"] = now["part"]
     versions = was.pop("made_with", {}), now.pop("made_with")
     refuse_change(f"{portion.path} in {folder}", was, now)
     refuse_other_versions(f"{portion.path} in {folder} was flown", *versions)
 
 
-def _flown(portion: Portion, _: bytes) -> Shard:
-    of, loop = portion.of, portion.loop
+def _flown(portion: Portion, _: bytes) -> NewShard:
+    of, trials = portion.of, portion.rows
     check_worker(of.made_with, MADE_BY)
-    scenario, trials = of.scenario, portion.trials
-    drawn = draws(of.seed, trials, scenario.n, scenario.problem.intervals)
-    if loop.planner is None:
-        flown = fly_trials(scenario, of.world, OpenLoop(loop.controls), drawn, of.errors)
-        unsafe, seconds = np.zeros(len(trials), dtype=int), np.zeros((len(trials), 0))
-    else:
-        guide = ClosedLoop(scenario, loop.controls, loop.planner, len(trials), loop.margin)
-        flown = fly_trials(scenario, of.world, guide, drawn, of.errors)
-        unsafe, seconds = guide.unsafe, guide.seconds
-    columns = _columns(trials, flown) | {"unsafe_replans": unsafe}
-    table = pa.table(columns, schema=pa.schema(FIELDS, metadata=portion.metadata))
-    made = [row[np.isfinite(row)] for row in seconds]
-    content = encode(table)
-    timings = pa.table(
-        {"trial": np.array(trials), "replan_seconds": made},
-        schema=pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest_of(content)}),
-    )
-    return Shard(content, encode(timings))
-
-
-def _columns(trials: range, flown: Flown) -> dict[str, Any]:
+    drawn = draws(of.seed, trials, of.scenario.n, of.scenario.problem.intervals)
+    flown, closed = portion.loop.fly(of.scenario, of.world, drawn, of.errors)
     least = flown.nearest
-    alone = least.first < 0
     pair = {
         "min_separation": least.distance,
         "first_craft": least.first,
         "second_craft": least.second,
         "min_separation_time": least.time,
     }
-    return {
+    columns = {
         "trial": np.array(trials),
-        **{name: pa.array(values, mask=alone) for name, values in pair.items()},
+        **{name: pa.array(values, mask=least.first < 0) for name, values in pair.items()},
         "goal_error": flown.goal_error,
         "goal_velocity_error": flown.goal_velocity_error,
         "delta_v": flown.delta_v,
         "missed_burns": flown.missed,
+        "unsafe_replans": closed.unsafe if closed else np.zeros(len(trials), dtype=int),
     }
+    content = encode(pa.table(columns, schema=pa.schema(FIELDS, metadata=portion.metadata)))
+    seconds = closed.seconds if closed else np.zeros((len(trials), 0))
+    timings = pa.table(
+        {"trial": np.array(trials), "replan_seconds": [row[np.isfinite(row)] for row in seconds]},
+        schema=pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest_of(content)}),
+    )
+    return NewShard(portion.path, content, encode(timings))
 
 
 def _read(ledger: Ledger[Manifest], of: MonteCarlo, loop: Loop, trials: int) -> pa.Table:
@@ -215,7 +275,7 @@ def _read(ledger: Ledger[Manifest], of: MonteCarlo, loop: Loop, trials: int) -> 
 
 def _sound(ledger: Ledger[Manifest], portion: Portion, name: str, digest: str) -> pa.Table:
     try:
-        return sound_table(ledger.folder, name, digest, portion.most)
+        return read_shard(ledger.folder, name, digest, portion.most)
     except InputError as error:
         raise InputError(
             f"{name} in {ledger.folder} {error}; give the same command again."

@@ -1,4 +1,9 @@
-"""How close craft come between the states of flown arcs, in many trials at once."""
+"""The least separation of craft between the states of flown arcs, in many trials at once.
+
+``orbit.separation`` does the same for the linear model, which it evaluates at any time in closed
+form; here motion is known at the ends of short pieces only, and its derivatives are bounded for all
+worlds. The branch and bound is the same (``orbit.bezier``).
+"""
 
 from dataclasses import dataclass
 from math import ceil
@@ -8,34 +13,25 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import TOLERANCE, pairs
+from pipeline.orbit.approaches import TOLERANCE, least_of_each, pairs
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
 from pipeline.orbit.separation import Separation
 
 SPACING = 1 / 64
 """Angle in rad by which the reference orbit turns in a piece: cubics are then micrometres off."""
 
-WIDEST = 0.05
-"""Widest such angle for which derivatives are bounded here."""
+WIDEST = 0.05  # widest such angle for which derivatives are bounded here
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The least separation of any pair of each trial over some time.
+    """The least separation of any pair of each trial over some time."""
 
-    Attributes:
-        distance: the separation attained, m; infinite where there is no pair.
-        bound: no pair is ever closer than this, m; about TOLERANCE below ``distance``.
-        first: first craft of that pair, the one with the lower index; -1 where there is none.
-        second: second craft.
-        time: when, s since the plan's first node.
-    """
-
-    distance: Float[Array, "trials"]
-    bound: Float[Array, "trials"]
-    first: Int[Array, "trials"]
-    second: Int[Array, "trials"]
-    time: Float[Array, "trials"]
+    distance: Float[Array, "trials"]  # attained, m; infinite where there is no pair
+    bound: Float[Array, "trials"]  # no pair is ever closer, m; about TOLERANCE below
+    first: Int[Array, "trials"]  # craft of that pair, with the lower index; -1 if none
+    second: Int[Array, "trials"]  # craft of that pair
+    time: Float[Array, "trials"]  # when, s since the plan's first node
 
     def separation(self, trial: int = 0) -> Separation:
         """That of one trial."""
@@ -58,8 +54,8 @@ def nearest(
 
     Between those a pair's relative position is its cubic Hermite interpolant, up to h⁴/384
     max‖p⁗‖; the cubic's least distance is found by branch and bound. Nothing is sampled: states
-    only say which pairs and pieces need not be looked at. Memory is some 50 bytes for each trial,
-    pair and piece.
+    only say which pairs and pieces cannot matter. Memory is some 50 bytes for each trial, pair and
+    piece.
 
     Args:
         states: LVLH, at equally spaced times from the arc's start to its end, m and m/s.
@@ -72,7 +68,8 @@ def nearest(
     """
     trials, n, ends, _ = states.shape
     if n < 2:
-        return _nobody(trials)
+        never, none = np.full(trials, np.inf), np.full(trials, -1)
+        return Nearest(never, never, none, none, np.full(trials, np.nan))
     h = duration / (ends - 1)
     if not mean_motion * h <= WIDEST:
         raise InputError(
@@ -92,29 +89,18 @@ def nearest(
     distance = np.maximum(norm(point_on(curve, when)), low)
     bound = within.copy()
     np.minimum.at(bound, trial[near], low)
-    order = np.lexsort((distance, trial[near]))
-    best = order[np.unique(trial[near][order], return_index=True)[1]]
+    best = least_of_each(distance, trial[near])[1]
     at = near[best]
     time = start + h * (piece[at] + when[best])
     return Nearest(distance[best], bound, i[at], j[at], time)
 
 
 def nearer(one: Nearest, other: Nearest) -> Nearest:
-    """Of two times, each trial's least separation in both."""
+    """Each trial's least separation over two times."""
     first = one.distance <= other.distance
-    return Nearest(
-        np.where(first, one.distance, other.distance),
-        np.minimum(one.bound, other.bound),
-        np.where(first, one.first, other.first),
-        np.where(first, one.second, other.second),
-        np.where(first, one.time, other.time),
-    )
-
-
-def _nobody(trials: int) -> Nearest:
-    """Of trials without a pair."""
-    never, none = np.full(trials, np.inf), np.full(trials, -1)
-    return Nearest(never, never, none, none, np.full(trials, np.nan))
+    names = ("distance", "first", "second", "time")
+    least = {k: np.where(first, getattr(one, k), getattr(other, k)) for k in names}
+    return Nearest(bound=np.minimum(one.bound, other.bound), **least)
 
 
 def _candidates(
@@ -122,9 +108,9 @@ def _candidates(
 ) -> tuple[Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
     """The least separation in the states of each trial; trial, pair and piece that may be under it.
 
-    A craft on its way from one end of a piece to the other is, from both together, at most its
-    chord away, and twice what it strays from that. A pair that is a and b apart at the ends of a
-    piece, on ways ℓ₁ and ℓ₂ long in that sense, is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
+    The distances of a craft from the two ends of a piece add up to at most its chord and twice
+    what it strays from that. So a pair that is a and b apart at the ends, with such sums ℓ₁ and ℓ₂,
+    is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
     """
     i, j = pairs(states.shape[1])
     position, begin, end = states[..., :3], states[:, :, :-1], states[:, :, 1:]

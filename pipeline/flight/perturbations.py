@@ -1,4 +1,4 @@
-"""What moves a craft beside the attraction of a point: the Earth's oblateness and its air."""
+"""Gravity of the Earth as a point, its oblateness, and air drag."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,10 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 
-EARTH_RATE = 7.292115e-5
-"""Of the Earth's rotation, about the inertial z axis, rad/s."""
+EARTH_RATE = 7.292115e-5  # of the Earth's rotation, about the inertial z axis, rad/s
 
 AIR = (
     (150e3, 2.070e-9, 22.523e3),
@@ -35,17 +35,11 @@ AIR = (
 
 @dataclass(frozen=True)
 class Atmosphere:
-    """Air that thins exponentially with height and turns with the Earth.
+    """Air that thins exponentially with height and turns with the Earth."""
 
-    Attributes:
-        base: height of a known density, m.
-        density: there, kg/m³.
-        scale: height in which it falls to 1/e, m.
-    """
-
-    base: float
-    density: float
-    scale: float
+    base: float  # height of a known density, m
+    density: float  # there, kg/m³
+    scale: float  # height in which it falls to 1/e, m
 
     def density_at(self, height: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Density in kg/m³ at heights in m."""
@@ -53,11 +47,7 @@ class Atmosphere:
 
 
 def atmosphere_near(height: float) -> Atmosphere:
-    """The layer of AIR in which a height in m is, continued to both sides.
-
-    Raises:
-        InputError: where the height is below all of them.
-    """
+    """The layer of AIR of a height in m, continued to both sides; InputError below all of them."""
     below = [layer for layer in AIR if layer[0] <= height]
     if not below:
         raise InputError(
@@ -69,8 +59,7 @@ def atmosphere_near(height: float) -> Atmosphere:
 
 def point_mass(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
     """Attraction of the Earth as a point, -μ r/r³, m/s²."""
-    r = np.sqrt(np.vecdot(position, position))[..., None]
-    return -MU_EARTH / r**3 * position
+    return -MU_EARTH / norm(position)[..., None] ** 3 * position
 
 
 def oblateness(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
@@ -99,6 +88,5 @@ def drag(
     position, velocity = states[..., :3], states[..., 3:].copy()
     velocity[..., 0] += EARTH_RATE * position[..., 1]
     velocity[..., 1] -= EARTH_RATE * position[..., 0]
-    height = np.sqrt(np.vecdot(position, position)) - R_EARTH
-    speed = np.sqrt(np.vecdot(velocity, velocity))
-    return (-0.5 * air.density_at(height) * ballistic * speed)[..., None] * velocity
+    density = air.density_at(norm(position) - R_EARTH)
+    return (-0.5 * density * ballistic * norm(velocity))[..., None] * velocity

@@ -1,115 +1,143 @@
-"""What trials of a transfer come to: how likely craft come close, where they end, what it costs."""
+"""Summary and figure of trials: how close craft come, how far from their goals they end, and Δv."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from pipeline.arrays import Array
 from pipeline.figures.intervals import Interval, wilson
+from pipeline.figures.style import (
+    CONFLICT_COLOUR,
+    GOAL_COLOUR,
+    GREY,
+    INITIAL_COLOUR,
+    PAGE_WIDTH,
+    fit_scale,
+    in_style,
+)
 
-HIGH = 0.95
-"""The quantile that is told beside the median."""
+HIGH = 0.95  # the quantile of fields whose names end in ``high``
+
+
+HEIGHT = 3.1  # of the figure, inches
+
+LINES: Sequence[Mapping[str, Any]] = (
+    {"color": CONFLICT_COLOUR, "linestyle": "--", "zorder": 3},
+    {"color": INITIAL_COLOUR, "linestyle": "-.", "zorder": 4},
+    {"color": GOAL_COLOUR, "linewidth": 3.0, "alpha": 0.5, "zorder": 2},
+)
+"""Of loops, in their order; the last is wide and below, since the one before may run along it."""
+
+PANELS = {
+    "min_separation": "least separation (m)",
+    "goal_error": "error at the goal (m)",
+    "delta_v": "Δv of all craft (m/s)",
+}
+"""Columns that are shown, with their axes' labels."""
 
 
 @dataclass(frozen=True)
 class Summary:
     """Trials of one loop in numbers; what depends on pairs is None for a single craft.
 
-    Attributes:
-        loop: how they were flown.
-        planner: who planned anew, or None.
-        margin: asked for beyond r_col when planning anew, m; None where nobody planned anew.
-        trials: how many.
-        within_radius: share in which a pair came within r_col.
-        within_radius_interval: Wilson's of that share.
-        within_size: share in which a pair came within the physical size.
-        within_size_interval: Wilson's of that share.
-        least_separation: of all trials, m.
-        separation_median: of the least separation of each, m.
-        goal_error_median: of the craft furthest from its goal, m.
-        goal_error_high: that quantile HIGH of trials stay below, m.
-        goal_velocity_error_median: likewise of velocities, m/s.
-        goal_velocity_error_high: m/s.
-        delta_v_median: of all craft, m/s.
-        delta_v_high: m/s.
-        missed_burns: in a trial, on average.
-        unsafe_replans: nodes of a trial, on average, at which the plan flown was not safe from
-            the estimate; None where nobody planned anew.
-        replan_seconds: median time of a plan; None where nobody planned anew.
+    Separations and errors are in m, velocities and Δv of all craft in m/s. Errors at the goal are
+    those of the craft furthest from its goal. Fields of replanning are None in the open loop.
     """
 
-    loop: str
-    planner: str | None
-    margin: float | None
+    loop: str  # how they were flown
+    planner: str | None  # that replanned
+    margin: float | None  # asked for beyond r_col, m
     trials: int
-    within_radius: float | None
-    within_radius_interval: Interval | None
-    within_size: float | None
-    within_size_interval: Interval | None
-    least_separation: float | None
-    separation_median: float | None
+    within_radius: float | None  # share in which a pair came within r_col
+    within_radius_interval: Interval | None  # Wilson's of that share
+    within_size: float | None  # share in which a pair came within the physical size
+    within_size_interval: Interval | None  # Wilson's of that share
+    least_separation: float | None  # of all trials
+    separation_median: float | None  # of the least separation of each trial
     goal_error_median: float
     goal_error_high: float
     goal_velocity_error_median: float
     goal_velocity_error_high: float
     delta_v_median: float
     delta_v_high: float
-    missed_burns: float
-    unsafe_replans: float | None
-    replan_seconds: float | None
+    missed_burns: float  # mean number in a trial
+    unsafe_replans: float | None  # mean number of nodes where the plan flown was unsafe
+    replan_seconds: float | None  # median time of a plan
 
 
 def summarize(
     loop: str, planner: str | None, margin: float, rows: pa.Table, radius: float, size: float
 ) -> Summary:
-    """The trials of a loop in numbers.
+    """The trials of a loop, a row each, in numbers.
 
-    Args:
-        loop: its name.
-        planner: of its planner, or None.
-        margin: of it, m.
-        rows: a row a trial.
-        radius: r_col, m.
-        size: physical size, m: the distance of two craft's centres at which they may touch.
+    The margin, the collision radius and the physical size, at which the centres of two craft are
+    when they may touch, are in m.
     """
-    column = {name: rows[name].to_numpy() for name in ("goal_error", "goal_velocity_error")}
-    apart = rows["min_separation"].to_numpy()
     alone = rows["min_separation"].null_count > 0
-    within, within_interval = _share(apart, radius, alone=alone)
-    touching, touching_interval = _share(apart, size, alone=alone)
+    apart = np.zeros(0) if alone else rows["min_separation"].to_numpy()
+    found: dict[str, Any] = {}
+    for name, distance in (("within_radius", radius), ("within_size", size)):
+        share = None if alone else float((apart <= distance).mean())
+        found[name] = share
+        found[f"{name}_interval"] = None if share is None else wilson(share, len(apart))
+    for name in ("goal_error", "goal_velocity_error", "delta_v"):
+        median, high = np.quantile(rows[name].to_numpy(), [0.5, HIGH]).tolist()
+        found |= {f"{name}_median": median, f"{name}_high": high}
     taken = rows["replan_seconds"].combine_chunks().flatten().to_numpy()
-    goal, velocity = (np.quantile(values, [0.5, HIGH]) for values in column.values())
-    used = np.quantile(rows["delta_v"].to_numpy(), [0.5, HIGH])
     return Summary(
         loop=loop,
         planner=planner,
         margin=margin if planner else None,
         trials=rows.num_rows,
-        within_radius=within,
-        within_radius_interval=within_interval,
-        within_size=touching,
-        within_size_interval=touching_interval,
         least_separation=None if alone else float(apart.min()),
         separation_median=None if alone else float(np.median(apart)),
-        goal_error_median=float(goal[0]),
-        goal_error_high=float(goal[1]),
-        goal_velocity_error_median=float(velocity[0]),
-        goal_velocity_error_high=float(velocity[1]),
-        delta_v_median=float(used[0]),
-        delta_v_high=float(used[1]),
         missed_burns=float(rows["missed_burns"].to_numpy().mean()),
         unsafe_replans=float(rows["unsafe_replans"].to_numpy().mean()) if planner else None,
         replan_seconds=float(np.median(taken)) if len(taken) else None,
+        **found,
     )
 
 
-def _share(
-    apart: Float[Array, "K"], distance: float, *, alone: bool
-) -> tuple[float | None, Interval | None]:
-    """The share of trials that come within a distance, and its interval."""
-    if alone:
-        return None, None
-    share = float((apart <= distance).mean())
-    return share, wilson(share, len(apart))
+@in_style
+def trials_figure(tables: Mapping[str, pa.Table], radius: float, size: float, title: str) -> Figure:
+    """For each quantity the share of trials at or below a value, a line a loop.
+
+    The collision radius, m, is marked, and the physical size, m, where trials come near it.
+    """
+    figure = Figure(figsize=(PAGE_WIDTH, HEIGHT), layout="constrained")
+    panels = figure.subplots(1, len(PANELS), sharey=True)
+    for ax, (column, label) in zip(panels, PANELS.items(), strict=True):
+        values = [table[column].drop_null().to_numpy() for table in tables.values()]
+        for loop, found, line in zip(tables, values, LINES, strict=False):
+            if len(found):
+                ax.ecdf(found, label=loop, **line)
+        fit_scale(ax, "x", np.concatenate(values).tolist())
+        ax.set_ylim(-0.02, 1.02)
+        ax.set_xlabel(label)
+    panels[0].set_ylabel("share of trials at or below")
+    _mark(panels[0], radius, "r_col")
+    if panels[0].get_xlim()[0] < 2 * size:
+        _mark(panels[0], size, "size")
+    figure.suptitle(title, x=0.01, ha="left")
+    handles, labels = panels[1].get_legend_handles_labels()
+    if len(tables) > 1:
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(tables))
+    return figure
+
+
+def _mark(ax: Axes, distance: float, label: str) -> None:
+    """A line at a distance, with its name at the top."""
+    ax.axvline(distance, color=GREY, linewidth=0.9)
+    ax.annotate(
+        label,
+        (distance, 1.0),
+        xycoords=ax.get_xaxis_transform(),
+        xytext=(2, 1),
+        textcoords="offset points",
+        color=GREY,
+        fontsize=7.5,
+    )

@@ -1,4 +1,4 @@
-"""Trials of one transfer, side by side: what is commanded, and what comes of it."""
+"""Trials of one transfer with errors, flown side by side under some guidance."""
 
 from dataclasses import dataclass
 from functools import reduce
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
-from pipeline.flight.errors import Draws, Errors, burnt, navigation_error
+from pipeline.flight.errors import Draws, Errors, burns_made, navigation_error
 from pipeline.flight.nearest import Nearest, nearer, nearest, pieces_for
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
@@ -17,67 +17,42 @@ from pipeline.scenario import Scenario
 
 @runtime_checkable
 class Guidance(Protocol):
-    """Whatever says at each node what craft are to do until the next."""
+    """Controls for the interval that begins at a node, from estimated states there."""
 
     def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """Controls of the interval that begins at a node, m/s².
-
-        Args:
-            node: asked for in order, each once.
-            estimate: states there, as they are known, m and m/s.
-        """
-        ...
+        """Controls, m/s², from estimates, m and m/s; called for each node once, in order."""
 
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
-    """A plan flown as it is.
-
-    Attributes:
-        controls: of the plan, m/s².
-    """
+    """Guidance that flies a plan's controls, m/s², whatever the estimate."""
 
     controls: Float[Array, "n intervals 3"]
 
     def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """The plan's, whatever the estimate."""
+        """As ``Guidance.commanded``."""
         return np.broadcast_to(self.controls[:, node], (*estimate.shape[:2], 3))
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """What became of K trials.
+class TrialResults:
+    """Results of K trials."""
 
-    Attributes:
-        nearest: the least separation of any pair of each trial at any time.
-        goal_error: furthest that a craft ends from its goal, m.
-        goal_velocity_error: furthest that a craft's velocity ends from its goal's, m/s.
-        delta_v: of all craft, Σ‖u‖₁Δt of what was burnt, m/s.
-        missed: burns that were not made.
-    """
-
-    nearest: Nearest
-    goal_error: Float[Array, "K"]
-    goal_velocity_error: Float[Array, "K"]
-    delta_v: Float[Array, "K"]
-    missed: Int[Array, "K"]
+    nearest: Nearest  # the least separation of any pair of each trial at any time
+    goal_error: Float[Array, "K"]  # of the craft furthest from its goal, m
+    goal_velocity_error: Float[Array, "K"]  # likewise of velocities, m/s
+    delta_v: Float[Array, "K"]  # of all craft, Σ‖u‖₁Δt of what was burnt, m/s
+    missed: Int[Array, "K"]  # number of burns that were not made
 
 
 def fly_trials(
     scenario: Scenario, world: World, guidance: Guidance, drawn: Draws, errors: Errors
-) -> Flown:
+) -> TrialResults:
     """Fly some trials side by side.
 
-    The scenario's initial states are what is known at the first node; craft are where those and
-    the navigation errors put them. States are known at a node before the rest of a late burn has
-    come; the ends of trials are looked at after it.
-
-    Args:
-        scenario: what the swarm is to do.
-        world: in which it moves.
-        guidance: says what craft are to do.
-        drawn: what chance gives the trials.
-        errors: to scale.
+    The scenario's initial states are the estimates at the first node; craft are where those and
+    the navigation errors put them. At a node the rest of a late burn is still to come; the ends of
+    trials are evaluated after it.
     """
     problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
     h, e, shape = problem.time_step, problem.mean_motion, (trials, n)
@@ -88,7 +63,7 @@ def fly_trials(
     for node in range(problem.intervals):
         known = state + navigation_error(drawn, node, errors) if node else scenario.initial
         estimate = np.broadcast_to(known, (*shape, 6))
-        burns = burnt(guidance.commanded(node, estimate), drawn, node, errors, h)
+        burns = burns_made(guidance.commanded(node, estimate), drawn, node, errors, h)
         start = _pushed(state, late - burns.late).reshape(-1, 6)
         arc = world.arc(start, burns.held.reshape(-1, 3), node * h, h, pieces)
         arcs = arc.reshape(*shape, pieces + 1, 6)
@@ -98,7 +73,7 @@ def fly_trials(
         missed += burns.missed
     miss = _pushed(state, late) - scenario.goal
     position, velocity = norm(miss[..., :3]).max(axis=1), norm(miss[..., 3:]).max(axis=1)
-    return Flown(reduce(nearer, closest), position, velocity, used, missed)
+    return TrialResults(reduce(nearer, closest), position, velocity, used, missed)
 
 
 def _pushed(state: Float[Array, "K n 6"], impulse: Float[Array, "K n 3"]) -> Float[Array, "K n 6"]:

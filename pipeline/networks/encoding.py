@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.arrays import Array
-from pipeline.dataset.reading.examples import ExampleSource
+from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError
 from pipeline.networks.interior import INTERIORS
 from pipeline.orbit.problem import Problem

@@ -1,17 +1,19 @@
 """The folder of a dataset, on this machine or wherever else a URL leads."""
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote_to_bytes
 
+import pyarrow as pa
 from pyarrow import fs
 
-from pipeline.errors import ProlearnError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published, unfinished
-from pipeline.storage.filesystem import filesystem_of, path_of, reason
-from pipeline.urls import public_url
+from pipeline.urls import public, public_url
 
 Where = str | Path
 """A path, or a URL such as s3://bucket/n10."""
@@ -22,32 +24,25 @@ Stamp = tuple[int, int]
 
 @dataclass(frozen=True)
 class Folder:
-    """Files by their name inside a folder.
+    """Files by their name inside a folder; no message has the secrets of its URL."""
 
-    Attributes:
-        url: path or URL as it was given, secrets and all.
-        files: Arrow's filesystem, from the folder on; it knows the secrets too.
-        local: the path on this machine, where files can be renamed and locked, or None.
-    """
-
-    url: str = field(repr=False)
-    files: Any = field(repr=False)
-    local: Path | None = None
+    url: str = field(repr=False)  # path or URL as it was given, secrets included
+    files: Any = field(repr=False)  # Arrow's filesystem below the folder
+    local: Path | None = None  # on this machine, where files can be renamed and locked
 
     def __str__(self) -> str:
-        """The folder as it was given, without the secrets of a URL."""
         return str(self.local or public_url(self.url))
 
-    def told(self, error: Exception) -> str:
+    def reason(self, error: Exception) -> str:
         """What is wrong, without the secrets of the folder's URL."""
-        return reason(error, self.url)
+        return _reason(error, self.url)
 
     def is_there(self) -> bool:
         """Whether the folder exists."""
         return self._info("").type == fs.FileType.Directory
 
     def names(self) -> list[str]:
-        """Every file in it and below, in order; unfinished ones are left out."""
+        """Every finished file in it and below, sorted."""
         if self.local:  # not by Arrow, which follows links to folders, round in circles too
             paths = [path for path in self.local.rglob("*") if path.is_file()]
             found = [path.relative_to(self.local).as_posix() for path in paths]
@@ -59,7 +54,7 @@ class Folder:
         return sorted(name for name in found if not unfinished(Path(name)))
 
     def top(self) -> list[str]:
-        """Names of files and folders right inside it, in order."""
+        """Names of files and folders directly inside it, sorted."""
         inside = fs.FileSelector("", allow_not_found=True)
         with self._reaching():
             return sorted(info.base_name for info in self.files.get_file_info(inside))
@@ -73,34 +68,21 @@ class Folder:
         return int(self._info(name).size or 0)
 
     def stamp(self, name: str) -> Stamp | None:
-        """A file's size and last change, or None where it is not there or the store keeps none."""
+        """A file's size and last change; None where it is missing or the store keeps none."""
         info = self._info(name)
         known = info.is_file and info.size is not None and info.mtime_ns
         return (info.size, info.mtime_ns) if known else None
 
     def read(self, name: str) -> bytes:
-        """A file's content.
-
-        Raises:
-            OSError: where it cannot be read.
-        """
-        with self._telling(), self.files.open_input_file(name) as file:
+        """A file's content; OSError where it cannot be read."""
+        with self._without_secrets(), self.files.open_input_file(name) as file:
             return file.read()
 
-    def opened(self, name: str) -> Any:
-        """A file for Arrow to read parts of.
-
-        Raises:
-            OSError: where it cannot be read.
-        """
-        with self._telling():
-            return self.files.open_input_file(name)
-
     def publish(self, name: str, content: bytes) -> None:
-        """Put a file there: on this machine by a rename, whole and flushed, elsewhere by one put.
+        """Write a file: on this machine by a rename, whole and flushed, elsewhere by one put.
 
-        On object stores a put makes a file visible, whole. Others have no atomic rename that Arrow
-        reaches: a file may be seen while it is written, and its digest is then not the manifest's.
+        On object stores a put makes a file visible, whole. Other stores have no atomic rename that
+        Arrow reaches: a file may be seen half written, and its digest is then not the manifest's.
 
         Raises:
             ProlearnError: where the folder cannot be written to; what was there is intact.
@@ -110,30 +92,22 @@ class Folder:
                 with published(self.local / name) as temporary:
                     temporary.write_bytes(content)
                 return
-            self._make_above(name)
+            self._make_parent(name)
             with self.files.open_output_stream(name) as file:
                 file.write(content)
 
     def remove(self, name: str) -> None:
-        """Remove a file.
-
-        Raises:
-            ProlearnError: where the folder cannot be written to.
-        """
+        """Remove a file; ProlearnError where the folder cannot be written to."""
         with self._writing(name):
             self.files.delete_file(name)
 
     def move(self, name: str, to: str) -> None:
-        """Give a file another name, whatever it holds and whoever may read it.
-
-        Raises:
-            ProlearnError: where the folder cannot be written to.
-        """
+        """Rename a file; ProlearnError where the folder cannot be written to."""
         with self._writing(to):
-            self._make_above(to)
+            self._make_parent(to)
             self.files.move(name, to)
 
-    def _make_above(self, name: str) -> None:
+    def _make_parent(self, name: str) -> None:
         above = f"{self.files.base_path}{name}".rpartition("/")[0]
         self.files.base_fs.create_dir(above, recursive=True)
 
@@ -142,45 +116,81 @@ class Folder:
             return self.files.get_file_info(name)
 
     def _reaching(self) -> AbstractContextManager[None]:
-        return self._telling(lambda told: f"{self} is not reached ({told}).")
+        return self._without_secrets(lambda reason: f"{self} is not reached ({reason}).")
 
     def _writing(self, name: str) -> AbstractContextManager[None]:
-        return self._telling(
-            lambda told: (
-                f"{name} cannot be written to {self} ({told}); what was there is intact: "
+        return self._without_secrets(
+            lambda reason: (
+                f"{name} cannot be written to {self} ({reason}); what was there is intact: "
                 "make room or give a folder that can be written to, and run the same command again."
             )
         )
 
     @contextmanager
-    def _telling(self, sentence: Callable[[str], str] | None = None) -> Iterator[None]:
-        """Whatever a library raises, told without secrets, as OSError where there is no sentence.
+    def _without_secrets(self, sentence: Callable[[str], str] | None = None) -> Iterator[None]:
+        """Any error of a library becomes a ProlearnError with a sentence, or else an OSError.
 
-        The original is not in the chain, since it may have secrets.
+        The original is not in the chain, since its text may have secrets.
         """
         try:
             yield
         except Exception as error:
-            told, number = self.told(error), getattr(error, "errno", None)
+            reason, number = self.reason(error), getattr(error, "errno", None)
             if sentence:
-                raise ProlearnError(sentence(told)) from None
-            raise (OSError(number, told) if number else OSError(told)) from None
+                raise ProlearnError(sentence(reason)) from None
+            raise (OSError(number, reason) if number else OSError(reason)) from None
 
 
 def open_folder(where: Where | Folder) -> Folder:
-    """The folder at a path or URL, which need not exist yet.
-
-    Raises:
-        InputError: for a URL that leads nowhere.
-        ProlearnError: where what it leads to is not reached.
-    """
+    """The folder at a path or URL, which need not exist yet; InputError for an unknown kind."""
     if isinstance(where, Folder):
         return where
     url = str(where)
     if url.lower().startswith("file://"):
-        return open_folder(path_of(url))
+        return open_folder(_local_path(url))
     if "://" in url:
-        files, root = filesystem_of(url)
+        files, root = _filesystem(url)
         return Folder(url, fs.SubTreeFileSystem(root, files))
     path = Path(where)
     return Folder(str(path), fs.SubTreeFileSystem(str(path), fs.LocalFileSystem()), path)
+
+
+def _local_path(url: str) -> Path:
+    """The path in a file:// URL."""
+    host, slash, path = url.partition("://")[2].partition("/")
+    if host.lower() not in ("", "localhost") or not slash:
+        raise InputError(
+            f"{public_url(url)} is not on this machine; expected file:///FOLDER, or a URL of a "
+            "filesystem that pyarrow or fsspec reaches."
+        )
+    if "?" in path or "#" in path:
+        raise InputError(
+            f"{public_url(url)} goes on with ? or #; expected file:///FOLDER, where these two are "
+            "written %3F and %23."
+        )
+    return Path(slash + os.fsdecode(unquote_to_bytes(path)))
+
+
+def _filesystem(url: str) -> tuple[Any, str]:
+    """Arrow's own filesystem for a URL, or else fsspec's, and the folder's path there."""
+    try:
+        try:
+            return fs.FileSystem.from_uri(url)
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            import fsspec  # only for kinds of URL that Arrow does not know
+
+            files, root = fsspec.url_to_fs(url)
+            return fs.PyFileSystem(fs.FSSpecHandler(files)), root
+    except OSError as error:
+        raise ProlearnError(f"{public_url(url)} is not reached ({_reason(error, url)}).") from None
+    except (ValueError, ImportError) as error:
+        raise InputError(
+            f"{public_url(url)} is on no known filesystem ({public(error, url)}); expected a "
+            "path, or a URL that pyarrow or fsspec reads."
+        ) from None
+
+
+def _reason(error: Exception, url: str) -> str:
+    """What the operating system, or a store, says is wrong, without the secrets of a URL."""
+    text = getattr(error, "strerror", None) or str(error)
+    return public(next(iter(text.strip().splitlines()), type(error).__name__), url)

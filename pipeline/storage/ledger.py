@@ -1,122 +1,154 @@
-"""A folder of shards under way: shards are published, and the manifest commits to them."""
+"""Writing a folder of shards: one writer at a time publishes them and commits to the manifest."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import replace
+import os
+import re
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
 from itertools import count
+from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
 
-from pipeline.documents import parsed
+import pyarrow as pa
+from filelock import FileLock, Timeout
+
+from pipeline.documents import parsed, with_checksum, without_checksum
 from pipeline.errors import InputError, ProlearnError
+from pipeline.files import unfinished
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
-from pipeline.storage.checked import read_checked, write_checked
+from pipeline.storage import (
+    COPY,
+    DAMAGED,
+    LOCK,
+    MANIFEST,
+    PLACES,
+    STAMPS,
+    TIMED,
+    TIMINGS,
+    WRITER,
+    WRITTEN,
+)
 from pipeline.storage.folder import Folder
-from pipeline.storage.layout import COPY, DAMAGED, MANIFEST, STAMPS, TIMED, TIMINGS
-from pipeline.storage.lock import sole_writer
-from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of
+from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode
 
 TIMED_SCHEMA = "prolearn.timings/1"
 
 COMMIT_SHARE = 0.1
 """Most of the time that may go into commits; small manifests are committed after each shard."""
 
-Stamps = dict[str, list[int | str]]
-"""By shard, its size, last change and digest when it was last known to be sound."""
+
+def write_checked(folder: Folder, name: str, fields: Mapping[str, Any], copy: str = "") -> None:
+    """Publish a JSON document with its checksum, and then its copy if it shall have one."""
+    content = (json.dumps(with_checksum(fields), indent=1) + "\n").encode()
+    for one in filter(None, (name, copy)):
+        folder.publish(one, content)
+
+
+def read_checked(folder: Folder, name: str) -> dict[str, Any]:
+    """The fields of a JSON document; OSError or ValueError where it is not as it was written."""
+    fields = parsed(folder.read(name))
+    if not isinstance(fields, dict):
+        raise ValueError("it is no JSON object")
+    return without_checksum(fields)
 
 
 @runtime_checkable
 class Manifest(Protocol):
-    """A frozen dataclass that names the shards of a folder."""
+    """A frozen dataclass that lists the shards of a folder."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property
     def shards(self) -> Mapping[str, str]:
-        """SHA-256 digest of each finished shard, by path inside the folder."""
-        ...
+        """SHA-256 of each finished shard, by path inside the folder."""
 
     def fields(self) -> dict[str, Any]:
-        """What its file has, JSON-ready."""
-        ...
+        """Fields of its file, JSON-ready."""
 
 
 Kind = TypeVar("Kind", bound=Manifest)
 
 
 class Ledger(Generic[Kind]):
-    """The manifest that a stage brings up to date, and the folder that it describes.
+    """The manifest of a folder that is being written, kept in step with its shards.
 
     Attributes:
         folder: where the shards are.
-        manifest: what is known of them by now.
-        timed: SHA-256 digest of each shard of timings, by the path of the shard they belong to.
+        manifest: as it will be committed.
+        timed: SHA-256 of each shard of timings, by the path of the shard they belong to.
     """
 
     def __init__(self, folder: Folder, manifest: Kind, progress: Progress) -> None:
         self.folder, self.manifest, self._progress = folder, manifest, progress
         self.timed = read_timed(folder) or {}
+        # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
         known = read_timed(folder) if folder.exists(TIMED) else {}
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
         self._not_before = -float("inf")
 
     def is_sound(self, name: str) -> bool:
-        """Whether a shard is there and has the digest that the manifest gives it.
-
-        It is read only where it may have changed since that was last known.
-        """
+        """Whether a shard has the digest in the manifest; read only if it may have changed."""
         known = self.manifest.shards.get(name)
         if known is None:
             return False
         stamp = self.folder.stamp(name)
         if stamp is not None and self._stamps.get(name) == [*stamp, known]:
             return True
-        try:
-            sound = digest_of(self.folder.read(name)) == known
-        except OSError:
-            return False
+        sound = self._holds(name, known)
         if sound and stamp is not None:
             self._stamps[name] = [*stamp, known]
         return sound
 
-    def publish(self, name: str, content: bytes, timings: bytes | None = None) -> None:
-        """Put a shard and its timings into the folder and commit to them, at once or a bit later.
+    def publish(
+        self, name: str, content: bytes, timings: bytes | None = None, derived: str = ""
+    ) -> None:
+        """Write a shard and its timings into the folder, and commit them at once or a bit later.
 
-        Another file in the shard's place is set aside.
+        Another file in the shard's place is set aside; ``derived`` is a shard made from this one,
+        which is dropped where this one has changed.
         """
         digest = digest_of(content)
+        if self.manifest.shards.get(name, digest) != digest:
+            self.drop([derived])
         if self.folder.exists(name) and not self._holds(name, digest):
             set_aside(self.folder, name, self._progress)
         if timings is not None:
             self.folder.publish(TIMINGS + name, timings)
             self.timed[name] = digest_of(timings)
         self.folder.publish(name, content)
-        self._count(name, digest)
+        self._add(name, digest)
         stamp = self.folder.stamp(name)
         if stamp is not None:
             self._stamps[name] = [*stamp, digest]
         if monotonic() >= self._not_before:
             self.commit()
 
-    def adopt(self, name: str, content: bytes, most: Size) -> bool:
-        """Count a shard that is in the folder already, if its timings are there too."""
-        digest = digest_of(content)
+    def adopt(self, name: str, most: Size, fits: Callable[[pa.Table], bool]) -> bool:
+        """Add a shard that a killed run did not commit, if it is whole and belongs in its place."""
         try:
-            timings = self.folder.read(TIMINGS + name)
-            said = (decode(timings, most).schema.metadata or {}).get(TIMED_KEY)
+            content, timings = self.folder.read(name), self.folder.read(TIMINGS + name)
+            table = decode(content, most)
+            belongs_to = (decode(timings, most).schema.metadata or {}).get(TIMED_KEY)
+            whole = fits(table) and encode(table) == content  # not every byte has a checksum
         except (OSError, InputError):
             return False
-        if said != digest.encode():
+        digest = digest_of(content)
+        if not whole or belongs_to != digest.encode():
             return False
-        self._count(name, digest)
+        self._add(name, digest)
         self.timed[name] = digest_of(timings)
         return True
 
-    def disown(self, names: Iterable[str]) -> None:
-        """Count shards no longer."""
-        left = {k: v for k, v in self.manifest.shards.items() if k not in set(names)}
+    def drop(self, names: Iterable[str]) -> None:
+        """Drop shards from the manifest."""
+        dropped = set(names)
+        left = {k: v for k, v in self.manifest.shards.items() if k not in dropped}
         self.manifest = replace(self.manifest, shards=left)
 
     def commit(self) -> None:
@@ -134,7 +166,7 @@ class Ledger(Generic[Kind]):
         now = monotonic()
         self._not_before = now + (now - started) / COMMIT_SHARE
 
-    def _count(self, name: str, digest: str) -> None:
+    def _add(self, name: str, digest: str) -> None:
         self.manifest = replace(self.manifest, shards={**self.manifest.shards, name: digest})
 
     def _holds(self, name: str, digest: str) -> bool:
@@ -144,13 +176,105 @@ class Ledger(Generic[Kind]):
             return False
 
 
+@dataclass(frozen=True)
+class NewShard:
+    """A shard that a worker has made: arguments of ``Ledger.publish``, and rows without result."""
+
+    name: str
+    content: bytes
+    timings: bytes | None = None
+    derived: str = ""
+    failed: int | None = None
+
+
+@runtime_checkable
+class Rows(Protocol):
+    """A task for a worker: some rows of a table."""
+
+    @property
+    def rows(self) -> range:
+        """Their numbers."""
+
+
+Task = TypeVar("Task", bound=Rows)
+
+
+def write_shards(
+    ledger: Ledger[Any],
+    make: Callable[[Task, bytes], NewShard],
+    tasks: Sequence[Task],
+    workers: Workers,
+    progress: Progress,
+    load: Callable[[Task], bytes] = lambda task: b"",
+) -> None:
+    """Make shards on workers and publish each as soon as it is done; arguments as of ``work``."""
+    progress.expect(sum(len(task.rows) for task in tasks))
+    with closing(workers.work(make, tasks, load, progress)) as results:
+        for task, made in results:
+            ledger.publish(made.name, made.content, made.timings, made.derived)
+            progress.done(len(task.rows), failed=made.failed)
+
+
 def set_aside(folder: Folder, name: str, progress: Progress, top: str = DAMAGED) -> None:
-    """Move a file out of the way of readers, where it takes no other's place, and say so."""
+    """Move a file out of the way of readers, under a new name, and say so."""
     there = set(folder.names())
     names = (f"{top}{name}.{number}" for number in count(1))
     aside = next(one for one in names if one not in there)
     folder.move(name, aside)
     progress.say(f"{name} in {folder} is set aside as {aside}.")
+
+
+@contextmanager
+def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
+    """Hold a folder for writing, and remove the unfinished files of killed writers.
+
+    The lock is the operating system's, so it ends with its holder, however that ends. Object
+    stores have none: two runs there both finish, with identical bytes.
+
+    ``owned`` is the pattern of its shards and of other files that its writers make; unfinished
+    files of other names are somebody else's, and stay.
+
+    Raises:
+        InputError: where another process holds it.
+        ProlearnError: where the folder cannot be written to.
+    """
+    if folder.local is None:
+        yield
+        return
+    with _locked(folder, folder.local):
+        _remove_unfinished(folder, folder.local, re.compile(f"{WRITTEN}|{owned}"))
+        now = datetime.now().astimezone().isoformat(timespec="seconds")
+        writer = f"process {os.getpid()} on {socket.gethostname()}, since {now}"
+        try:
+            folder.publish(WRITER, writer.encode())
+            yield
+        finally:
+            with suppress(ProlearnError):
+                folder.remove(WRITER)
+
+
+def _remove_unfinished(folder: Folder, top: Path, owned: re.Pattern[str]) -> None:
+    for path in [path for place in PLACES for path in top.glob(f"{place}.*.tmp")]:
+        target = unfinished(path)
+        if target and owned.fullmatch(target.relative_to(top).as_posix()) and path.is_file():
+            folder.remove(path.relative_to(top).as_posix())
+
+
+def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        return FileLock(path / LOCK, timeout=0).acquire()
+    except Timeout as error:
+        holder = "another process"
+        with suppress(OSError):
+            holder = folder.read(WRITER).decode()
+        raise InputError(
+            f"{folder} is being written by {holder}; wait for it or give another folder."
+        ) from error
+    except (OSError, NotImplementedError) as error:
+        raise ProlearnError(
+            f"{folder} cannot be written to ({error}); give a folder that can."
+        ) from error
 
 
 @contextmanager
@@ -167,18 +291,15 @@ def committed(ledger: Ledger[Kind]) -> Iterator[Ledger[Kind]]:
 
 
 @contextmanager
-def written(
-    folder: Folder, owned: str, begun: Callable[[], Kind], progress: Progress
+def open_ledger(
+    folder: Folder, owned: str, begin: Callable[[], Kind], progress: Progress
 ) -> Iterator[Ledger[Kind]]:
     """The ledger of a folder that is held for writing.
 
-    Args:
-        folder: of shards, or where it shall be.
-        owned: pattern of the names of its files, as for ``sole_writer``.
-        begun: its manifest, or the refusal to go on with it; asked once the folder is held.
-        progress: told of files that are set aside.
+    ``owned`` is the pattern of its files, as for ``sole_writer``; ``begin`` gives its manifest, or
+    an error where it cannot be continued, once the folder is held.
     """
-    with sole_writer(folder, owned), committed(Ledger(folder, begun(), progress)) as ledger:
+    with sole_writer(folder, owned), committed(Ledger(folder, begin(), progress)) as ledger:
         yield ledger
 
 
@@ -191,8 +312,8 @@ def read_timed(folder: Folder) -> dict[str, str] | None:
         return None
 
 
-def _read_stamps(folder: Folder) -> Stamps:
-    """None where they are missing or damaged: then the shards are read."""
+def _read_stamps(folder: Folder) -> dict[str, list[int | str]]:
+    """Nothing where they are missing or damaged: then the shards are read."""
     try:
         found = parsed(folder.read(STAMPS))
     except (OSError, ValueError):

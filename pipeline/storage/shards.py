@@ -1,4 +1,4 @@
-"""Shards as bytes: Parquet with page checksums, whose metadata says what the rows are."""
+"""Shards as bytes: Parquet with page checksums, whose metadata says how the rows were made."""
 
 import hashlib
 import json
@@ -12,14 +12,14 @@ import pyarrow.parquet as pq
 
 from pipeline.documents import parsed
 from pipeline.errors import InputError
+from pipeline.storage.folder import Folder
 
 TEXT_COLUMNS = ("family", "split", "status")
 
-METADATA_KEY = b"prolearn"
-"""In the schema's metadata: all that decides the rows, as JSON."""
+METADATA_KEY = b"prolearn"  # in the schema's metadata: all that decides the rows, as JSON
 
 TIMED_KEY = b"prolearn_shard"
-"""In the metadata of timings: the SHA-256 digest of the shard that they belong to."""
+"""In the metadata of timings: the SHA-256 of the shard that they belong to."""
 
 ROW_BYTES, VALUE_BYTES = 2**16, 32
 """Most that a row takes beside its lists, and each value of a list, before compression."""
@@ -27,11 +27,9 @@ ROW_BYTES, VALUE_BYTES = 2**16, 32
 
 @dataclass(frozen=True)
 class Size:
-    """The most that a shard may hold; a few bytes of Parquet can stand for gigabytes.
+    """The most rows, and numbers in any one column, that a shard may hold.
 
-    Attributes:
-        rows: rows.
-        values: numbers in any one column.
+    A few bytes of Parquet can stand for gigabytes.
     """
 
     rows: int
@@ -52,14 +50,9 @@ def encode(table: pa.Table) -> bytes:
 
 
 def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> pa.Table:
-    """The table in a shard's bytes, or some of its columns.
-
-    Raises:
-        InputError: where they are damaged, or hold more than they may.
-    """
-    source = pa.BufferReader(content)
+    """The table in a shard's bytes; InputError where they are damaged or hold too much."""
     try:
-        with pq.ParquetFile(source, page_checksum_verification=True) as file:
+        with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
             _refuse_larger(file.metadata, most)
             _refuse_long_texts(content, file.schema_arrow, most)
             _refuse_contradiction(file)
@@ -67,7 +60,24 @@ def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> 
     except InputError:
         raise
     except Exception as error:  # Arrow raises of all kinds where a footer is damaged
-        raise InputError(f"cannot be read ({_one_line(error)})") from error
+        raise InputError(f"cannot be read ({_first_line(error)})") from error
+
+
+def read_shard(
+    folder: Folder, name: str, digest: str, most: Size, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """The rows of a shard in a folder, or some of their columns.
+
+    The whole file is read, since its SHA-256 is that of all its bytes. An InputError has only
+    what is wrong with it, and not its name.
+    """
+    try:
+        content = folder.read(name)
+    except OSError as error:
+        raise InputError(f"cannot be read ({folder.reason(error)})") from error
+    if digest_of(content) != digest:
+        raise InputError("does not have the digest that the manifest gives it")
+    return decode(content, most, columns)
 
 
 def digest_of(content: bytes) -> str:
@@ -80,43 +90,17 @@ def metadata_of(fields: Mapping[str, Any]) -> dict[bytes, bytes]:
     return {METADATA_KEY: json.dumps(fields, sort_keys=True, default=str).encode()}
 
 
-def told_by(table: pa.Table) -> dict[str, Any]:
-    """What a shard's metadata says decided its rows.
-
-    Raises:
-        InputError: where it says nothing that can be read.
-    """
+def read_metadata(table: pa.Table) -> dict[str, Any]:
+    """All that decided a shard's rows, from its schema metadata; InputError where unreadable."""
     try:
         return dict(parsed((table.schema.metadata or {})[METADATA_KEY]))
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"its metadata cannot be read ({_one_line(error)})") from error
+        raise InputError(f"its metadata cannot be read ({_first_line(error)})") from error
 
 
 def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
-    """Whether a table says that it was made like this, whatever other readers say beside it."""
+    """Whether a table was made as ``meta`` says; metadata of other programs do not count."""
     return (table.schema.metadata or {}).get(METADATA_KEY) == meta[METADATA_KEY]
-
-
-def _refuse_larger(file: pq.FileMetaData, most: Size) -> None:
-    groups = [file.row_group(k) for k in range(min(file.num_row_groups, most.rows + 1))]
-    values = [0] * file.num_columns
-    for group in groups:
-        for k in range(file.num_columns):
-            values[k] += group.column(k).num_values
-    stored = sum(group.total_byte_size for group in groups)
-    room = file.num_columns * (most.rows * ROW_BYTES + most.values * VALUE_BYTES)
-    found = max([file.num_rows, file.num_row_groups, sum(g.num_rows for g in groups)])
-    if found > most.rows or max(values, default=0) > most.values or stored > room:
-        raise InputError(
-            f"holds {file.num_rows} rows of up to {max(values, default=0)} numbers in "
-            f"{stored} bytes; expected at most {most.rows} rows and {most.values} numbers"
-        )
-
-
-def _refuse_long_texts(content: bytes, schema: pa.Schema, most: Size) -> None:
-    size = text_bytes(content, schema)
-    if size > most.rows * ROW_BYTES:
-        raise InputError(f"holds {size} bytes of text; expected at most {most.rows * ROW_BYTES}")
 
 
 def text_bytes(content: bytes, schema: pa.Schema) -> int:
@@ -130,6 +114,26 @@ def text_bytes(content: bytes, schema: pa.Schema) -> int:
     return sum(size or 0 for size in sizes)
 
 
+def _refuse_larger(file: pq.FileMetaData, most: Size) -> None:
+    groups = [file.row_group(k) for k in range(min(file.num_row_groups, most.rows + 1))]
+    columns = range(file.num_columns)
+    values = max((sum(g.column(k).num_values for g in groups) for k in columns), default=0)
+    stored = sum(group.total_byte_size for group in groups)
+    room = file.num_columns * (most.rows * ROW_BYTES + most.values * VALUE_BYTES)
+    found = max([file.num_rows, file.num_row_groups, sum(g.num_rows for g in groups)])
+    if found > most.rows or values > most.values or stored > room:
+        raise InputError(
+            f"holds {file.num_rows} rows of up to {values} numbers in {stored} bytes; expected at "
+            f"most {most.rows} rows and {most.values} numbers"
+        )
+
+
+def _refuse_long_texts(content: bytes, schema: pa.Schema, most: Size) -> None:
+    size = text_bytes(content, schema)
+    if size > most.rows * ROW_BYTES:
+        raise InputError(f"holds {size} bytes of text; expected at most {most.rows * ROW_BYTES}")
+
+
 def _refuse_contradiction(file: pq.ParquetFile) -> None:
     """A footer has the metadata twice, for all readers of Parquet and for Arrow."""
     for_all, for_arrow = file.metadata.metadata or {}, file.schema_arrow.metadata or {}
@@ -137,5 +141,5 @@ def _refuse_contradiction(file: pq.ParquetFile) -> None:
         raise InputError("is damaged: the two copies of its metadata differ")
 
 
-def _one_line(error: Exception) -> str:
+def _first_line(error: Exception) -> str:
     return next(iter(str(error).strip().splitlines()), type(error).__name__)

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from pipeline.dataset.reading.examples import Examples, ExampleSource
+from pipeline.dataset.examples import Examples, ExampleSource
 from pipeline.errors import InputError
 from pipeline.networks.architecture import Architecture
 from pipeline.networks.encoding import Encoding

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pipeline.dataset.reading.examples import ExampleSource
+from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import Architecture, find
 from pipeline.networks.encoding import Encoding, fit

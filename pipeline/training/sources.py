@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.reading.examples import Examples, ExampleSource
-from pipeline.dataset.reading.stream import MEMORY, examples_within
+from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import MEMORY, examples_within
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress

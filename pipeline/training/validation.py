@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.dataset.reading.examples import ExampleSource
+from pipeline.dataset.examples import ExampleSource
 from pipeline.networks.model import Model
 
 POSITION_RMSE = "valid_position_rmse"

@@ -126,8 +126,8 @@ def test_a_folder_that_cannot_be_written_to_is_status_1(tmp_path):
 @pytest.fixture
 def long_work(tmp_path):
     """A folder with a few seconds of work, in small shards."""
-    from pipeline.dataset.format.samples import Sample
-    from pipeline.dataset.stages.sample import sample
+    from pipeline.dataset.samples import Sample
+    from pipeline.dataset.sampling import sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "long"
@@ -178,8 +178,8 @@ def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
     assert process.returncode == status
     assert complaints.splitlines()[-1] == f"prolearn: {word}; what was finished is kept."
     assert "Traceback" not in complaints
-    from pipeline.dataset.stages.verify import verify
-    from pipeline.jobs.workers import Workers
+    from pipeline.dataset.verifying import verify
+    from pipeline.parallel.workers import Workers
 
     faults = list(verify(long_work, workers=Workers(jobs=1)))
     kinds = {fault.what.split(";")[0] for fault in faults}

@@ -31,7 +31,7 @@ def test_more_than_is_free_is_refused_in_a_sentence(share, refused):
 
 COMMAND = """
 import resource
-import pipeline.flight.effects, pipeline.flight.report, pipeline.plan.document, pipeline.show
+import pipeline.flight.effects, pipeline.flight.effects, pipeline.plan.document, pipeline.show
 from cli.main import app
 from cli.memory import _kilobytes, Path
 used = _kilobytes(Path("/proc/self/status"), "VmData")

@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 from cli.main import app
 from cli.progress import each, progress
 from cli.stages.entrants import unlearned
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 

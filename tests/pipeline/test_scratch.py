@@ -6,24 +6,26 @@ audit hooks see them.
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 import pytest
+from kills import run_script
 
 from pipeline.scratch import PREFIX, clear_scratch, scratch_folder, temporary_files_in
 
 pytestmark = pytest.mark.system
 
 KILLED_AT_EACH_CALL = """
-import json, os, signal, sys, tempfile
+import json, os, sys, tempfile
 from pathlib import Path
+from kills import die, kills, run_again
 from pipeline.scratch import scratch_folder
 
 CALLS = {"open", "fcntl.flock", "os.mkdir", "os.remove", "os.rmdir", "os.scandir"}
+left = []
 
 def work():
     with scratch_folder() as folder:
@@ -37,30 +39,17 @@ def killed(step):
         if event in CALLS:
             calls += 1
             if calls > step:
-                os.kill(os.getpid(), signal.SIGKILL)
+                die()
     sys.addaudithook(hook)
     work()
 
-def in_a_child(work, *given):
-    child = os.fork()
-    if child == 0:
-        try:
-            work(*given)
-        except BaseException as error:
-            print(repr(error), file=sys.stderr, flush=True)
-            os._exit(9)
-        os._exit(0)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
 work()
-left, statuses = [], []
-while not statuses or statuses[-1] == -signal.SIGKILL:
-    statuses.append(in_a_child(killed, len(statuses)))
-    left.append(sorted(path.name for path in Path(tempfile.gettempdir()).iterdir()))
-    if len(statuses) % 2:  # every other time two are left for the next to find
-        assert in_a_child(work) == 0
-assert in_a_child(work) == 0
-print(json.dumps([statuses, left, os.listdir(tempfile.gettempdir())]))
+for step in kills(killed):
+    left.append(os.listdir(tempfile.gettempdir()))
+    if step % 2 == 0:  # every other time two are left for the next to find
+        run_again(work)
+run_again(work)
+print(json.dumps([left, os.listdir(tempfile.gettempdir())]))
 """
 
 
@@ -75,12 +64,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_killed_before_any_call_of_the_system_nothing_is_left_once_the_next_is_made(place: Path):
-    code = [sys.executable, "-c", KILLED_AT_EACH_CALL]
-    run = subprocess.run(code, capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stderr
-    statuses, left, at_last = json.loads(run.stdout)
-    assert statuses[-1] == 0 and set(statuses[:-1]) == {-signal.SIGKILL}
-    assert len(statuses) > 10
+    left, at_last = json.loads(run_script(KILLED_AT_EACH_CALL))
+    assert len(left) > 10
     assert any(not name.endswith(".lock") for names in left for name in names)
     assert at_last == []
 

@@ -12,18 +12,18 @@ import pytest
 from forked import Forked
 from noisy import network
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.reading.examples import Examples
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.examples import Examples
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
 from pipeline.training.loop import Epoch, Trained, train
 from registry.training import DatasetInfo, record_training

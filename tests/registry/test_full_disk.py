@@ -19,7 +19,7 @@ UNSHARE = ("unshare", "--map-root-user", "--mount")
 
 SCRIPT = """
 from pathlib import Path
-from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.examples import Examples
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import load
 from pipeline.training.loop import Epoch, Trained

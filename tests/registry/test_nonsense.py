@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from cli.main import app
 from cli.stages.champion import challenge, validation_trials
 from cli.stages.entrants import networks
-from pipeline.dataset.format.manifest import read_manifest
+from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.examples import Example, write_example
 from pipeline.networks.architecture import recipe_for

@@ -11,7 +11,7 @@ import pytest
 import pipeline
 from cli.stages.evaluate import evaluate
 from pipeline.errors import InputError
-from pipeline.flight.portions import MADE_BY
+from pipeline.flight.montecarlo import MADE_BY
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.documents import CHECKSUM, with_checksum
-from pipeline.storage.layout import COPY, MANIFEST
+from pipeline.storage import COPY, MANIFEST
 
 
 def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 
 SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
 """Five shards, the last of n=2 not full."""

@@ -15,22 +15,18 @@ import yaml
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.dataset.card.card import write_card
-from pipeline.dataset.card.contents import File
-from pipeline.dataset.card.origin import altitude_of, commands, preset_of, ranges
-from pipeline.dataset.card.splits import HUB_NAMES, files_by_split
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.presets import PRESETS
-from pipeline.dataset.stages.repair import repair
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import verify
+from pipeline.dataset.card import altitude_of, commands, preset_of, ranges, write_card
+from pipeline.dataset.front_matter import HUB_NAMES, File, files_by_split
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.samples import PRESETS, Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
+from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
+from pipeline.parallel.workers import Workers
 from pipeline.plan import Requirements
 
 ROOT = Path(__file__).parents[3]

@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 from hostile import HOSTILE, NAME, READ, assert_plain, read
 
-from pipeline.dataset.card.card import write_card
-from pipeline.dataset.format.manifest import MadeWith, read_manifest
+from pipeline.dataset.card import write_card
+from pipeline.dataset.manifest import MadeWith, read_manifest
 from pipeline.documents import with_checksum
-from pipeline.storage.layout import COPY, MANIFEST
+from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.shards import digest_of, encode
 
 

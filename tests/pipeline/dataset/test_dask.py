@@ -11,12 +11,12 @@ import time
 import numpy as np
 import pytest
 
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 
 pytestmark = pytest.mark.system

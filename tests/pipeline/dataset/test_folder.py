@@ -12,22 +12,20 @@ import pyarrow.dataset as pads
 import pytest
 from rights import read_only, room_until_told
 
-from pipeline.dataset.format.layout import OWNED
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.reading.read import examples
-from pipeline.dataset.stages.repair import repair
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import verify
+from pipeline.dataset.manifest import OWNED, read_manifest
+from pipeline.dataset.reading import examples
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
+from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
-from pipeline.flight import portions
-from pipeline.jobs.workers import Workers
+from pipeline.flight import montecarlo
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.storage.folder import open_folder
-from pipeline.storage.lock import sole_writer
+from pipeline.storage.ledger import sole_writer
 
 ONE = Workers(jobs=1)
 SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
@@ -180,7 +178,7 @@ def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, sol
 HOLD = """
 import sys, time
 from pipeline.storage.folder import open_folder
-from pipeline.storage.lock import sole_writer
+from pipeline.storage.ledger import sole_writer
 with sole_writer(open_folder(sys.argv[1]), "n=.*"):
     print("held", flush=True)
     time.sleep(60)
@@ -234,7 +232,7 @@ OTHERS = [
 ]
 
 
-@pytest.mark.parametrize("owned", [OWNED, portions.OWNED], ids=["dataset", "flights"])
+@pytest.mark.parametrize("owned", [OWNED, montecarlo.OWNED], ids=["dataset", "flights"])
 def test_unfinished_files_of_other_programs_stay(solved, owned):
     for name in OTHERS:
         (solved / name).parent.mkdir(parents=True, exist_ok=True)

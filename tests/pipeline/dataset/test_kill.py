@@ -1,9 +1,5 @@
-"""Killed (-9) at every step of publishing, then run again: the same bytes as if undisturbed.
+"""Killed (-9) at every step of publishing, then run again: the same bytes as if undisturbed."""
 
-One process imports everything and forks a child for each step, since imports take longest.
-"""
-
-import json
 import os
 import signal
 import subprocess
@@ -14,97 +10,57 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from kills import run_script
 from processes import SOON, workers_of
 
 pytestmark = pytest.mark.system
 
 SCRIPT = """
-import json, os, signal, sys
+import sys
 from pathlib import Path
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
-from pipeline.jobs.workers import Workers
+from kills import die_at_flush, kills, run_again
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
+from pipeline.parallel.workers import Workers
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 
 SAMPLES = {2: Sample(count=3, shard_rows=2)}
+root = Path(sys.argv[1])
 
 def make(folder):
     sample(folder, SAMPLES, Problem(), jobs=1)
     solve(folder, Settings(), workers=Workers(jobs=1))
 
-def dies_at(step):
-    # The system call, not our code, is where the process ends.
-    real, left = os.fsync, [step]
-    def fsync(handle):
-        left[0] -= 1
-        if left[0] < 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return real(handle)
-    os.fsync = fsync
+def killed(step):
+    die_at_flush(step)
+    make(root / f"{step:03d}")
 
-def in_a_child(work):
-    child = os.fork()
-    if child == 0:
-        try:
-            work()
-        except BaseException as error:
-            print(repr(error), file=sys.stderr, flush=True)
-            os._exit(9)
-        os._exit(0)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-root = Path(sys.argv[1])
 make(root / "undisturbed")  # here, so that children find everything imported
-step, statuses = 0, []
-while True:
-    folder = root / f"{step:03d}"
-    def killed():
-        dies_at(step)
-        make(folder)
-    statuses.append(in_a_child(killed))
-    if statuses[-1] != -signal.SIGKILL:
-        break
-    statuses.append(in_a_child(lambda: make(folder)))
-    step += 1
-print(json.dumps(statuses))
+for step in kills(killed):
+    run_again(lambda: make(root / f"{step:03d}"))
+print(step + 1)
 """
 
 
-def make_killed(root):
-    run = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(root)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    return json.loads(run.stdout)
-
-
 def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_path, content):
-    statuses = make_killed(tmp_path)
-    assert statuses[-1] == 0  # the first run that no kill reached
-    kills, reruns = statuses[:-1:2], statuses[1::2]
-    assert set(kills) == {-signal.SIGKILL}
-    assert set(reruns) == {0}
+    kills = int(run_script(SCRIPT, tmp_path))
     # Scenarios, timings and plans of two shards, manifests and their copies: each is flushed
     # before and after its rename, so that every kill falls on one side of one.
-    assert len(kills) >= 20
+    assert kills >= 20
     wanted = content(tmp_path / "undisturbed")
     assert len(wanted) == 2 + 2 + 1 + 1
-    for k in range(len(kills)):
+    for k in range(kills):
         assert content(tmp_path / f"{k:03d}") == wanted, f"step {k}"
         assert not list((tmp_path / f"{k:03d}").rglob("*.tmp"))
 
 
 SOLVE = textwrap.dedent("""
     import sys
-    from pipeline.dataset.stages.solve import solve
+    from pipeline.dataset.solving import solve
     from pipeline.progress import Progress
-    from pipeline.jobs.workers import Workers
+    from pipeline.parallel.workers import Workers
     from pipeline.expert import Settings
 
     class Loud(Progress):
@@ -118,8 +74,8 @@ SOLVE = textwrap.dedent("""
 @pytest.fixture
 def busy(tmp_path):
     """A folder with some work for two processes."""
-    from pipeline.dataset.format.samples import Sample
-    from pipeline.dataset.stages.sample import sample
+    from pipeline.dataset.samples import Sample
+    from pipeline.dataset.sampling import sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"
@@ -142,9 +98,9 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
 ):
     import shutil
 
-    from pipeline.dataset.stages.solve import solve
+    from pipeline.dataset.solving import solve
     from pipeline.expert import Settings
-    from pipeline.jobs.workers import Workers
+    from pipeline.parallel.workers import Workers
 
     alone = Path(shutil.copytree(busy, tmp_path / "alone"))
     solve(alone, Settings(), workers=Workers(jobs=1))
@@ -166,8 +122,8 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
 @pytest.fixture
 def weighty(tmp_path):
     """A folder whose shards are larger than a pipe holds, so that a worker gets them in parts."""
-    from pipeline.dataset.format.samples import Sample
-    from pipeline.dataset.stages.sample import sample
+    from pipeline.dataset.samples import Sample
+    from pipeline.dataset.sampling import sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "weighty"

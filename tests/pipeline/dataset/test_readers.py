@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import SOLVED_FIELDS
-from pipeline.dataset.reading.read import solved_rows
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.reading import solved_rows
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.schema import SOLVED_FIELDS
+from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/dataset.md").read_text()

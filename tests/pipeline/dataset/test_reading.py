@@ -8,9 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 from forged import forge
 
-from pipeline.dataset.format.schema import problem_of
-from pipeline.dataset.reading.read import examples, solved_rows
-from pipeline.dataset.reading.stream import examples_within
+from pipeline.dataset.reading import examples, examples_within, solved_rows
+from pipeline.dataset.schema import problem_of
 from pipeline.errors import InputError
 from pipeline.storage.shards import METADATA_KEY, Size, decode, encode
 

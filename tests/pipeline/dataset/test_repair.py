@@ -9,15 +9,14 @@ import pytest
 from forged import forge
 from rights import bound_by_modes
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.stages.repair import repair
-from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import verify
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.solving import solve
+from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
-from pipeline.storage.layout import COPY, MANIFEST, TIMED
+from pipeline.storage import COPY, MANIFEST, TIMED
 
 ONE = Workers(jobs=1)
 SHARD = "n=3/part-00001.parquet"

@@ -11,23 +11,23 @@ from forged import forge, remove
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import SOLVED_FIELDS, scenarios_of, stacked
-from pipeline.dataset.reading.read import examples, solved_rows
-from pipeline.dataset.stages import solve as stage
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import verify
+from pipeline.dataset import solving as stage
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import examples, solved_rows
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.schema import SOLVED_FIELDS, scenarios_of, stacked
+from pipeline.dataset.solving import solve
+from pipeline.dataset.verifying import verify
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings, solve_many
 from pipeline.expert import solve as solve_scenario
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.plan import Requirements
 from pipeline.scenario import draw
+from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.folder import Folder
-from pipeline.storage.layout import COPY, MANIFEST
 from pipeline.storage.shards import METADATA_KEY
 
 ONE = Workers(jobs=1)
@@ -266,11 +266,11 @@ def test_a_manifest_with_a_field_that_is_wrong_is_damaged_and_says_where(solved,
 WHOLE = """
 import sys
 from pathlib import Path
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import verify
-from pipeline.jobs.workers import Workers
-from pipeline.dataset.format.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
+from pipeline.dataset.verifying import verify
+from pipeline.parallel.workers import Workers
+from pipeline.dataset.samples import Sample
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 
@@ -327,7 +327,7 @@ def test_workers_that_cannot_be_are_refused():
 
 
 def test_a_scheduler_that_does_not_answer_is_named(solved, monkeypatch):
-    monkeypatch.setattr("pipeline.jobs.cluster.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("pipeline.parallel.cluster.CONNECT_SECONDS", 0.5)
     (solved / "n=3/part-00001.parquet").unlink()
     far = Workers(scheduler="tcp://127.0.0.1:1")
     with pytest.raises(ProlearnError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"):

@@ -12,11 +12,10 @@ import pyarrow as pa
 import pytest
 import torch
 
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import SOLVED_FIELDS, metadata
-from pipeline.dataset.format.solving import recorded
-from pipeline.dataset.reading.read import examples
-from pipeline.dataset.reading.stream import COPIES, ExampleStream, bytes_of_one, examples_within
+from pipeline.dataset.manifest import recorded
+from pipeline.dataset.reading import COPIES, ExampleStream, bytes_of_one, examples, examples_within
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.schema import SOLVED_FIELDS, metadata
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.networks.architecture import find, recipe_for
@@ -24,7 +23,7 @@ from pipeline.networks.encoding import fit
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan import AT_ALL_TIMES
-from pipeline.storage.layout import MANIFEST
+from pipeline.storage import MANIFEST
 from pipeline.storage.shards import digest_of, encode
 from pipeline.training.data import Preparation, batches
 from pipeline.training.loop import train
@@ -171,7 +170,7 @@ TRAIN = """
 import sys
 from pathlib import Path
 import torch
-from pipeline.dataset.reading.stream import examples_within
+from pipeline.dataset.reading import examples_within
 from pipeline.training.loop import train
 from pipeline.networks.architecture import recipe_for
 torch.set_num_threads(1)

@@ -9,18 +9,17 @@ import pyarrow.parquet as pq
 import pytest
 from judge import judge_dataset
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.stages.repair import repair
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
-from pipeline.dataset.stages.verify import verify
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
+from pipeline.dataset.verifying import repair, verify
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.plan import AT_ALL_TIMES, Requirements
-from pipeline.storage.checked import write_checked
+from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.folder import open_folder
-from pipeline.storage.layout import COPY, MANIFEST
+from pipeline.storage.ledger import write_checked
 from pipeline.storage.shards import digest_of, encode
 
 ONE = Workers(jobs=1)
@@ -59,7 +58,7 @@ def test_a_sound_dataset_has_no_faults(solved):
 
 
 def test_scenarios_alone_can_be_verified_and_mended(tmp_path, content):
-    from pipeline.dataset.format.samples import Sample
+    from pipeline.dataset.samples import Sample
 
     sample(tmp_path, {2: Sample(count=4, shard_rows=2)}, Problem(), jobs=1)
     before = content(tmp_path)
@@ -188,9 +187,9 @@ def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, content,
 
 def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
     """Plans kept apart at the nodes alone, judged by the continuous criterion."""
-    from pipeline.dataset.format.samples import Sample
-    from pipeline.dataset.reading.read import solved_rows
-    from pipeline.dataset.stages.physics import row_faults
+    from pipeline.dataset.physics import row_faults
+    from pipeline.dataset.reading import solved_rows
+    from pipeline.dataset.samples import Sample
     from pipeline.orbit.cw import cw_matrices
 
     sample(tmp_path, {10: Sample(count=8)}, Problem(), jobs=1)
@@ -222,7 +221,7 @@ def test_an_independent_judge_finds_every_row_sound(solved):
 
 
 def test_an_independent_judge_finds_every_row_sound_where_some_have_no_plan(tmp_path):
-    from pipeline.dataset.format.samples import Sample
+    from pipeline.dataset.samples import Sample
 
     sample(tmp_path, {4: Sample(count=24)}, Problem(max_acceleration=7e-4), jobs=1)
     solve(tmp_path, Settings(), workers=ONE)

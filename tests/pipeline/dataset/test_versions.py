@@ -7,18 +7,15 @@ import pyarrow.parquet as pq
 import pytest
 from forged import forge, remove
 
-from pipeline.dataset.format.manifest import read_manifest
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.solving import settings_of
-from pipeline.dataset.stages.begun import SOLVED_BY
-from pipeline.dataset.stages.repair import repair
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.manifest import read_manifest, settings_of
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import SOLVED_BY, solve
+from pipeline.dataset.verifying import repair
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
-from pipeline.jobs.worker import check_worker
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers, check_worker
 from pipeline.provenance import code_digest, made_with
 from pipeline.storage.shards import METADATA_KEY, encode
 

@@ -19,9 +19,9 @@ from pipeline.experiments.rows import (
     WORLDS,
 )
 from pipeline.experiments.trials import EvaluatedPlanner
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, radius_at
+from pipeline.parallel.workers import Workers
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert
 from pipeline.scenario import draw

@@ -9,8 +9,8 @@ from judge import Case, closest_adrift
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.closed_loop import ClosedLoop
-from pipeline.flight.errors import COLD_GAS, Errors, burnt, draws, navigation_error
-from pipeline.flight.margin import default_margin, with_margin
+from pipeline.flight.errors import COLD_GAS, Errors, burns_made, draws, navigation_error
+from pipeline.flight.loops import default_margin, with_margin
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld
 from pipeline.networks.architecture import find
@@ -122,7 +122,7 @@ def test_the_default_margin_is_three_standard_deviations_of_what_trials_show(tig
     idle = np.zeros((2, 6))
     commanded = np.broadcast_to([[0.0, burn, 0.0], [0.0, burn, 0.0]], (trials, 2, 3))
     drawn = draws(0, range(trials), 2, 1)
-    made = burnt(commanded, drawn, 0, errors, problem.time_step)
+    made = burns_made(commanded, drawn, 0, errors, problem.time_step)
     start = idle - navigation_error(drawn, 0, errors)
     start[..., 3:] -= made.late
     flat = start.reshape(-1, 6), made.held.reshape(-1, 3)

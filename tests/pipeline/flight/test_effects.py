@@ -9,8 +9,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.conditions import Conditions
-from pipeline.flight.effects import effects
-from pipeline.flight.flight import fly_controls
+from pipeline.flight.effects import effects, fly_controls
 from pipeline.orbit.cw import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
@@ -27,12 +26,12 @@ def test_effects_sum_to_the_error_of_a_flight_with_all_of_them():
     found = effects(SCENARIO, CONTROLS, ALL)
     assert [one.name for one in found] == ["plan", "curvature", "eccentricity", "J2", "drag"]
     problem = SCENARIO.problem
-    flight = fly_controls(ALL.world(problem, 5), SCENARIO.initial, CONTROLS, problem)
-    missed = flight.states[:, -1] - SCENARIO.goal
+    states, nearest = fly_controls(ALL.world(problem, 5), SCENARIO.initial, CONTROLS, problem)
+    missed = states[:, -1] - SCENARIO.goal
     np.testing.assert_allclose(sum(one.added for one in found), missed, atol=1e-9)
     assert sum(one.share for one in found) == pytest.approx(1.0, abs=1e-9)
     assert np.abs(found[0].errors).max() < 1e-6, "the plan itself ends at its goal"
-    assert found[-1].flight.nearest.distance == flight.nearest.distance
+    assert found[-1].nearest.distance == nearest.distance
 
 
 def test_an_effect_that_is_not_there_is_no_row():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.flight.errors import COLD_GAS, Errors, burnt, draws, navigation_error
+from pipeline.flight.errors import COLD_GAS, Errors, burns_made, draws, navigation_error
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
 
@@ -46,7 +46,7 @@ def test_gates_errors_have_their_sizes_along_and_across_the_burn():
     errors = Errors(magnitude=0.02, direction=0.05, magnitude_fixed=3e-4, direction_fixed=4e-4)
     trials, burn = 40_000, np.array([0.0, 3e-4, -4e-4])
     commanded = np.broadcast_to(burn, (trials, 1, 3))
-    made = burnt(commanded, draws(0, range(trials), 1, 1), 0, errors, H).held[:, 0] * H
+    made = burns_made(commanded, draws(0, range(trials), 1, 1), 0, errors, H).held[:, 0] * H
     size = 5e-4 * H
     unit = np.array([0.0, 0.6, -0.8])
     axes = np.array([unit, [1.0, 0.0, 0.0], [0.0, 0.8, 0.6]])
@@ -58,7 +58,7 @@ def test_gates_errors_have_their_sizes_along_and_across_the_burn():
 
 
 def test_without_a_burn_nothing_is_burnt():
-    made = burnt(
+    made = burns_made(
         np.zeros((50, 2, 3)), draws(0, range(50), 2, 1), 0, replace(COLD_GAS, missed=1.0), H
     )
     assert not made.held.any()
@@ -69,7 +69,7 @@ def test_without_a_burn_nothing_is_burnt():
 def test_burns_are_missed_as_often_as_told_and_then_whole():
     commanded = np.broadcast_to([1e-3, 0.0, 0.0], (20_000, 1, 3))
     drawn = draws(0, range(20_000), 1, 1)
-    made = burnt(commanded, drawn, 0, replace(COLD_GAS, missed=0.1), H)
+    made = burns_made(commanded, drawn, 0, replace(COLD_GAS, missed=0.1), H)
     assert made.missed.mean() == pytest.approx(0.1, abs=0.01)
     assert not made.held[made.missed == 1].any()
     assert not made.late[made.missed == 1].any()

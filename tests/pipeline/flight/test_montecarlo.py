@@ -4,8 +4,6 @@ import hashlib
 import json
 import os
 import shutil
-import subprocess
-import sys
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -13,16 +11,17 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from kills import run_script
 
 from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, solve
 from pipeline.flight.errors import COLD_GAS, draws
-from pipeline.flight.montecarlo import fly_all
-from pipeline.flight.portions import Loop, MonteCarlo
+from pipeline.flight.loops import Loop
+from pipeline.flight.montecarlo import MonteCarlo, fly_all
 from pipeline.flight.trials import OpenLoop, fly_trials
 from pipeline.flight.world import LinearWorld
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.planners.expert import Expert
 from pipeline.planners.identity import identity
 from pipeline.planners.named import named_planner
@@ -110,50 +109,22 @@ def test_what_is_there_is_not_flown_again_and_what_is_damaged_is(undisturbed, tm
 
 
 KILLED = """
-import os, signal, sys
+import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
-from test_montecarlo import content, fly
+from kills import die_at_flush, kills, run_again
+from test_montecarlo import fly
 
-real, left = os.fsync, None
+root = Path(sys.argv[1])
 
-def fsync(handle):
-    global left
-    if left is not None:
-        left -= 1
-        if left < 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-    return real(handle)
+def killed(step):
+    die_at_flush(step)
+    fly(root / f"{step:03d}", trials=6)
 
-os.fsync = fsync
-
-def in_a_child(work):
-    child = os.fork()
-    if child == 0:
-        try:
-            work()
-        except BaseException as error:
-            print(repr(error), file=sys.stderr, flush=True)
-            os._exit(9)
-        os._exit(0)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-def killed(folder, step):
-    global left
-    left = step
-    fly(folder, trials=6)
-
-step, root = 0, Path(sys.argv[1])
 fly(root / "undisturbed", trials=6)
-while True:
-    folder = root / f"{step:03d}"
-    status = in_a_child(lambda: killed(folder, step))
-    if status == 0:
-        break
-    assert status == -signal.SIGKILL, status
-    assert in_a_child(lambda: fly(folder, trials=6)) == 0
-    step += 1
-print(step)
+for step in kills(killed):
+    run_again(lambda: fly(root / f"{step:03d}", trials=6))
+print(step + 1)
 """
 
 
@@ -161,14 +132,7 @@ print(step)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks a child for each kill")
 def test_killed_at_any_step_of_writing_the_next_run_gives_the_same_bytes(tmp_path):
     """With -9, at each flush of a file or a folder."""
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path), str(Path(__file__).parent)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
-    steps = int(done.stdout)
+    steps = int(run_script(KILLED, tmp_path, Path(__file__).parent))
     assert steps >= 4 * 2 * 2  # shards and their timings, each flushed before and after its rename
     wanted = content(tmp_path / "undisturbed")
     for step in range(steps):

@@ -5,10 +5,9 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.expert import own_optima
-from pipeline.flight.flight import fly_controls
+from pipeline.flight.effects import fly_controls
 from pipeline.flight.nearest import nearer, nearest, pieces_for
-from pipeline.flight.nonlinear import NonlinearWorld
-from pipeline.flight.world import LinearWorld
+from pipeline.flight.world import LinearWorld, NonlinearWorld
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.elements import Elements
 from pipeline.orbit.problem import Problem
@@ -75,11 +74,12 @@ def test_in_the_linear_world_a_flight_is_the_plan_and_as_close_as_its_certificat
     initial, controls = swarm(3, n)
     states = fly(initial, controls, PROBLEM)
     claimed = least_separation(states, controls, PROBLEM)
-    flight = fly_controls(LinearWorld(PROBLEM.dynamics), initial, controls, PROBLEM)
-    np.testing.assert_allclose(flight.states, states, atol=1e-9)
-    assert flight.nearest.pair == claimed.pair
-    assert flight.nearest.distance == pytest.approx(claimed.distance, abs=2 * TOLERANCE)
-    assert flight.nearest.time == pytest.approx(claimed.time, abs=1)
+    world = LinearWorld(PROBLEM.dynamics)
+    flown, least = fly_controls(world, initial, controls, PROBLEM)
+    np.testing.assert_allclose(flown, states, atol=1e-9)
+    assert least.pair == claimed.pair
+    assert least.distance == pytest.approx(claimed.distance, abs=2 * TOLERANCE)
+    assert least.time == pytest.approx(claimed.time, abs=1)
 
 
 def test_the_nearer_of_two_arcs_is_chosen_by_trial():
@@ -96,8 +96,8 @@ def test_the_nearer_of_two_arcs_is_chosen_by_trial():
 
 def test_a_craft_alone_is_near_nobody():
     initial, controls = swarm(0, 1)
-    flight = fly_controls(WORLD, initial, controls, PROBLEM)
-    assert flight.nearest.pair is None and flight.nearest.bound == np.inf
+    _, least = fly_controls(WORLD, initial, controls, PROBLEM)
+    assert least.pair is None and least.bound == np.inf
 
 
 def test_pieces_that_are_too_long_for_the_bound_are_refused():

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.flight.nonlinear import Drag, NonlinearWorld
 from pipeline.flight.perturbations import Atmosphere, atmosphere_near
-from pipeline.flight.world import LinearWorld, World
+from pipeline.flight.world import Drag, LinearWorld, NonlinearWorld, World
 from pipeline.orbit.elements import Elements
 from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.problem import Problem

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
 from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.interior import INTERIORS

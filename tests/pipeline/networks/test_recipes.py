@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.recipes import RECIPES

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find, recipe_for, unused_fields
 from pipeline.orbit.problem import Problem

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.reading.examples import Examples
-from pipeline.dataset.stages.sample import sample
-from pipeline.dataset.stages.solve import solve
+from pipeline.dataset.examples import Examples
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.sampling import sample
+from pipeline.dataset.solving import solve
 from pipeline.errors import InputError
 from pipeline.expert import Settings
-from pipeline.jobs.workers import Workers
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.networks.model import load, save
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.scenario import draw
 from pipeline.training.data import Preparation, batches

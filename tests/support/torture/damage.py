@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
-from pipeline.storage.layout import COPY, MANIFEST
+from pipeline.storage import COPY, MANIFEST
 from torture.bench import Bench
 from torture.project import FLY, READERS, letters, rows_of, untimed
 from torture.tally import Outcome, Tally

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.dataset.reading.examples import Examples
+from pipeline.dataset.examples import Examples
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save

@@ -11,38 +11,24 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.jobs.lost import WorkersLostError
+from pipeline.parallel.processes import WorkersLostError
 from pipeline.progress import Progress
 from pipeline.urls import public, public_url
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-CONNECT_SECONDS = 10.0
-"""How long a scheduler may take to answer, and then to have a first worker."""
-
-TRY_SECONDS = 0.5
-"""How often a scheduler is tried that does not answer."""
-
-LOOK_SECONDS = 1.0
-"""How often the connection is looked at while no call ends."""
-
-COUNT_SECONDS = 2.0
-"""How often the workers are counted."""
-
-
-Call = Callable[[], Any]
+CONNECT_SECONDS = 10.0  # how long a scheduler may take to answer, and then to have a first worker
+TRY_SECONDS = 0.5  # how often a connection to a scheduler is tried
+CHECK_SECONDS = 1.0  # how often the connection is checked while no call ends
+COUNT_SECONDS = 2.0  # how often the workers are counted
 
 
 @contextmanager
 def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Iterator["Cluster"]:
-    """The pool of a cluster.
+    """The pool of the cluster of a scheduler.
 
-    Args:
-        scheduler: address of its scheduler.
-        wait: seconds in which a scheduler that was lost may come back.
-        again: whether it was there before, so that it is waited for, and its workers as well.
-        progress: told where it has come back without workers.
+    A scheduler that was there before (``again``) is waited for, so many seconds, and its workers.
 
     Raises:
         ProlearnError: where no scheduler answers, or a new one has no workers.
@@ -87,7 +73,7 @@ class Cluster:
 
         A call waits meanwhile: clusters that grow with their work start workers for it.
         """
-        with self._unbroken():
+        with self._connected():
             there = bool(self._client.ncores())
             if there or not seconds:
                 return there
@@ -97,42 +83,7 @@ class Cluster:
                 return False
             return True
 
-    def _room(self) -> int:
-        """A call for each thread of the workers, and another for when that is done."""
-        if monotonic() - self._counted >= COUNT_SECONDS:
-            self._look()
-            with self._unbroken():
-                self._threads = sum(self._client.ncores().values())
-            self._counted = monotonic()
-        return 2 * max(self._threads, 1)
-
-    def _result(self, future: "Future") -> Any:
-        """What a call that has ended gave or raised."""
-        from distributed import KilledWorker
-
-        if future.status != "error":
-            with self._unbroken():
-                return future.result()
-        try:
-            return future.result()
-        except KilledWorker as error:
-            killed = "workers of the Dask cluster were killed, perhaps for want of memory"
-            raise WorkersLostError(
-                f"{killed}; what they had in hand is done again.",
-                f"{killed}, again and again; the shards that were done are kept: run the same "
-                "command again with more memory for each worker.",
-            ) from error
-
-    def _look(self) -> None:
-        """See whether calls were sent by this connection: Dask's client makes a new one itself."""
-        if self._is_broken():
-            raise self._gone()
-
-    def _is_broken(self) -> bool:
-        now = self._client.scheduler_comm
-        return now is None or now is not self._connection or now.closed()
-
-    def results(self, calls: Iterator[Call]) -> Iterator[Any]:
+    def results(self, calls: Iterator[Callable[[], Any]]) -> Iterator[Any]:
         """Results of calls in the order in which they are done; what one raises is raised.
 
         A call is drawn when its turn comes, so not all need to fit in memory at once.
@@ -144,7 +95,7 @@ class Cluster:
         under_way = 0
         while True:
             for call in islice(calls, max(0, self._room() - under_way)):
-                with self._unbroken():
+                with self._connected():
                     future = self._client.submit(call, pure=False)
                 under_way += 1
                 future.add_done_callback(done.put)
@@ -154,16 +105,51 @@ class Cluster:
             under_way -= 1
             yield self._result(future)
 
+    def _room(self) -> int:
+        """A call for each thread of the workers, and another for when that is done."""
+        if monotonic() - self._counted >= COUNT_SECONDS:
+            self._check()
+            with self._connected():
+                self._threads = sum(self._client.ncores().values())
+            self._counted = monotonic()
+        return 2 * max(self._threads, 1)
+
     def _next(self, done: "SimpleQueue[Future]") -> "Future":
         while True:
             try:
-                return done.get(timeout=LOOK_SECONDS)
+                return done.get(timeout=CHECK_SECONDS)
             except Empty:
-                self._look()
+                self._check()
+
+    def _result(self, future: "Future") -> Any:
+        """The result of a call that has ended, or the error that it raised."""
+        from distributed import KilledWorker
+
+        if future.status != "error":
+            with self._connected():
+                return future.result()
+        try:
+            return future.result()
+        except KilledWorker as error:
+            killed = "workers of the Dask cluster were killed, perhaps for want of memory"
+            raise WorkersLostError(
+                f"{killed}; what they had in hand is done again.",
+                f"{killed}, again and again; the shards that were done are kept: run the same "
+                "command again with more memory for each worker.",
+            ) from error
+
+    def _check(self) -> None:
+        if self._is_broken():
+            raise self._gone()
+
+    def _is_broken(self) -> bool:
+        """Whether calls were sent by another connection: Dask's client makes a new one itself."""
+        now = self._client.scheduler_comm
+        return now is None or now is not self._connection or now.closed()
 
     @contextmanager
-    def _unbroken(self) -> Iterator[None]:
-        """Whatever is raised in the block because the connection broke becomes WorkersLostError."""
+    def _connected(self) -> Iterator[None]:
+        """Any error in the block that a broken connection caused becomes WorkersLostError."""
         try:
             yield
         except Exception as error:
@@ -204,11 +190,7 @@ def _client(scheduler: str, seconds: float) -> "Client":
 
 @contextmanager
 def _without_logs() -> Iterator[None]:
-    """Keep the tracebacks that Dask logs of a lost scheduler from the person.
-
-    Raises:
-        InputError: where Dask is not installed.
-    """
+    """Hide the tracebacks that Dask logs of a lost scheduler; InputError without Dask."""
     try:
         import distributed  # noqa: F401, its loggers have their levels from then on
     except ImportError as error:

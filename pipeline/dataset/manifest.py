@@ -1,9 +1,17 @@
-"""The manifest of a dataset folder: what it is meant to hold, and the digest of every shard."""
+"""The manifest of a dataset folder: what it is meant to hold, and the SHA-256 of every shard.
+
+Beside what any folder of shards has (pipeline/storage), a dataset holds
+
+    FOLDER/n=10/part-00000.parquet               solved instances
+    FOLDER/_scenarios/n=10/part-00000.parquet    the scenarios they come from
+    FOLDER/README.md                             the card, for people and dataset hubs
+    FOLDER/.git/, FOLDER/.gitattributes, ...     of tools that keep the folder; left alone
+"""
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+import re
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
@@ -16,33 +24,80 @@ from pydantic import (
     WrapValidator,
 )
 
-from pipeline.dataset.format.layout import OWNED, SCENARIOS
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import FAMILY, SCHEMA, metadata
-from pipeline.dataset.format.solving import checked_record
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.schema import FAMILY, SCHEMA, metadata
 from pipeline.documents import first_fault
 from pipeline.errors import InputError
+from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
-from pipeline.progress import Progress
+from pipeline.plan import Requirements
 from pipeline.scenario.families import scenario_id
-from pipeline.storage.checked import read_checked
+from pipeline.storage import COPY, DAMAGED, FOREIGN, LOCK, MANIFEST, TIMINGS, WRITTEN
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.layout import COPY, MANIFEST, TIMINGS
-from pipeline.storage.ledger import Ledger, written
+from pipeline.storage.ledger import read_checked
 from pipeline.storage.shards import Size
 
-MOST_SHARDS = 200_000
-"""In a folder; their list alone takes a second to make."""
+CARD = "README.md"
+SCENARIOS = "_scenarios/"
+
+SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # names of shards
+OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
+
+BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
+"""Files that a dataset may hold beside its shards."""
+
+TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
+"""Files and folders directly inside the folder of a dataset."""
+
+MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
+
+FORMER_SOLVERS = {"cvxpy": "clarabel"}
+"""Solvers that datasets of earlier versions name, and what is used instead now."""
+
+REQUIRED = ("separation", "passive_safety")
+"""Requirements that are recorded, beside the settings of the expert."""
+
+
+def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
+    """How plans are made, for the manifest; InputError for a risk, which no column shows."""
+    if requirements.risk is not None:
+        raise InputError(
+            "a risk is asked for of a dataset, whose plans are flown without errors; expected "
+            "requirements without one."
+        )
+    return asdict(settings) | {name: getattr(requirements, name) for name in REQUIRED}
+
+
+def settings_of(record: Mapping[str, Any]) -> Settings:
+    """The settings of the expert in a record."""
+    return Settings(**{k: v for k, v in _current(record).items() if k not in REQUIRED})
+
+
+def _current(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    solver = record.get("solver")
+    return {**record, "solver": FORMER_SOLVERS[solver]} if solver in FORMER_SOLVERS else record
+
+
+def requirements_of(record: Mapping[str, Any]) -> Requirements:
+    """The requirements of plans in a record; ValueError where no plan can satisfy them."""
+    given = {name: record[name] for name in REQUIRED if name in record}
+    return TypeAdapter(Requirements).validate_python(given) and Requirements(**given)
+
+
+def _checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    try:
+        TypeAdapter(Settings).validate_python(_current(given))
+        settings_of(given), requirements_of(given)
+    except ValidationError as error:
+        raise ValueError(first_fault(error)) from None
+    except TypeError as error:  # an unknown name
+        raise ValueError(str(error)) from None
+    return given
 
 
 @dataclass(frozen=True)
 class MadeWith:
-    """Versions by name.
-
-    Attributes:
-        sample: those that the scenarios were drawn with.
-        solve: those that they are solved with, or nothing before the first solve.
-    """
+    """Versions by name: of the sampling, and of the solving, once that has begun."""
 
     sample: Mapping[str, str]
     solve: Mapping[str, str]
@@ -55,10 +110,9 @@ class Manifest:
     Attributes:
         problem: the problem that all its instances share.
         samples: how each swarm size is drawn.
-        solve: settings of the expert and what its plans must satisfy, or nothing before the first
-            solve.
+        solve: record of how plans are made, or nothing before the first solve.
         made_with: versions that it was made with.
-        shards: SHA-256 digest of each finished shard, by path inside the folder.
+        shards: SHA-256 of each finished shard, by path inside the folder.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -66,12 +120,11 @@ class Manifest:
     # As written: an integer stays one, since the metadata of shards repeats it to the letter.
     problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
     samples: Mapping[PositiveInt, Sample]
-    solve: Annotated[Mapping[str, Any], AfterValidator(checked_record)]
+    solve: Annotated[Mapping[str, Any], AfterValidator(_checked_record)]
     made_with: MadeWith
     shards: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        """Refuse more shards than can be kept count of."""
         shards = sum(sample.shards for sample in self.samples.values())
         if shards > MOST_SHARDS:
             raise InputError(
@@ -80,14 +133,14 @@ class Manifest:
             )
 
     def fields(self) -> dict[str, Any]:
-        """What its file has, JSON-ready."""
+        """Fields of its file, JSON-ready."""
         fields = {"schema": SCHEMA, **asdict(self)}
         for part in ("samples", "shards"):
             fields[part] = dict(sorted(fields[part].items()))
         return fields
 
     def expected(self) -> "list[Shard]":
-        """All that it is meant to hold, in order."""
+        """All shards that it is meant to hold, in order."""
         about = replace(self, shards={})
         sizes = sorted(self.samples.items())
         return [Shard(about, n, k) for n, one in sizes for k in range(one.shards)]
@@ -101,17 +154,11 @@ class Manifest:
 
 @dataclass(frozen=True)
 class Shard:
-    """Some rows of a dataset, with all that decides what they are.
+    """Some rows of a dataset, with all that decides what they are."""
 
-    Attributes:
-        about: the manifest without its digests, which a worker has no use for.
-        n: swarm size.
-        number: which of that size's shards.
-    """
-
-    about: Manifest
-    n: int
-    number: int
+    about: Manifest  # the manifest without its digests, which a worker does not need
+    n: int  # swarm size
+    number: int  # which of that size's shards
 
     @property
     def sample(self) -> Sample:
@@ -159,12 +206,7 @@ class Shard:
 
 
 def read_manifest(where: Where | Folder) -> Manifest:
-    """The manifest of a dataset.
-
-    Raises:
-        InputError: where the folder is missing, empty or holds no dataset, or the manifest is
-            damaged.
-    """
+    """The manifest of a dataset; InputError where it is damaged or there is no dataset."""
     folder = open_folder(where)
     manifest, fault = manifest_or_copy(folder)
     if fault:
@@ -176,7 +218,7 @@ def read_manifest(where: Where | Folder) -> Manifest:
 
 
 def is_begun(folder: Folder) -> bool:
-    """Whether a dataset has been begun in a folder, be its manifest lost but for a copy."""
+    """Whether a folder has a dataset's manifest, or only its copy."""
     if folder.exists(MANIFEST):
         return True
     try:
@@ -186,11 +228,7 @@ def is_begun(folder: Folder) -> bool:
 
 
 def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
-    """The manifest, or its copy where it is not sound, and then what is wrong with it.
-
-    Raises:
-        InputError: where the folder is missing, empty or holds no dataset, or both are damaged.
-    """
+    """The manifest, or its copy where it is damaged and the fault; InputError where both are."""
     try:
         return _parsed(folder, MANIFEST), ""
     except DamagedError as error:
@@ -228,21 +266,11 @@ def _parsed(folder: Folder, name: str) -> Manifest:
         if not str(schema).startswith(FAMILY):
             raise ValueError(f"its schema is {schema}")
     except (OSError, ValueError, KeyError, TypeError, InputError) as error:
-        raise DamagedError(f"is damaged ({_fault(error)})") from error
+        fault = repr(error) if isinstance(error, KeyError) else str(error).rstrip(".")
+        if isinstance(error, ValidationError):
+            fault = first_fault(error)
+        raise DamagedError(f"is damaged ({fault})") from error
     raise InputError(
         f"{folder} has schema {schema}, of another version of prolearn; expected {SCHEMA}: make "
         "the dataset anew in another folder, or remove this one."
     )
-
-
-def under_way(
-    folder: Folder, begun: Callable[[], Manifest], progress: Progress
-) -> AbstractContextManager[Ledger[Manifest]]:
-    """The ledger of a dataset that is held for writing; arguments as of ``written``."""
-    return written(folder, OWNED, begun, progress)
-
-
-def _fault(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        return first_fault(error)
-    return repr(error) if isinstance(error, KeyError) else str(error).rstrip(".")

@@ -1,7 +1,6 @@
-"""What physics says against the rows of a solved shard: all is computed anew from the arrays."""
+"""Checks of the rows of solved shards against physics, computed anew from their arrays."""
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import pyarrow as pa
@@ -9,7 +8,15 @@ import pyarrow.compute as pc
 from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.dataset.format.schema import stacked
+from pipeline.dataset.manifest import requirements_of
+from pipeline.dataset.schema import (
+    SCENARIO_FIELDS,
+    SOLVED_FIELDS,
+    problem_of,
+    scenarios_of,
+    stacked,
+)
+from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE, side_by_side
 from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
@@ -18,24 +25,40 @@ from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan import SOLVED, Requirements
 from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.storage.shards import Size, decode, read_metadata
 
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
 """Columns that every solved row has a value in."""
 
+ANY = Size(rows=100_000, values=10_000_000)  # the most that a shard of any dataset may hold
+
 Rows = Bool[Array, "N"]
+
+
+def stands_alone(content: bytes) -> bool:
+    """Whether bytes are a shard whose rows are sound, whatever dataset they are of."""
+    try:
+        table = decode(content, ANY)
+        return table.num_rows > 0 and _is_sound(table)
+    except (InputError, ValueError):  # other columns have no shape either
+        return False
+
+
+def _is_sound(table: pa.Table) -> bool:
+    solved = table.schema.equals(pa.schema(SOLVED_FIELDS))
+    if not solved and not table.schema.equals(pa.schema(SCENARIO_FIELDS)):
+        return False
+    sizes = {scenario.n for scenario in scenarios_of(table)}
+    if sizes != {*table["n_spacecraft"].to_pylist()} or len(sizes) != 1:
+        return False
+    requirements = requirements_of(read_metadata(table))
+    return not (solved and any(row_faults(table, sizes.pop(), problem_of(table), requirements)))
 
 
 def row_faults(
     table: pa.Table, n: int, problem: Problem, requirements: Requirements
 ) -> Iterator[str]:
-    """Every row of a solved shard that does not hold what it claims, with the reason.
-
-    Args:
-        table: rows of one swarm size.
-        n: that size.
-        problem: what they are meant to solve.
-        requirements: what its plans satisfy.
-    """
+    """Every row of a solved shard of swarm size n whose claims are wrong, with the reason."""
     names = table["scenario_id"].to_pylist()
     is_solved = pc.equal(table["status"], SOLVED)
     planned = np.array([table[c].is_valid().to_numpy() for c in PLANNED])
@@ -55,22 +78,22 @@ def _checks(
     try:
         states = stacked(solved, "states", n, problem.nodes, 6)
         controls = stacked(solved, "controls", n, problem.intervals, 3)
-        ends = stacked(solved, "initial", n, 6), stacked(solved, "goal", n, 6)
+        ends = np.stack([stacked(solved, end, n, 6) for end in ("initial", "goal")], axis=2)
     except ValueError:
         yield "has arrays of another shape", np.arange(solved.num_rows) == 0
         return
-    column: Callable[[str], Any] = lambda name: solved[name].to_numpy()  # noqa: E731
-    used, bound, none = fuel(controls), column("fuel_lower_bound"), problem.negligible_fuel
+    numbers = ("fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
+    claimed, bound, gap, colliding = (solved[name].to_numpy() for name in numbers)
+    used, none = fuel(controls), problem.negligible_fuel
     collisions = node_collisions(states, problem.collision_radius)
     yield "breaks the dynamics", _beyond(dynamics_defect(states, controls, problem))
-    yield (
-        "misses an end",
-        _beyond(states[..., 0, :] - ends[0]) | _beyond(states[..., -1, :] - ends[1]),
-    )
-    yield "has another fuel than its controls", ~np.isclose(used, column("fuel"), rtol=1e-9, atol=0)
+    yield "misses an end", _beyond(states[:, :, [0, -1]] - ends)
+    yield "has another fuel than its controls", ~np.isclose(used, claimed, rtol=1e-9, atol=0)
     yield "needs less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - none)
-    yield "has another gap than its fuel", _wrong_gap(used, bound, column("optimality_gap"), none)
-    yield "has other node collisions than its states", collisions != column("node_collisions")
+    some = bound > none  # without any fuel the gap is a matter of definition
+    found = used / np.where(some, bound, 1.0) - 1
+    yield "has another gap than its fuel", some & ~np.isclose(found, gap, rtol=0, atol=1e-9)
+    yield "has other node collisions than its states", collisions != colliding
     if problem.max_acceleration is not None:
         within = np.abs(controls).max(axis=(1, 2, 3)) <= problem.most_control
         yield "breaks the thrust limit", ~within
@@ -82,25 +105,18 @@ def _checks(
         yield "has another least separation than its states", other
         if not requirements.at_nodes:
             yield "comes too close", close
-        orbits = requirements.passive_safety
-        if orbits is not None:
-            adrift = _close_adrift(states, controls, problem, orbits)
-            yield "comes too close after a loss of thrust", adrift
+        if requirements.passive_safety is not None:
+            orbits, swarm = requirements.passive_safety, side_by_side((n,))
+            rows = zip(states, controls, strict=True)
+            after = [least_after_loss(*row, problem, orbits, swarm)[0] for row in rows]
+            met = [one is None or one.bound <= problem.collision_radius for one in after]
+            yield "comes too close after a loss of thrust", np.array(met)
 
 
 def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
     worst = np.abs(error).max(axis=tuple(range(1, error.ndim - 1)))
     far = worst[:, :3].max(axis=1) > POSITION_TOLERANCE
     return ~np.isfinite(worst).all(axis=1) | far | (worst[:, 3:].max(axis=1) > VELOCITY_TOLERANCE)
-
-
-def _wrong_gap(
-    used: Float[Array, "N"], bound: Float[Array, "N"], claimed: Float[Array, "N"], none: float
-) -> Rows:
-    """Where there is fuel to speak of; without any the gap is a matter of definition."""
-    some = bound > none
-    gap = used / np.where(some, bound, 1.0) - 1
-    return some & ~np.isclose(gap, claimed, rtol=0, atol=1e-9)
 
 
 def _separation(
@@ -116,16 +132,3 @@ def _separation(
         found = least_separation(states[k], controls[k], problem)
         bound[k], distance[k] = found.bound, found.distance
     return bound <= problem.collision_radius, ~(np.abs(distance - claimed) <= 2 * TOLERANCE)
-
-
-def _close_adrift(
-    states: Float[Array, "N n T 6"],
-    controls: Float[Array, "N n intervals 3"],
-    problem: Problem,
-    orbits: float,
-) -> Rows:
-    """Rows in which a craft that has lost its thrust comes within r_col of another."""
-    swarm = side_by_side((states.shape[1],))
-    rows = zip(states, controls, strict=True)
-    found = [least_after_loss(*row, problem, orbits, swarm)[0] for row in rows]
-    return np.array([one is None or one.bound <= problem.collision_radius for one in found])

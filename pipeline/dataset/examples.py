@@ -1,4 +1,4 @@
-"""What a network learns from: scenarios as arrays, with the expert's plans where there are any."""
+"""Training examples: scenarios as arrays, with the expert's plans where there are any."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,72 +12,50 @@ from pipeline.orbit.problem import Problem
 
 @runtime_checkable
 class ExampleSource(Protocol):
-    """Examples of one problem and one swarm size, in memory or read part by part."""
+    """Examples of one problem and swarm size, in memory or read part by part."""
 
     @property
     def problem(self) -> Problem:
         """The problem that they share."""
-        ...
 
     @property
     def n(self) -> int:
-        """Number of spacecraft in each instance."""
-        ...
+        """Number of spacecraft in each example."""
 
     @property
     def buffer(self) -> int | None:
-        """Instances that may be held at once, or None where all of them are in memory."""
-        ...
+        """Examples that may be held at once, or None where all of them are in memory."""
 
     @property
     def part_count(self) -> int:
         """Number of parts."""
-        ...
 
     def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
         """All examples, part by part, in an order of the parts."""
-        ...
 
     def __len__(self) -> int:
-        """Number of instances."""
-        ...
+        """Number of examples."""
 
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Scenarios of one problem and one swarm size, solved unless nobody needs their plans.
-
-    Attributes:
-        problem: the problem that they share.
-        initial: initial states (N, n, 6), m and m/s.
-        goal: goal states (N, n, 6).
-        states: the expert's node states (N, n, T, 6); not numbers where it has not planned, or
-            None.
-    """
+    """Examples in memory, which are one part; an ``ExampleSource``. States are in m and m/s."""
 
     problem: Problem
     initial: Float[Array, "N n 6"]
     goal: Float[Array, "N n 6"]
+    # the expert's at the nodes; NaN where it has no plan, None where nobody needs them
     states: Float[Array, "N n T 6"] | None = None
+    buffer = None
+    part_count = 1
 
     def __len__(self) -> int:
-        """Number of instances."""
         return len(self.initial)
 
     @property
     def n(self) -> int:
-        """Number of spacecraft in each instance."""
+        """Number of spacecraft in each example."""
         return self.initial.shape[1]
-
-    @property
-    def buffer(self) -> None:
-        """All are in memory."""
-        return
-
-    @property
-    def part_count(self) -> int:
-        """All are one part."""
-        return 1
 
     def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
         """Themselves."""

@@ -1,42 +1,53 @@
-"""Stage two: the expert's plans for all scenarios of a dataset, shard by shard."""
+"""Stage two of a dataset: the expert's plans for all of its scenarios, shard by shard."""
 
 from collections.abc import Collection, Sequence
-from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
+import pyarrow as pa
 
-from pipeline.dataset.format.manifest import Manifest, Shard, read_manifest, under_way
-from pipeline.dataset.format.schema import (
+from pipeline.dataset.manifest import (
+    OWNED,
+    Manifest,
+    Shard,
+    read_manifest,
+    recorded,
+    requirements_of,
+    settings_of,
+)
+from pipeline.dataset.sampling import SAMPLED_BY, draw_shard
+from pipeline.dataset.schema import (
     Outcome,
     same_scenarios,
     scenarios_of,
     solved_table,
     timing_table,
 )
-from pipeline.dataset.format.solving import recorded, requirements_of, settings_of
-from pipeline.dataset.stages.begun import SOLVED_BY, refuse_versions
-from pipeline.dataset.stages.sample import draw_scenarios
-from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
-from pipeline.jobs.worker import check_worker
-from pipeline.jobs.workers import Workers
+from pipeline.parallel.workers import Workers, check_worker
 from pipeline.plan import AT_ALL_TIMES, SOLVED, UNSOLVED, Plan, Requirements
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import made_with, refuse_change
+from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger
+from pipeline.storage.ledger import Ledger, NewShard, open_ledger, write_shards
 from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
+SOLVED_BY: DecidedBy = (
+    tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "plan", "expert")),
+    ("numpy", "scipy", "pyarrow", "clarabel", "highspy"),
+)
+"""Code of ours and packages that the bytes of plans depend on."""
 
-@dataclass(frozen=True)
-class Solved:
-    """A shard that is solved, as bytes, with its timings and how many rows have no plan."""
 
-    content: bytes
-    timings: bytes
-    failed: int
+def refuse_versions(what: object, manifest: Manifest) -> None:
+    """Raise InputError, naming the first version that a dataset was begun with and is no more."""
+    made = manifest.made_with
+    refuse_other_versions(f"{what} was sampled", made.sample, made_with(*SAMPLED_BY))
+    if manifest.solve:
+        versions = made_with(*SOLVED_BY)
+        refuse_other_versions(f"{what} was solved", made.solve, versions)
 
 
 def solve(
@@ -47,58 +58,40 @@ def solve(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> Manifest:
-    """Solve what is not solved yet; damaged shards are done again.
-
-    Args:
-        where: a sampled dataset.
-        settings: of the expert.
-        requirements: what the plans must satisfy.
-        workers: what to solve it with; all cores of this machine by default.
-        progress: told how far it is.
+    """Solve what is not solved yet of a sampled dataset; damaged shards are done again.
 
     Raises:
         InputError: where the folder holds no dataset, another process writes to it, or it was
             begun with other settings.
         ProlearnError: where the folder cannot be written to or workers are killed again and again.
     """
-    folder, workers = open_folder(where), workers or Workers()
+    folder = open_folder(where)
     read_manifest(folder)  # before the lock, which would make a folder
-    with under_way(folder, lambda: _begun(folder, settings, requirements), progress) as ledger:
-        complete(ledger, workers, progress)
+    begin = partial(_begin, folder, settings, requirements)
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
+        complete(ledger, workers or Workers(), progress)
     return ledger.manifest
 
 
 def complete(
     ledger: Ledger[Manifest], workers: Workers, progress: Progress, leave: Collection[str] = ()
 ) -> None:
-    """Draw and, once settings for that are known, solve whatever is missing or damaged.
-
-    Args:
-        ledger: of a folder that is held for writing.
-        workers: what to work with.
-        progress: told how far it is.
-        leave: files whose shards are left alone.
-    """
+    """Draw and, once that has begun, solve what is missing or damaged, but for files to leave."""
     folder, manifest = ledger.folder, ledger.manifest
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
     lost = [s for s in shards if not ledger.is_sound(s.scenarios)]
     if lost:
         progress.say(f"{len(lost)} scenario shards are missing or damaged; they are drawn again.")
-        draw_scenarios(ledger, lost, workers, SILENT)
-    if not manifest.solve:
-        return
-    wanted = [s for s in shards if not _is_done(ledger, s)]
-    wanted.reverse()  # the largest swarms take longest: they first
-    progress.expect(sum(len(shard.rows) for shard in wanted))
-    results = workers.work(_solved, wanted, lambda s: folder.read(s.scenarios), progress)
-    with closing(results):
-        for shard, solved in results:
-            ledger.publish(shard.solved, solved.content, solved.timings)
-            progress.done(len(shard.rows), failed=solved.failed)
+        write_shards(ledger, draw_shard, lost, workers, SILENT)
+    if manifest.solve:
+        wanted = [s for s in shards if not _is_done(ledger, s)]
+        wanted.reverse()  # the largest swarms take longest: they first
+        load = lambda shard: folder.read(shard.scenarios)  # noqa: E731
+        write_shards(ledger, _solved, wanted, workers, progress, load)
 
 
-def _begun(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:
-    """The manifest of the folder with these settings, where it was begun with no others."""
+def _begin(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:
+    """The manifest with these settings, where the folder was begun with no others."""
     manifest, now = read_manifest(folder), recorded(settings, requirements)
     if manifest.solve:
         refuse_change(str(folder), manifest.solve, now)
@@ -110,40 +103,32 @@ def _begun(folder: Folder, settings: Settings, requirements: Requirements) -> Ma
 def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
     """Whether plans are there and sound; whole ones of a run that was killed are adopted."""
     name, folder = shard.solved, ledger.folder
-    if ledger.is_sound(name):
-        return True
+
+    def fits(table: pa.Table) -> bool:
+        if not has_metadata(table, shard.metadata(name)):
+            return False
+        return same_scenarios(table, decode(folder.read(shard.scenarios), shard.most))
+
     if name in ledger.manifest.shards or not folder.exists(name):
-        return False
-    try:
-        content = folder.read(name)
-        table = decode(content, shard.most)
-        source = decode(folder.read(shard.scenarios), shard.most)
-    except (OSError, InputError):
-        return False
-    if not (has_metadata(table, shard.metadata(name)) and same_scenarios(table, source)):
-        return False
-    if encode(table) != content:  # what no page's checksum is about has changed
-        return False
-    return ledger.adopt(name, content, shard.most)
+        return ledger.is_sound(name)
+    return ledger.adopt(name, shard.most, fits)
 
 
-def _solved(shard: Shard, content: bytes) -> Solved:
+def _solved(shard: Shard, content: bytes) -> NewShard:
     settings, requirements = settings_of(shard.about.solve), requirements_of(shard.about.solve)
     check_worker(shard.about.made_with.solve, SOLVED_BY)
     table = decode(content, shard.most)
     outcomes = _outcomes(scenarios_of(table), settings, requirements)
     solved = encode(solved_table(table, outcomes, shard.metadata(shard.solved)))
-    return Solved(
-        solved,
-        encode(timing_table(table, outcomes, digest_of(solved))),
-        sum(outcome.status != SOLVED for outcome in outcomes),
-    )
+    timings = encode(timing_table(table, outcomes, digest_of(solved)))
+    failed = sum(outcome.status != SOLVED for outcome in outcomes)
+    return NewShard(shard.solved, solved, timings, failed=failed)
 
 
 def _outcomes(
     scenarios: Sequence[Scenario], settings: Settings, requirements: Requirements
 ) -> list[Outcome]:
-    """What the expert makes of scenarios.
+    """The expert's results.
 
     Where arithmetic fails, as it may on any scenario, that costs one row. Any other error is one
     of ours, which every row might have, and ends the run.

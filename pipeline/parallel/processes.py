@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -14,19 +15,24 @@ import joblib
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from pipeline.jobs.lost import WorkersLostError
-from pipeline.jobs.parent import end_with
-
-SEMAPHORES = Path("/dev/shm")
-"""Where Linux keeps named semaphores, as files."""
+SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
+PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still there
 
 
-def by_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
+class WorkersLostError(Exception):
+    """Workers, or the connection to them, are lost with all calls under way.
+
+    Attributes:
+        again: what to say where it happens again and again.
+    """
+
+    def __init__(self, once: str, again: str) -> None:
+        super().__init__(once)
+        self.again = again
+
+
+def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
     """Results of calls in the order in which they are done; a call is drawn when its turn comes.
-
-    Args:
-        calls: what to do; what one raises is its result.
-        jobs: how many processes.
 
     Raises:
         WorkersLostError: where a process was killed.
@@ -54,6 +60,20 @@ def by_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]
             "worker processes are killed again and again, perhaps for want of memory; the shards "
             "that were done are kept: run the same command again with fewer --jobs.",
         ) from error
+
+
+def end_with(parent: int) -> None:
+    """End this process when the one with this id has ended, even by a kill.
+
+    loky calls this first in a worker, before it takes any work.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_SECONDS)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
@@ -107,11 +127,11 @@ def _remove_left_semaphores() -> None:
     """
     for path in SEMAPHORES.glob("sem.loky-*"):
         with suppress(OSError, ValueError):
-            if path.stat().st_uid == os.getuid() and not _is_there(int(path.name.split("-")[1])):
+            if path.stat().st_uid == os.getuid() and not _runs(int(path.name.split("-")[1])):
                 path.unlink()
 
 
-def _is_there(process: int) -> bool:
+def _runs(process: int) -> bool:
     try:
         os.kill(process, 0)
     except ProcessLookupError:

@@ -1,31 +1,28 @@
-"""Stage one: scenarios drawn into shards."""
+"""Stage one of a dataset: scenarios are drawn into shards.
+
+All that decides the bytes of a dataset is in its manifest; other settings or versions of the code
+are refused.
+"""
 
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import asdict, replace
+from functools import partial
 
-from pipeline.dataset.format.layout import TOP
-from pipeline.dataset.format.manifest import (
-    MadeWith,
-    Manifest,
-    Shard,
-    is_begun,
-    read_manifest,
-    under_way,
-)
-from pipeline.dataset.format.samples import Sample
-from pipeline.dataset.format.schema import scenario_table
-from pipeline.dataset.stages.begun import SAMPLED_BY
+from pipeline.dataset.manifest import OWNED, TOP, MadeWith, Manifest, Shard, is_begun, read_manifest
+from pipeline.dataset.samples import Sample
+from pipeline.dataset.schema import scenario_table
 from pipeline.errors import InputError
-from pipeline.jobs.worker import check_worker
-from pipeline.jobs.workers import Workers
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers, check_worker
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import made_with, refuse_change, refuse_other_versions
+from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import draw
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger
-from pipeline.storage.shards import digest_of, encode
+from pipeline.storage.ledger import NewShard, open_ledger, write_shards
+from pipeline.storage.shards import encode
+
+SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scipy", "pyarrow")
+"""Code of ours and packages that the bytes of scenarios depend on."""
 
 
 def sample(
@@ -36,14 +33,9 @@ def sample(
     jobs: int = -1,
     progress: Progress = SILENT,
 ) -> Manifest:
-    """Draw the scenarios of each swarm size into a folder; shards that are there are kept.
+    """Draw samples, by swarm size, into a new folder or one begun with the same settings.
 
-    Args:
-        where: dataset folder, new or begun with the same settings.
-        samples: how to draw, by swarm size.
-        problem: the problem of all scenarios.
-        jobs: processes.
-        progress: told how far it is.
+    Shards that are there are kept.
 
     Raises:
         InputError: for settings that cannot be sampled or differ from those of the folder.
@@ -54,25 +46,11 @@ def sample(
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
     _refuse_foreign(folder)
-    with under_way(folder, lambda: _begun(folder, samples, problem), progress) as ledger:
+    begin = partial(_begin, folder, samples, problem)
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
         lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
-        draw_scenarios(ledger, lost, workers, progress)
+        write_shards(ledger, draw_shard, lost, workers, progress)
     return ledger.manifest
-
-
-def draw_scenarios(
-    ledger: Ledger[Manifest], shards: list[Shard], workers: Workers, progress: Progress
-) -> None:
-    """Draw scenario shards; the plans of one that comes out otherwise count no longer."""
-    progress.expect(sum(len(shard.rows) for shard in shards))
-    known = ledger.manifest.shards
-    results = workers.work(_drawn, shards, lambda shard: b"", progress)
-    with closing(results):
-        for shard, content in results:
-            if known.get(shard.scenarios, "") not in ("", digest_of(content)):
-                ledger.disown([shard.solved])
-            ledger.publish(shard.scenarios, content)
-            progress.done(len(shard.rows))
 
 
 def _refuse_foreign(folder: Folder) -> None:
@@ -86,7 +64,7 @@ def _refuse_foreign(folder: Folder) -> None:
         )
 
 
-def _begun(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
+def _begin(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
     """The manifest that the folder has or gets, where its settings agree with these."""
     versions = made_with(*SAMPLED_BY)
     if not is_begun(folder):
@@ -100,10 +78,12 @@ def _begun(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> M
     return replace(manifest, samples={**manifest.samples, **samples})
 
 
-def _drawn(shard: Shard, _: bytes) -> bytes:
+def draw_shard(shard: Shard, _: bytes) -> NewShard:
+    """In a worker: the scenarios of a shard; its plans are dropped where these have changed."""
     about, one = shard.about, shard.sample
     check_worker(about.made_with.sample, SAMPLED_BY)
     drawn = [one.drawn_as(row) for row in shard.rows]
     scenarios = [draw(one.family, one.seed, shard.n, k, about.problem, split) for split, k in drawn]
     splits = [split for split, _ in drawn]
-    return encode(scenario_table(scenarios, splits, shard.metadata(shard.scenarios)))
+    content = encode(scenario_table(scenarios, splits, shard.metadata(shard.scenarios)))
+    return NewShard(shard.scenarios, content, derived=shard.solved)

@@ -1,4 +1,4 @@
-"""How scenarios are drawn, and which rows of a sample are of which split and in which shard."""
+"""How scenarios are sampled into splits and shards, and the samples of the preset datasets."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,24 +11,16 @@ from pipeline.scenario.families import SEEDS, check_family
 
 @dataclass(frozen=True)
 class Sample:
-    """How the scenarios of one swarm size are drawn.
-
-    Attributes:
-        family: family of scenarios.
-        seed: root seed.
-        count: how many.
-        shares: shares of train, valid and test, whose rows follow each other in this order.
-        shard_rows: instances in a shard.
-    """
+    """How the scenarios of one swarm size are drawn."""
 
     family: str = "rings"
-    seed: int = 0
-    count: int = 1000
+    seed: int = 0  # root seed
+    count: int = 1000  # number of scenarios
+    # of train, valid and test, whose rows follow in this order
     shares: tuple[float, float, float] = (0.8, 0.1, 0.1)
-    shard_rows: int = 250
+    shard_rows: int = 250  # scenarios in a shard
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be sampled."""
         check_family(self.family)
         if self.count < 1:
             raise InputError(f"count is {self.count}; expected at least one scenario.")
@@ -58,20 +50,40 @@ class Sample:
         """The split of a row's scenario, and its index there."""
         return next((name, row - of.start) for name, of in self.splits.items() if row in of)
 
+    def rows(self, shard: int) -> range:
+        """The rows of a shard, counted over the whole sample."""
+        first = shard * self.shard_rows
+        return range(first, min(first + self.shard_rows, self.count))
+
     def splits_of(self, shard: int) -> set[str]:
         """The splits that a shard has rows of."""
-        rows = self.rows(shard)
-        return {
-            name
-            for name, of in self.splits.items()
-            if max(of.start, rows.start) < min(of.stop, rows.stop)
-        }
+        rows, splits = self.rows(shard), self.splits.items()
+        return {k for k, of in splits if max(of.start, rows.start) < min(of.stop, rows.stop)}
 
     def origin(self) -> dict[str, Any]:
         """What the metadata of shards says about where their scenarios come from."""
         return {"seed": self.seed, "family": self.family}
 
-    def rows(self, shard: int) -> range:
-        """The rows of a shard, counted over the whole sample."""
-        first = shard * self.shard_rows
-        return range(first, min(first + self.shard_rows, self.count))
+
+ONLY_TEST = (0.0, 0.0, 1.0)
+
+PRESETS: dict[str, dict[int, Sample]] = {
+    "demo": {
+        **{n: Sample(count=20, shares=ONLY_TEST, shard_rows=10) for n in (2, 5, 15, 20, 30)},
+        60: Sample(count=10, shares=ONLY_TEST, shard_rows=5),
+        10: Sample(count=1250, shares=(0.8, 0.12, 0.08), shard_rows=125),
+    },
+    "paper": {
+        **{n: Sample(count=100, shares=ONLY_TEST, shard_rows=25) for n in range(2, 31)},
+        10: Sample(count=10_000, shares=(0.8, 0.1, 0.1), shard_rows=250),
+        60: Sample(count=50, shares=ONLY_TEST, shard_rows=10),
+        100: Sample(count=50, shares=ONLY_TEST, shard_rows=10),
+        300: Sample(count=10, shares=ONLY_TEST, shard_rows=2),
+    },
+}
+"""The datasets that the experiments need, by name and swarm size.
+
+``paper`` is 8000 + 1000 + 1000 at n = 10, which the paper trains on, 100 trials of experiment 2 at
+every other n up to 30, and swarms beyond the paper's, whose rings grow with n so that craft stay
+as dense as at n = 30.
+"""

@@ -1,36 +1,31 @@
-"""Work on shards by several processes, on this machine or on a Dask cluster.
+"""Tasks done by several processes, on this machine or on a Dask cluster.
 
 Workers are given values and give values back: they touch no file, so that a killed one leaves
 nothing behind, a cluster needs no shared disk, and only the process that holds the folder writes.
 """
 
+import functools
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeVar
 
 import joblib
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, ProlearnError, check_range
-from pipeline.jobs.cluster import cluster
-from pipeline.jobs.lost import WorkersLostError
-from pipeline.jobs.processes import by_processes
-from pipeline.jobs.worker import work
+from pipeline.parallel.cluster import cluster
+from pipeline.parallel.processes import WorkersLostError, run_in_processes
 from pipeline.progress import SILENT, Progress
+from pipeline.provenance import DecidedBy, made_with, version_change
 
-MOST_LOSSES = 3
-"""Times in a row that workers may be lost before a single shard is done."""
-
-MOST_JOBS = 1024
-"""Processes on this machine."""
+MOST_LOSSES = 3  # times in a row that workers may be lost before a single task is done
+MOST_JOBS = 1024  # processes on this machine
 
 SCHEDULER_WAIT = 300.0
-"""Seconds in which a scheduler that was lost may come back, unless a person says otherwise."""
+"""Seconds in which a lost scheduler may come back, unless a person says otherwise."""
 
-MOST_WAIT = 1e7
-"""Longest such wait, s: four months."""
+MOST_WAIT = 1e7  # longest such wait, s: four months
 
 Task = TypeVar("Task")
 Content = TypeVar("Content")
@@ -39,21 +34,13 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workers:
-    """Where shards are worked on.
-
-    Attributes:
-        jobs: processes on this machine; -1 for one a core. A cluster uses all that it has.
-        scheduler: address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786, or None for
-            this machine.
-        scheduler_wait: seconds in which a scheduler that was lost may come back.
-    """
+    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster."""
 
     jobs: int = -1
-    scheduler: str | None = None
-    scheduler_wait: float = SCHEDULER_WAIT
+    scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786
+    scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
 
     def __post_init__(self) -> None:
-        """Refuse what nothing can be run on."""
         if self.jobs == 0 or not -MOST_JOBS <= self.jobs <= MOST_JOBS:
             raise InputError(
                 f"jobs is {self.jobs}; expected a number of processes up to {MOST_JOBS}, or -1 for "
@@ -70,13 +57,8 @@ class Workers:
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
-        What a killed worker or a lost scheduler had in hand is done again.
-
-        Args:
-            function: what to do, importable on every worker.
-            tasks: what to do it with.
-            load: what else a task needs, read here when its turn comes; pickled for the worker.
-            progress: told of what is lost.
+        What a killed worker or a lost scheduler had in hand is done again. ``function`` is
+        importable on every worker; ``load`` reads here what else a task needs when its turn comes.
 
         Raises:
             ProlearnError: where workers are killed again and again, none can be had, or a lost
@@ -111,11 +93,11 @@ class Workers:
                     yield number, function(task, load(task))
             return
         calls = (
-            partial(work, function, number, task, _loaded(load, task))
+            functools.partial(_call, function, number, task, _loaded(load, task))
             for number, task in tasks.items()
         )
         if self.scheduler is None:
-            yield from by_processes(calls, jobs)
+            yield from run_in_processes(calls, jobs)
             return
         with cluster(self.scheduler, self.scheduler_wait, again, progress) as workers:
             yield from workers.results(calls)
@@ -127,3 +109,32 @@ def _loaded(load: Callable[[Task], Content], task: Task) -> Content | Exception:
         return load(task)
     except Exception as error:
         return error
+
+
+def _call(
+    function: Callable[[Task, Content], Result],
+    number: int,
+    task: Task,
+    content: Content | Exception,
+) -> tuple[int, Result]:
+    """In a worker: one task on one thread; an error in loading is raised here."""
+    if isinstance(content, Exception):
+        raise content
+    _use_one_thread()
+    return number, function(task, content)
+
+
+@functools.cache
+def _use_one_thread() -> None:
+    """One thread for linear algebra, so that sums do not depend on where they are made."""
+    threadpool_limits(1)
+
+
+def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
+    """In a worker: refuse other versions than the process that asked for the work has."""
+    change = version_change(expected, made_with(*decided_by))
+    if change:
+        raise ProlearnError(
+            f"the dataset is made with {change} on a worker; expected the same versions on all "
+            "machines: install them there and run the same command again."
+        )

@@ -1,0 +1,243 @@
+"""The card of a dataset: README.md with its columns, origin, splits, quality and limits."""
+
+import json
+import re
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from pipeline.dataset.front_matter import File, files_by_split, front_matter
+from pipeline.dataset.manifest import CARD, Manifest, read_manifest, recorded, requirements_of
+from pipeline.dataset.reading import read_solved, refuse_unsolved
+from pipeline.dataset.samples import PRESETS, Sample
+from pipeline.dataset.schema import COLUMNS, Column
+from pipeline.errors import InputError
+from pipeline.expert import Settings
+from pipeline.markdown import Markdown, code, formatted, table, verbatim
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import MU_EARTH, R_EARTH, mean_motion_at
+from pipeline.plan import AT_ALL_TIMES, SOLVED
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario import SPLITS
+from pipeline.scenario.families import FAMILIES
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.templates import template
+
+LICENCE = "mit"  # of data that come with prolearn: the project's own
+IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
+AGAIN = "data/again"  # folder in the commands that make a dataset once more
+
+SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
+"""Columns that the card has numbers of."""
+
+QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
+TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
+
+
+def write_card(
+    where: Where | Folder,
+    *,
+    licence: str = LICENCE,
+    replace: bool = False,
+    progress: Progress = SILENT,
+) -> str:
+    """Write the card of a solved dataset into its folder: Markdown with front matter.
+
+    Args:
+        where: the dataset.
+        licence: of the data, by its identifier, such as "mit" or "cc-by-4.0".
+        replace: also where there is a README.md that says something else.
+        progress: of reading.
+
+    Raises:
+        InputError: where the folder holds no dataset, it is not wholly solved, a shard is damaged,
+            there is another README.md, or the licence is no identifier.
+        ProlearnError: where the folder cannot be written to.
+    """
+    if not IDENTIFIER.fullmatch(licence):
+        raise InputError(
+            f"licence is {licence!r}; expected an identifier such as mit or cc-by-4.0."
+        )
+    folder = open_folder(where)
+    text = _card(folder, licence, progress)
+    there = folder.read(CARD) if folder.exists(CARD) else None
+    if there == text.encode():
+        return text
+    if there is not None and not replace:
+        raise InputError(
+            f"{folder} has a {CARD} that says something else; move what you wrote there out of "
+            "the way, or replace it with --force."
+        )
+    folder.publish(CARD, text.encode())
+    return text
+
+
+def _card(folder: Folder, licence: str, progress: Progress) -> str:
+    manifest = read_manifest(folder)
+    files, rows = _contents(folder, manifest, progress)
+    name = folder.local.resolve().name if folder.local else str(folder).rstrip("/").split("/")[-1]
+    quoted = json.dumps(name, ensure_ascii=False)
+    title = f"Certified transfers of spacecraft swarms, n = {ranges(sorted(manifest.samples))}"
+    joined = [code(split) for split in files_by_split(files) if "_" in split]
+    body = template("pipeline/dataset/card.md.jinja").render(
+        title=title,
+        quoted=verbatim(quoted),
+        one_size=f'load_dataset({quoted}, "n{min(manifest.samples)}")',
+        licence=licence,
+        problem=manifest.problem,
+        altitude=altitude_of(manifest.problem.mean_motion) / 1e3,
+        at_nodes=requirements_of(manifest.solve).at_nodes,
+        sizes=sorted(manifest.samples),
+        mebibytes=sum(file.stored for file in files) / 2**20,
+        joined=Markdown(", ".join(joined)),
+        solved=SOLVED,
+        columns=table(("column", "type", "unit", "meaning"), map(_column, COLUMNS)),
+        **_origin(manifest),
+        **_quality(rows),
+    )
+    return f"---\n{front_matter(files, title, licence)}---\n\n{body}"
+
+
+def _column(column: Column) -> tuple[Markdown, str, str, Markdown]:
+    kind = f"list of {column.shape} doubles" if column.shape else str(column.type)
+    return code(column.name), kind, column.unit, Markdown(column.meaning)
+
+
+def _contents(
+    folder: Folder, manifest: Manifest, progress: Progress
+) -> tuple[list[File], pd.DataFrame]:
+    """The files of a solved dataset in order, and the columns SUMMARIZED of all rows."""
+    shards = manifest.expected()
+    refuse_unsolved(folder, manifest, shards)
+    progress.expect(sum(len(shard.rows) for shard in shards))
+    files, parts = [], []
+    for shard in shards:  # one in memory at a time
+        rows = read_solved(folder, manifest, shard)
+        files.append(File(shard, rows.num_rows, folder.size(shard.solved), rows.nbytes))
+        parts.append(rows.select(SUMMARIZED).to_pandas())
+        progress.done(rows.num_rows)
+    return files, pd.concat(parts, ignore_index=True)
+
+
+def _origin(manifest: Manifest) -> Mapping[str, Any]:
+    """Values for the template on how the dataset was made."""
+    made, preset = manifest.made_with, preset_of(manifest)
+    samples = sorted(manifest.samples.items())
+    sizes = {way: [n for n, one in samples if one == way] for _, way in samples}
+    draws = [
+        (ranges(ns), way.family, way.seed, way.count, *map(len, way.splits.values()))
+        for way, ns in sizes.items()
+    ]
+    names = sorted({*made.sample, *made.solve})
+    versions = [(name, made.sample.get(name, ""), made.solve.get(name, "")) for name in names]
+    settings = (formatted("{} {}", code(name), value) for name, value in manifest.solve.items())
+    families = sorted({one.family for one in manifest.samples.values()})
+    return {
+        "draws": table(("n", "family", "seed", "scenarios of each n", *SPLITS), draws),
+        "families": {name: _described(name) for name in families},
+        "commands": list(commands(manifest, AGAIN)),
+        "missing": ranges(sorted({*PRESETS.get(preset or "", {})} - {*manifest.samples})),
+        "versions": table(("", "scenarios", "plans"), versions),
+        "settings": Markdown(", ".join(settings)),
+        "digest": manifest.digest(),
+    }
+
+
+def _described(family: str) -> str:
+    """A family of scenarios in a sentence."""
+    if family not in FAMILIES:
+        return "Of another version of prolearn."
+    return (FAMILIES[family].__doc__ or "").partition("\n")[0].replace(" (the default)", "")
+
+
+def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
+    """Values for the template on how good the plans are."""
+    solved = rows[rows["status"] == SOLVED]
+    gaps = solved["optimality_gap"].quantile(list(QUANTILES))
+    numbers = []
+    for n, every in rows.groupby("n_spacecraft"):
+        some = solved[solved["n_spacecraft"] == n]
+        numbers.append(
+            (
+                str(n),
+                f"{len(some)} of {len(every)}",
+                *map(_percent, some["optimality_gap"].quantile(list(QUANTILES))),
+                _number(some["fuel"].mean(), "{:#.4g}"),
+                _number(some["min_separation"].min(), "{:.3f}"),
+            )
+        )
+    head = ("n", "solved", "gap, median", "90 %", "99 %", "largest")
+    return {
+        "scenarios": len(rows),
+        "statuses": ", ".join(f"{k} {name}" for name, k in rows["status"].value_counts().items()),
+        "gaps": {q: _percent(gap) for q, gap in gaps.items()},
+        "quality": table((*head, "fuel, mean (m/s²)", "least separation (m)"), numbers),
+    }
+
+
+def _percent(share: float) -> str:
+    return _number(100 * share, "{:.3f} %")
+
+
+def _number(value: float, form: str) -> str:
+    return "" if pd.isna(value) else form.format(value)
+
+
+def preset_of(manifest: Manifest) -> str | None:
+    """The preset that a whole dataset is of, or None; sizes may be missing."""
+    # Settings that are newer than the dataset have the value that the expert had built in.
+    usual = manifest.solve.items() <= recorded(Settings(), AT_ALL_TIMES).items()
+    if not usual or manifest.problem != Problem():
+        return None
+    fitting = (k for k, preset in PRESETS.items() if manifest.samples.items() <= preset.items())
+    return next(fitting, None)
+
+
+def commands(manifest: Manifest, folder: str) -> Iterator[str]:
+    """The command lines that make the same rows in a folder.
+
+    Settings of the expert that no option sets are not in them.
+    """
+    preset = preset_of(manifest)
+    if preset:
+        yield f"prolearn dataset --preset {preset} --out {folder}"
+        return
+    for n, sample in sorted(manifest.samples.items()):
+        options = " ".join(_options(sample, manifest.problem))
+        yield f"prolearn sample --n {n} {options} --out {folder}"
+    chosen = {name: str(manifest.solve[name]) for name in ("separation", "solver")}
+    how = " ".join(f"--{name} {shlex.quote(value)}" for name, value in chosen.items())
+    yield f"prolearn solve {folder} {how}"
+
+
+def _options(sample: Sample, problem: Problem) -> Iterator[str]:
+    yield f"--count {sample.count} --seed {sample.seed} --family {shlex.quote(sample.family)}"
+    yield f"--shares {','.join(map(str, sample.shares))}"
+    yield f"--altitude {altitude_of(problem.mean_motion)} --time-step {problem.time_step}"
+    yield f"--nodes {problem.nodes} --collision-radius {problem.collision_radius}"
+    if problem.max_acceleration is not None:
+        yield f"--max-acceleration {problem.max_acceleration}"
+
+
+def altitude_of(mean_motion: float) -> float:
+    """Altitude in m of a mean motion in rad/s, with as few decimals as give it back."""
+    exact = float((MU_EARTH / mean_motion**2) ** (1 / 3) - R_EARTH)
+    rounded = (round(exact, digits) for digits in TYPED_DIGITS)
+    return next((one for one in rounded if mean_motion_at(one) == mean_motion), exact)
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Ascending numbers in words.
+
+    >>> ranges([2, 3, 4, 10, 60])
+    '2 to 4, 10, 60'
+    """
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

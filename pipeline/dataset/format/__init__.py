@@ -1,1 +1,0 @@
-"""What the folder of a dataset holds: its layout, manifest, samples, schema and columns."""

@@ -1,0 +1,167 @@
+"""Solved datasets read back: rows for the experiments, arrays for training.
+
+Training examples are loaded at once, or streamed shard by shard where they exceed memory.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.manifest import Manifest, Shard, read_manifest
+from pipeline.dataset.schema import problem_of, stacked
+from pipeline.errors import InputError, check_range
+from pipeline.orbit.problem import Problem
+from pipeline.plan import SOLVED
+from pipeline.storage.folder import Folder, Where, open_folder
+from pipeline.storage.shards import has_metadata, read_shard
+from pipeline.urls import public_url
+
+LEARNED = ("initial", "goal", "states")  # columns that training reads
+SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example
+MEMORY = 2e9  # bytes that training may take for its data by default
+_SOLVED = pc.field("status") == SOLVED
+COPIES = 8  # how often examples are in memory while they are read and encoded, at the worst
+
+
+def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard]) -> None:
+    """Raise InputError, naming the first shard that is not solved yet."""
+    for shard in shards:
+        if shard.solved not in manifest.shards:
+            raise InputError(
+                f"{folder} is not solved at n={shard.n} ({shard.solved}); run "
+                f"`prolearn solve {folder}` first."
+            )
+
+
+def read_solved(
+    folder: Folder, manifest: Manifest, shard: Shard, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """The rows of a solved shard, or some of their columns; InputError where it is damaged."""
+    name = shard.solved
+    try:
+        table = read_shard(folder, name, manifest.shards[name], shard.most, columns)
+        if not has_metadata(table, shard.metadata(name)):
+            raise InputError("was made with other settings than the manifest has")
+    except InputError as error:
+        raise InputError(
+            f"{name} in {folder} {error}; mend the dataset with `prolearn verify {folder} "
+            "--repair`."
+        ) from error
+    return table
+
+
+def solved_rows(
+    where: Where | Folder, n: int, split: str | None = None, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """Rows of one swarm size and a split, or all, in order of their index.
+
+    Of columns, those asked for, ``split`` and ``status`` are read, or all.
+
+    Raises:
+        InputError: where there is no dataset, the size is not in it, it is not solved, or a
+            shard is damaged.
+    """
+    folder = open_folder(where)
+    manifest = read_manifest(folder)
+    wanted = None if columns is None else list({*SELECTED_BY, *columns})
+    # At least a schema, where no shard has rows of the split.
+    shards = _shards(folder, manifest, n, split) or _shards(folder, manifest, n)[:1]
+    table = pa.concat_tables([read_solved(folder, manifest, one, wanted) for one in shards])
+    return table if split is None else table.filter(pc.field("split") == split)
+
+
+def examples(where: Where | Folder, n: int, split: str) -> Examples:
+    """Solved instances of a split as arrays; InputError also where none is solved."""
+    found = _examples(solved_rows(where, n, split, LEARNED), n)
+    if len(found) == 0:
+        raise _no_examples(where, n, split)
+    return found
+
+
+@dataclass(frozen=True)
+class ExampleStream:
+    """Solved instances of a split that stay on disk; each pass reads them anew."""
+
+    folder: Folder  # a solved dataset
+    manifest: Manifest  # of it
+    n: int  # number of spacecraft in each instance
+    split: str  # that they are of
+    shards: tuple[Shard, ...]  # that hold them; each is a part
+    count: int  # number of instances
+    buffer: int  # instances that may be held at once, beside the shard that is being read
+
+    def __len__(self) -> int:
+        return self.count
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that they share."""
+        return self.manifest.problem
+
+    @property
+    def part_count(self) -> int:
+        """Number of shards."""
+        return len(self.shards)
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
+        """The instances of one shard after another, in an order of the shards."""
+        for k in range(len(self.shards)) if order is None else order:
+            wanted = [*LEARNED, *SELECTED_BY]
+            table = read_solved(self.folder, self.manifest, self.shards[k], wanted)
+            yield _examples(table.filter(pc.field("split") == self.split), self.n)
+
+
+def examples_within(
+    where: Where | Folder, n: int, split: str, memory: float = MEMORY
+) -> ExampleSource:
+    """Solved instances of a split: loaded once where they fit into memory, else streamed.
+
+    ``memory`` is in bytes, encoding included.
+
+    Raises:
+        InputError: as in ``examples``, or where memory is no positive number.
+    """
+    check_range("memory", memory, 1, 1e15)
+    folder = open_folder(where)
+    manifest = read_manifest(folder)
+    shards = tuple(_shards(folder, manifest, n, split))
+    tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
+    count = sum(len(table.filter((pc.field("split") == split) & _SOLVED)) for table in tables)
+    if count == 0:
+        raise _no_examples(where, n, split)
+    buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
+    if count <= buffer:
+        return examples(folder, n, split)
+    return ExampleStream(folder, manifest, n, split, shards, count, buffer)
+
+
+def bytes_of_one(n: int, problem: Problem) -> int:
+    """Size of an instance's arrays."""
+    return 8 * n * 6 * (2 + problem.nodes)
+
+
+def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None) -> list[Shard]:
+    """The solved shards of one swarm size that hold rows of a split, in order."""
+    if n not in manifest.samples:
+        sizes = ", ".join(str(size) for size in sorted(manifest.samples))
+        raise InputError(f"{folder} has no scenarios of n={n}; expected n in {sizes}.")
+    every = [shard for shard in manifest.expected() if shard.n == n]
+    refuse_unsolved(folder, manifest, every)
+    return [s for s in every if split is None or split in s.sample.splits_of(s.number)]
+
+
+def _examples(table: pa.Table, n: int) -> Examples:
+    table = table.filter(_SOLVED)
+    problem = problem_of(table)
+    ends = stacked(table, "initial", n, 6), stacked(table, "goal", n, 6)
+    return Examples(problem, *ends, stacked(table, "states", n, problem.nodes, 6))
+
+
+def _no_examples(where: Where | Folder, n: int, split: str) -> InputError:
+    return InputError(
+        f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
+        "some: sample more scenarios."
+    )

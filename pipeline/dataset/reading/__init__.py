@@ -1,1 +1,0 @@
-"""Solved datasets read back: scenarios for the experiments, arrays for training."""

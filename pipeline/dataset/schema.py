@@ -1,0 +1,183 @@
+"""The Parquet schema of datasets: columns, metadata, and rows to and from values.
+
+One row an instance; arrays are lists in row-major order, so that swarm sizes mix in one table
+and every Parquet reader understands them. The schema's metadata has a key ``prolearn`` with the
+problem and how it was sampled and solved, as JSON.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+from pydantic import TypeAdapter, ValidationError
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.problem import Problem
+from pipeline.plan import SOLVED, Plan
+from pipeline.scenario import Scenario
+from pipeline.storage.shards import TIMED_KEY, metadata_of, read_metadata
+
+FAMILY = "prolearn.dataset/"  # what the schema of every version begins with
+
+SCHEMA = f"{FAMILY}2"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the data."""
+
+    name: str  # in the file
+    type: pa.DataType  # of its values
+    meaning: str  # in Markdown
+    unit: str = ""  # of its numbers, or nothing
+    shape: str = ""  # of its lists of doubles, in row-major order
+    nullable: bool = False  # since it depends on a plan, which may not exist
+
+    @property
+    def field(self) -> pa.Field:
+        """In Arrow's schema."""
+        return pa.field(self.name, self.type, nullable=self.nullable)
+
+
+TEXT, INTEGER, REAL = pa.string(), pa.int32(), pa.float64()
+LIST = pa.list_(pa.field("element", REAL, nullable=False))
+
+SCENARIO_COLUMNS = (
+    Column("scenario_id", TEXT, "family, seed, n, split and index in it"),
+    Column("n_spacecraft", INTEGER, "n"),
+    Column("family", TEXT, "`rings`, ..."),
+    Column("split", TEXT, "`train`, `valid` or `test`"),
+    Column("initial", LIST, "x y z vx vy vz of each craft at the first node", "m, m/s", "n·6"),
+    Column("goal", LIST, "the same at the last node", "m, m/s", "n·6"),
+)
+STATES = "x y z vx vy vz of each craft at each node"
+CONTROLS = "x y z of each craft's thrust acceleration, constant over each interval"
+FUEL = "Σ‖u‖₁ over craft and intervals; times Δt it is Δv in m/s"
+BOUND = "proven: no transfer, safe or not, needs less"
+PLAN_COLUMNS = (
+    Column("status", TEXT, "`solved`, or why not: `infeasible` (proven), `unsolved`, `unsafe`"),
+    Column("states", LIST, STATES, "m, m/s", "n·T·6", nullable=True),
+    Column("controls", LIST, CONTROLS, "m/s²", "n·(T-1)·3", nullable=True),
+    Column("fuel", REAL, FUEL, "m/s²", nullable=True),
+    Column("fuel_lower_bound", REAL, BOUND, "m/s²", nullable=True),
+    Column("optimality_gap", REAL, "fuel / fuel_lower_bound - 1", nullable=True),
+    Column(
+        "node_collisions", INTEGER, "pairs and nodes within the collision radius", nullable=True
+    ),
+    Column("min_separation", REAL, "least distance of any pair at any time", "m", nullable=True),
+    Column("convex_solves", INTEGER, "convex programs that the plan took", nullable=True),
+)
+COLUMNS = (*SCENARIO_COLUMNS, *PLAN_COLUMNS)
+
+SCENARIO_FIELDS = [column.field for column in SCENARIO_COLUMNS]
+SOLVED_FIELDS = [column.field for column in COLUMNS]
+
+TIMING_FIELDS = [
+    pa.field("scenario_id", TEXT, nullable=False),
+    pa.field("message", TEXT),
+    *(pa.field(stage, REAL) for stage in ("own_optima", "search", "plan", "certificate")),
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The expert's result for a scenario: a plan's status, and a plan or why there is none."""
+
+    status: str
+    message: str = ""
+    plan: Plan | None = None
+
+
+def metadata(
+    problem: Problem, settings: Mapping[str, Any], made_with: Mapping[str, str]
+) -> dict[bytes, bytes]:
+    """The schema metadata of a shard: its problem, how it was drawn and solved, and with what."""
+    return metadata_of(
+        {"schema": SCHEMA, **asdict(problem), **settings, "made_with": dict(made_with)}
+    )
+
+
+def problem_of(table: pa.Table) -> Problem:
+    """The problem that a shard's metadata describes; InputError where it describes none."""
+    about = read_metadata(table)
+    try:
+        fields = {name: about[name] for name in Problem.__dataclass_fields__}
+        return TypeAdapter(Problem).validate_python(fields) and Problem(**fields)
+    except (KeyError, ValidationError) as error:
+        raise InputError("its metadata describe no problem") from error
+
+
+def scenario_table(
+    scenarios: Sequence[Scenario], splits: Sequence[str], meta: Mapping[bytes, bytes]
+) -> pa.Table:
+    """Scenarios as a table of SCENARIO_FIELDS."""
+    rows = [
+        {
+            "scenario_id": scenario.name,
+            "n_spacecraft": scenario.n,
+            "family": scenario.family,
+            "split": split,
+            "initial": scenario.initial.ravel(),
+            "goal": scenario.goal.ravel(),
+        }
+        for scenario, split in zip(scenarios, splits, strict=True)
+    ]
+    return pa.Table.from_pylist(rows, pa.schema(SCENARIO_FIELDS, metadata=dict(meta)))
+
+
+def solved_table(
+    scenarios: pa.Table, outcomes: Sequence[Outcome], meta: Mapping[bytes, bytes]
+) -> pa.Table:
+    """A table of SOLVED_FIELDS: scenarios with their outcomes."""
+    schema = pa.schema([column.field for column in PLAN_COLUMNS])
+    found = pa.Table.from_pylist([_outcome_row(one) for one in outcomes], schema)
+    columns = [*scenarios.columns, *found.columns]
+    return pa.Table.from_arrays(columns, schema=pa.schema(SOLVED_FIELDS, metadata=dict(meta)))
+
+
+def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome], digest: str) -> pa.Table:
+    """Timings of the solved shard with a digest, kept apart since no two runs agree on them."""
+    names = scenarios["scenario_id"].to_pylist()
+    rows = [
+        {"scenario_id": k, "message": one.message or None, **(one.plan.timing if one.plan else {})}
+        for k, one in zip(names, outcomes, strict=True)
+    ]
+    return pa.Table.from_pylist(rows, pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest}))
+
+
+def same_scenarios(table: pa.Table, scenarios: pa.Table) -> bool:
+    """Whether a table's rows are those scenarios, in that order."""
+    names = [field.name for field in SCENARIO_FIELDS]
+    known = set(names) <= set(table.column_names)
+    return known and table.select(names).equals(scenarios.select(names))
+
+
+def scenarios_of(table: pa.Table) -> list[Scenario]:
+    """The scenarios in the rows of a table."""
+    problem = problem_of(table)
+    ends = [
+        [np.reshape(row.values.to_numpy(), (-1, 6)) for row in table[end]]
+        for end in ("initial", "goal")
+    ]
+    names = table["family"].to_pylist(), table["scenario_id"].to_pylist()
+    return [Scenario(problem, *row) for row in zip(*ends, *names, strict=True)]
+
+
+def stacked(table: pa.Table, column: str, *shape: int) -> Float[Array, "rows ..."]:
+    """A column of lists as one array (rows, *shape), without a loop over rows."""
+    flat = table[column].combine_chunks()
+    values = np.array(flat.flatten())  # a copy, since Arrow's memory is read-only
+    return values.reshape(table.num_rows, *shape)
+
+
+def _outcome_row(outcome: Outcome) -> dict[str, Any]:
+    plan = outcome.plan
+    row: dict[str, Any] = {"status": outcome.status, "convex_solves": plan and plan.convex_solves}
+    if plan is None or outcome.status != SOLVED:
+        return row
+    arrays = {"states": plan.states.ravel(), "controls": plan.controls.ravel()}
+    return row | arrays | vars(plan.certificate)  # of which the schema takes its columns

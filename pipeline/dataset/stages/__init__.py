@@ -1,1 +1,0 @@
-"""Stages that fill a dataset and check it: sample, solve, verify, repair."""
