@@ -24,7 +24,7 @@ def with_settings(command: Callable[P, R]) -> Callable[..., R]:
     ``Evaluation`` in place of ``settings``, with their annotations and defaults.
     """
     hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, type[Any]] = {k: hint for k, hint in hints.items() if is_dataclass(hint)}
+    groups: dict[str, Any] = {k: hint for k, hint in hints.items() if is_dataclass(hint)}
     found: list[Parameter] = []
     for parameter in signature(command).parameters.values():
         group = groups.get(parameter.name)

@@ -26,8 +26,8 @@ TRAINED_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "torch"),
 )
 PLANNING = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
-EXPERIMENTS = ("trials", "rows", "warmstart", "experiment4", "flights")
-JOBS = ("ablate", "experiments", "held_out", "networks")
+EXPERIMENTS = ("records", "trials", "warmstart", "flights")
+JOBS = ("experiments", "held_out", "networks")
 EVALUATED_BY: DecidedBy = (
     (
         *(f"pipeline/{part}" for part in PLANNING),

@@ -12,7 +12,7 @@ import pandas as pd
 from mlflow.exceptions import MlflowException
 
 from pipeline.errors import ProlearnError
-from pipeline.experiments.rows import Epoch, Training
+from pipeline.experiments.records import Epoch, Training
 from pipeline.experiments.trainings import curves_figure
 from pipeline.figures.style import save as save_figure
 from pipeline.figures.style import styles

@@ -8,8 +8,8 @@ from cli.jobs.held_out import COLUMNS
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
-from pipeline.experiments.findings import compare
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.verdicts import compare
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.planners.network import Flown

@@ -17,13 +17,18 @@ from cli.jobs.networks import refiners_on, unlearned
 from cli.options import float_list, int_list
 from cli.settings import Evaluation, Flights, TransferTimes, WarmStarts
 from pipeline.errors import InputError
-from pipeline.experiments.examples import example_transfer, write_example
-from pipeline.experiments.experiment4 import run_transfer_times, variations
-from pipeline.experiments.findings import DECOUPLED
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import NETWORK_SIZE
-from pipeline.experiments.rows import NODES, OPTIMIZERS, TIME_STEP
-from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
+from pipeline.experiments.trials import (
+    EvaluatedPlanner,
+    example_transfer,
+    run_transfer_times,
+    run_trials,
+    variations,
+    write_example,
+)
+from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.experiments.warmstart import run_warmstarts
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers

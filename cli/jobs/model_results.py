@@ -7,10 +7,10 @@ import pandas as pd
 from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages
 from pipeline.experiments.averages import sizes_of_paper, summarize
-from pipeline.experiments.examples import example_transfer, figure_transfer
+from pipeline.experiments.examples import figure_transfer
 from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
-from pipeline.experiments.rows import PREDICTED
-from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.experiments.records import PREDICTED
+from pipeline.experiments.trials import EvaluatedPlanner, example_transfer
 from pipeline.figures.style import save, styles
 from pipeline.planners.expert import Expert
 from pipeline.scenario import Scenario

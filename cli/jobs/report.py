@@ -9,8 +9,8 @@ import pandas as pd
 
 from cli.jobs.run_tables import KINDS, sound_table
 from pipeline.errors import InputError, ProlearnError
-from pipeline.experiments.examples import Example, read_example
-from pipeline.experiments.rows import OPTIMIZERS
+from pipeline.experiments.records import OPTIMIZERS
+from pipeline.experiments.trials import Example, read_example
 from pipeline.markdown import formatted
 from pipeline.networks.refiner.ablations import for_comparison
 from pipeline.provenance import version_change
@@ -38,7 +38,7 @@ class Part:
 
     Attributes:
         experiment: what it is a run of.
-        command: what makes one.
+        command: that makes one.
         having: parameters that it must have.
         same: parameters that it must share with the evaluation.
     """
@@ -52,15 +52,15 @@ class Part:
 PARTS = {
     **{
         f"Experiment 3, {name}": Part(
-            WARMSTART, f"warmstart --optimizer {name}", {"optimizer": name}
+            WARMSTART, f"prolearn warmstart --optimizer {name}", {"optimizer": name}
         )
         for name in OPTIMIZERS
     },
-    "Experiment 4": Part(TRANSFER_TIMES, "transfer-times"),
+    "Experiment 4": Part(TRANSFER_TIMES, "prolearn transfer-times"),
     # Of the networks, those alone take part whose plans can be made anew on the way.
-    "Experiment 5": Part(FLIGHTS, "flights", same=DATA),
+    "Experiment 5": Part(FLIGHTS, "prolearn flights", same=DATA),
     # Refiners that lack something take part in no evaluation.
-    "Ablations": Part(ABLATIONS, "ablate", same=DATA),
+    "Ablations": Part(ABLATIONS, "make ablate", same=DATA),
 }
 """By name."""
 
@@ -158,7 +158,7 @@ def _of_others(name: str, part: Part) -> list[str]:
     return [
         formatted(
             "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
-            "`prolearn {}` makes one.",
+            "`{}` makes one.",
             *(name, other.run_id, _day(other), others, part.command),
         )
     ]

@@ -12,7 +12,7 @@ from pipeline.experiments.averages import summarize
 from pipeline.experiments.experiment3 import summarize_warmstarts
 from pipeline.experiments.experiment4 import summarize_times
 from pipeline.experiments.experiment5 import summarize_flights
-from pipeline.experiments.rows import TABLES
+from pipeline.experiments.records import TABLES
 from registry.results import Run, experiment_run
 from registry.run_files import TABLE, table_of, unusable
 from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART

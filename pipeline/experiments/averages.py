@@ -2,19 +2,23 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
-from pipeline.experiments.rows import FLOWN, PLAN, PREDICTED
+from pipeline.experiments.records import FLOWN, PLAN, PREDICTED
 from pipeline.figures.intervals import wilson
 from pipeline.figures.labels import count, error, in_order, name_of, number, ratio, share
-from pipeline.figures.style import Style, fit_scale
+from pipeline.figures.style import PAGE_WIDTH, Style, fit_scale
 from pipeline.figures.tables import Column, Table
+
+How = str | Callable[["pd.Series[Any]"], object]
+"""How numbers become one, in pandas' terms."""
 
 
 @dataclass(frozen=True)
@@ -28,35 +32,46 @@ class Average(Column):
         of: column of the trials.
         how: how the trials of one training become one number.
         over: how the trainings that differ in their seed alone do.
-        label: of an axis that shows it.
     """
 
     of: str = ""
-    how: "str | Callable[[pd.Series[Any]], object]" = "mean"
-    over: "str | Callable[[pd.Series[Any]], object]" = "mean"
-    label: str = ""
+    how: How = "mean"
+    over: How = "mean"
 
 
-def average(title: str, source: str, text: Callable[[float], str], **more: Any) -> Average:
-    """An average with its spread between trainings; its columns are named after the source."""
-    stem = source.removesuffix("_mean").removesuffix("_share")
-    return Average(title, source, text, spread=f"{stem}_spread", **more)
+def average(
+    title: str,
+    source: str,
+    text: Callable[[float], str] | None,
+    of: str = "",
+    how: How = "mean",
+    over: How = "mean",
+    spread: bool = False,
+) -> Average:
+    """An average, with the spread between trainings where it is asked for."""
+    between = f"{_stem(source)}_spread" if spread else ""
+    return Average(title, source, text, between, of=of, how=how, over=over)
 
 
-def average_share(title: str, source: str, **more: Any) -> Average:
+def average_share(title: str, source: str, of: str = "", spread: bool = False) -> Average:
     """The share of trials in which something holds, with Wilson's interval."""
-    stem = source.removesuffix("_share")
-    return Average(title, source, share, interval=(f"{stem}_low", f"{stem}_high"), **more)
+    stem = _stem(source)
+    ends, between = (f"{stem}_low", f"{stem}_high"), f"{stem}_spread" if spread else ""
+    return Average(title, source, share, between, ends, of=of)
 
 
-TRIALS = Average("Trials", "trials", count, of="trial", how="nunique", over="max")
+def _stem(source: str) -> str:
+    return source.removesuffix("_mean").removesuffix("_share")
+
+
+TRIALS = average("Trials", "trials", count, "trial", "nunique", "max")
 
 
 def averaged(
     rows: pd.DataFrame,
     group: Sequence[str],
     averages: Sequence[Average],
-    order: Mapping[str, Sequence[str]] | None = None,
+    order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
     """One row for the trials of each group.
 
@@ -68,19 +83,18 @@ def averaged(
     """
     averages = (TRIALS, *averages)
     each = rows.groupby([*group, "training_seed"], as_index=False, sort=False).agg(
-        **{a.source: (a.of, a.how) for a in averages}
+        **{one.source: (one.of, one.how) for one in averages}
     )
     summary = over_trainings(each, group, averages)
-    for one in (a for a in averages if a.interval):
-        # Trainings with other seeds flew the same trials, so they add none.
-        pairs = zip(summary[one.source].astype(float), summary["trials"], strict=True)
-        summary[list(one.interval or ())] = [wilson(s, int(k)) for s, k in pairs]
-    ranks = dict(order or {})
-    if "planner" in group:
-        ranks["planner"] = in_order(summary["planner"])
+    for one in averages:
+        if one.interval:
+            # Trainings with other seeds flew the same trials, so they add none.
+            pairs = zip(summary[one.source].astype(float), summary["trials"], strict=True)
+            summary[list(one.interval)] = [wilson(share, int(trials)) for share, trials in pairs]
+    ranks = {"planner": in_order(summary["planner"])} if "planner" in group else {}
 
     def rank(column: "pd.Series[Any]") -> "pd.Series[Any]":
-        if (known := ranks.get(str(column.name))) is None:
+        if (known := (ranks | dict(order)).get(str(column.name))) is None:
             return column
         places = {value: place for place, value in enumerate(known)}
         return column.map(lambda value: places.get(value, len(places))).astype(int)
@@ -99,9 +113,9 @@ def over_trainings(
         averages: its further columns, beside seeds (trainings averaged).
     """
     groups = each.groupby(list(group), as_index=False, sort=False)
-    found = groups.agg({a.source: a.over for a in averages})
+    found = groups.agg({one.source: one.over for one in averages})
     found.insert(len(group), "seeds", groups["training_seed"].nunique()["training_seed"])
-    spreads = {a.source: a.spread for a in averages if a.spread}
+    spreads = {one.source: one.spread for one in averages if one.spread}
     found[list(spreads.values())] = groups[list(spreads)].std()[list(spreads)]
     return found
 
@@ -112,36 +126,20 @@ PLANNER = ["planner", "recipe", "reading"]
 NAMED = [Column("Planner", "name"), Column("Recipe", "recipe"), Column("Reading", "reading")]
 """The same on the page, for rows from ``named``."""
 
-LEAST: dict[str, Any] = {"how": "min", "over": "min"}
-MOST: dict[str, Any] = {"how": "max", "over": "max"}
-
-COLLISIONS = average(
-    *("Collisions, av.", "collisions_mean", number),
-    of="node_collisions",
-    label="node collisions, average",
+COLLISIONS = average("Collisions, av.", "collisions_mean", number, "node_collisions", spread=True)
+MOST_COLLISIONS = average("Collisions, max.", "collisions_max", count, COLLISIONS.of, "max", "max")
+CONFLICTS = average("Pairs too close, av.", "conflicts_mean", number, "pair_conflicts")
+SAFE = average_share("Safe at all times", "safe_share", "safe", spread=True)
+SEPARATION = average(
+    "Separation, least (m)", "separation_min", number, "min_separation", "min", "min"
 )
-MOST_COLLISIONS = Average("Collisions, max.", "collisions_max", count, of="node_collisions", **MOST)
-CONFLICTS = Average("Pairs too close, av.", "conflicts_mean", number, of="pair_conflicts")
-SAFE = average_share(
-    *("Safe at all times", "safe_share"),
-    spread="safe_spread",
-    of="safe",
-    label="share of safe trials",
-)
-SEPARATION = Average(
-    "Separation, least (m)", "separation_min", number, of="min_separation", **LEAST
-)
-FUEL = average("Fuel, av. (m/s²)", "fuel_mean", number, of="fuel", label="fuel, average (m/s²)")
-BOUND = Average("Bound, av. (m/s²)", "bound_mean", number, of="fuel_lower_bound")
-FUEL_RATIO = average(
-    *("Fuel / bound, av.", "fuel_ratio", ratio), of="fuel_ratio", label="fuel / bound, average"
-)
-BOUNDARY = Average("Boundary error (m)", "boundary_error", error, of="boundary_error")
-DYNAMICS = Average("Dynamics error (m)", "dynamics_error", error, of="dynamics_error")
-SECONDS = Average(
-    "Time, av. (s)", "seconds_mean", number, of="seconds", label="time per instance (s)"
-)
-SOLVES = Average("Convex solves, av.", "convex_solves_mean", number, of="convex_solves")
+FUEL = average("Fuel, av. (m/s²)", "fuel_mean", number, "fuel", spread=True)
+BOUND = average("Bound, av. (m/s²)", "bound_mean", number, "fuel_lower_bound")
+FUEL_RATIO = average("Fuel / bound, av.", "fuel_ratio", ratio, "fuel_ratio", spread=True)
+BOUNDARY = average("Boundary error (m)", "boundary_error", error, "boundary_error")
+DYNAMICS = average("Dynamics error (m)", "dynamics_error", error, "dynamics_error")
+SECONDS = average("Time, av. (s)", "seconds_mean", number, "seconds")
+SOLVES = average("Convex solves, av.", "convex_solves_mean", number, "convex_solves")
 
 AVERAGES = (
     *(COLLISIONS, MOST_COLLISIONS, CONFLICTS, SAFE, SEPARATION, FUEL, BOUND, FUEL_RATIO),
@@ -196,8 +194,7 @@ def sizes_of_paper(rows: pd.DataFrame) -> pd.DataFrame:
 
 def reference_size(trials: pd.DataFrame) -> int:
     """The paper's n=10, or the size nearest to it that has trials (the smaller of two)."""
-    sizes = sorted(int(n) for n in trials["n"].unique())
-    return min(sizes, key=lambda n: abs(n - NETWORK_SIZE))
+    return min(sorted(map(int, trials["n"].unique())), key=lambda n: abs(n - NETWORK_SIZE))
 
 
 SHOWN = {"collisions": COLLISIONS, "safe": SAFE, "fuel": FUEL_RATIO}
@@ -216,13 +213,11 @@ def tables_against(
         printed: what the page shows: by such a heading, its own.
     """
     tables = {}
-    for called, one in SHOWN.items():
+    for name, one in SHOWN.items():
         rows = summary[summary["reading"] != PREDICTED] if one is SAFE else summary
         frame = wide(rows, PLANNER, variable, one)
         columns = [wide_column(frame, heading, title, one) for heading, title in printed.items()]
-        tables[called] = Table(
-            f"{experiment}-{called}", named(frame), [*NAMED, *columns], int(rows["seeds"].max())
-        )
+        tables[name] = Table(f"{experiment}-{name}", named(frame), [*NAMED, *columns])
     return tables
 
 
@@ -249,36 +244,69 @@ def wide_column(frame: pd.DataFrame, heading: str, title: str, one: Average) -> 
     return Column(title, heading, one.text, spread, interval)
 
 
-def draw_lines(
-    ax: Axes, rows: pd.DataFrame, against: str, one: Average, look: Mapping[str, Style]
-) -> None:
-    """One line for each planner; a band is the spread over its training seeds, where it has one.
+class Panel(NamedTuple):
+    """One panel of ``lines_figure``: rows of a summary, one for each planner and abscissa."""
+
+    rows: pd.DataFrame
+    average: Average
+    title: str = ""
+
+
+def lines_figure(
+    grid: Sequence[Sequence[Panel]],
+    against: tuple[str, str],
+    look: Mapping[str, Style],
+    size: tuple[float, float],
+    quoted: Sequence[float] = (),
+    handles: Sequence[Line2D] = (),
+    **shared: Any,
+) -> tuple[Figure, Any]:
+    """Averages against a variable: a line for each planner, a band for its spread.
 
     Args:
-        ax: where to draw.
-        rows: of the summary, one for each planner and value of ``against``.
-        against: column for the horizontal axis.
-        one: for the vertical axis.
+        grid: the panels, row by row; an average has one scale in all of its panels.
+        against: column for the horizontal axis, and its label.
         look: a style for each planner.
+        size: of the figure, inches.
+        quoted: further values that the scale of the vertical axis has to show.
+        handles: further entries of the legend.
+        **shared: which axes are common, as for ``Figure.subplots``.
     """
-    value, spread = one.source, one.spread
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(len(grid), len(grid[0]), sharex=True, squeeze=False, **shared)
+    panels = [panel for line in grid for panel in line]
+    for ax, (rows, one, title) in zip(axes.flat, panels, strict=True):
+        _draw_lines(ax, rows, against[0], one, look)
+        ax.set_title(title)
+        if one.text is share:
+            ax.set_ylim(-0.03, 1.03)
+            ax.yaxis.set_major_formatter(PercentFormatter(1.0))
+        else:
+            alike = [panel.rows[one.source] for panel in panels if panel.average is one]
+            fit_scale(ax, "y", [*pd.concat(alike), *quoted])
+    for line, shown in zip(axes, grid, strict=True):
+        for k, (ax, panel) in enumerate(zip(line, shown, strict=True)):
+            if not k or shown[k - 1].average is not panel.average:
+                ax.set_ylabel(panel.average.title)
+    for ax in axes[-1]:
+        ax.set_xlabel(against[1])
+    planners = planner_handles(pd.concat([panel.rows["planner"] for panel in panels]), look)
+    handles, columns = [*planners, *handles], 3 if size[0] < PAGE_WIDTH else 4
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=3)
+    return figure, axes
+
+
+def _draw_lines(
+    ax: Axes, rows: pd.DataFrame, against: str, one: Average, look: Mapping[str, Style]
+) -> None:
     for k, planner in enumerate(in_order(rows["planner"])):
         line = rows[rows["planner"] == planner].drop_duplicates(against).sort_values(against)
+        x, y, style = line[against], line[one.source], look[planner]
         step = max(1, len(line) // 8)  # some eight markers, at other points on the next line
-        ax.plot(line[against], line[value], markevery=(k % step, step), **look[planner].drawn)
-        if spread and line[spread].notna().any():
-            low, high = line[value] - line[spread], line[value] + line[spread]
-            colour = look[planner].colour
-            ax.fill_between(line[against], low, high, color=colour, alpha=0.2, linewidth=0)
-
-
-def scale(ax: Axes, one: Average, values: Iterable[float]) -> None:
-    """Scale the vertical axis: all of it for a share, what suits its values for another average."""
-    if one.text is share:
-        ax.set_ylim(-0.03, 1.03)
-        ax.yaxis.set_major_formatter(PercentFormatter(1.0))
-    else:
-        fit_scale(ax, "y", values)
+        ax.plot(x, y, markevery=(k % step, step), **style.drawn)
+        if one.spread and line[one.spread].notna().any():
+            band = line[one.spread]
+            ax.fill_between(x, y - band, y + band, color=style.colour, alpha=0.2, linewidth=0)
 
 
 def planner_handles(planners: Iterable[str], look: Mapping[str, Style]) -> list[Line2D]:

@@ -1,10 +1,7 @@
-"""Example transfers in three dimensions (the paper's Figures 1 and 9), and their files."""
+"""Example transfers in three dimensions (the paper's Figures 1 and 9)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
-from zipfile import ZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,109 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
-from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.experiments.trials import Example
+from pipeline.figures import style
 from pipeline.figures.labels import label_name
-from pipeline.figures.style import (
-    CONFLICT_COLOUR,
-    GOAL_COLOUR,
-    INITIAL_COLOUR,
-    PAGE_WIDTH,
-    in_style,
-)
 from pipeline.figures.tables import Picture, Section
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.rings import revolution
-from pipeline.orbit.transfer import track
-from pipeline.scenario import Scenario
-
-TRACK_STEPS = 12
-"""Points an interval in the example transfers."""
-
-PREFIX = "track:"
-"""Beginning of the names of tracks in a file."""
-
-MOST_BYTES = 250 * 10**6
-"""Size in memory of the largest file that is read; a usual one takes some hundred kB."""
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """One transfer as several planners fly it.
-
-    Attributes:
-        title: of the figure.
-        initial: initial states, m and m/s.
-        goal: goal states.
-        tracks: positions in m, dense in time, by the label of the planner.
-        collision_radius: r_col, m.
-    """
-
-    title: str
-    initial: Float[Array, "n 6"]
-    goal: Float[Array, "n 6"]
-    tracks: Mapping[str, Float[Array, "n _ 3"]]
-    collision_radius: float
-
-
-def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:
-    """One transfer by every planner; of trainings that share a label, the first is flown."""
-    tracks = {}
-    for one in planners:
-        if one.label not in tracks:
-            plan = one.planner.plan([scenario])[0]
-            tracks[one.label] = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
-    radius = scenario.problem.collision_radius
-    return Example(scenario.name, scenario.initial, scenario.goal, tracks, radius)
-
-
-def write_example(example: Example, path: Path) -> None:
-    """Keep an example in a file of numpy's."""
-    tracks: dict[str, Any] = {f"{PREFIX}{label}": each for label, each in example.tracks.items()}
-    np.savez_compressed(
-        path,
-        initial=example.initial,
-        goal=example.goal,
-        name=np.array(example.title),
-        collision_radius=np.array(example.collision_radius),
-        **tracks,
-    )
-
-
-def read_example(path: Path) -> Example:
-    """The example in a file; nothing in it is unpickled.
-
-    Raises:
-        InputError: where the file is damaged, or holds something else.
-    """
-    try:
-        with ZipFile(path) as file:
-            if sum(member.file_size for member in file.infolist()) > MOST_BYTES:
-                raise ValueError(f"it takes more than {MOST_BYTES / 1e6:g} MB in memory")
-        with np.load(path, allow_pickle=False) as file:
-            stored = dict(file)
-        initial, goal = _numbers(stored["initial"], 2, 6), _numbers(stored["goal"], 2, 6)
-        tracks = {
-            name.removeprefix(PREFIX): _numbers(stored[name], 3, 3)
-            for name in stored
-            if name.startswith(PREFIX)
-        }
-        if {len(goal), *map(len, tracks.values())} != {len(initial)}:
-            raise ValueError("it has different numbers of spacecraft")
-        title, radius = str(stored["name"]), float(_numbers(stored["collision_radius"], 0))
-    except Exception as error:  # numpy and zipfile raise errors of many kinds where bytes are wrong
-        raise InputError(f"it holds no example transfer ({error})") from error
-    return Example(title, initial, goal, tracks, radius)
-
-
-def _numbers(array: Any, dimensions: int, components: int | None = None) -> Float[Array, "..."]:
-    """Finite numbers with so many dimensions, the last of them of so many components."""
-    shape = array.shape
-    if array.dtype.kind not in "fi" or not np.isfinite(array).all():
-        raise ValueError("it has values that are not finite numbers")
-    if len(shape) != dimensions or (components is not None and shape[-1] != components):
-        raise ValueError(f"it has an array of shape {shape}")
-    return np.asarray(array, np.float64)
 
 
 def section(examples: Sequence[Example]) -> Section:
@@ -131,71 +31,49 @@ ORBIT_POINTS = 121
 ELEVATION, AZIMUTH = 26.0, -50.0
 """Where the viewer stands, deg."""
 
-FILL = 1.03
-"""Part of its square that matplotlib's 3-D axes give a box whose projection has unit size."""
-
-MARGINS, MARGINS_LARGE = (0.75, 0.6), (1.35, 0.8)
-"""Width and height around a projected box, for its numbers and labels, inches."""
-
-TITLE, LEGEND = 0.3, 0.35
-"""Heights above and below the panels, inches."""
+ZOOM = 1.02
+"""Of a small panel, in which the box of the axes and its labels just fit."""
 
 TRACK: dict[str, Any] = {"color": "#333333", "linewidth": 0.7}
-CONFLICT: dict[str, Any] = {"color": CONFLICT_COLOUR, "linewidth": 2.2}
+CONFLICT: dict[str, Any] = {"color": style.CONFLICT_COLOUR, "linewidth": 2.2}
 ORBIT: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.45}
 
 
-@in_style
+@style.in_style
 def figure_transfer(example: Example) -> Figure:
     """The tracks of each planner in its own panel, all at one equal scale, in the LVLH frame.
 
     Initial states are blue and goal states green, with the passive relative orbits through them;
     stretches where a pair is within the collision radius are vermillion.
     """
-    ends = [
-        (states, colour, _orbits(states))
-        for states, colour in ((example.initial, INITIAL_COLOUR), (example.goal, GOAL_COLOUR))
-    ]
-    low, high = _limits([*example.tracks.values(), *(orbits for *_, orbits in ends)])
+    colours = {"initial": style.INITIAL_COLOUR, "goal": style.GOAL_COLOUR}
+    ends = [(getattr(example, end), colour) for end, colour in colours.items()]
+    drawn = [(states, colour, _orbits(states)) for states, colour in ends]
+    low, high = _limits([*example.tracks.values(), *(orbits for *_, orbits in drawn)])
     columns = max(1, min(COLUMNS, len(example.tracks)))
     rows = max(1, -(-len(example.tracks) // columns))
-    width = (PAGE_WIDTH if columns > 1 else 0.75 * PAGE_WIDTH) / columns
-    across, up = FILL * _projected(high - low)
-    margins = MARGINS if columns > 1 else MARGINS_LARGE
-    side = (width - margins[0]) / across
-    height = side * up + margins[1]
-    total = (columns * width, rows * height + TITLE + LEGEND)
-    figure = Figure(figsize=total)
-    for k, (label, path) in enumerate(example.tracks.items()):
-        # Centres of the panel; the axes are square, so that they overlap where they are empty.
-        x = (k % columns + 0.47) * width
-        y = LEGEND + (rows - k // columns - 0.5) * height
-        place = ((x - side / 2) / total[0], (y - side / 2) / total[1])
-        size = (side / total[0], side / total[1])
-        ax: Any = figure.add_axes((*place, *size), projection="3d", proj_type="ortho")
-        _draw(ax, path, ends, within(path, example.collision_radius))
-        _frame(ax, low, high, large=columns == 1)
-        top = (y + height / 2 - 0.05) / total[1]
-        figure.text(x / total[0], top, label_name(label), ha="center", va="top", fontsize=9)
-    figure.suptitle(example.title, y=1 - 0.06 / total[1], va="top")
+    large, width = columns == 1, style.PAGE_WIDTH if columns > 1 else 0.75 * style.PAGE_WIDTH
+    figure = Figure(figsize=(width, 0.7 + rows * 0.8 * width / columns))
+    projection = {"projection": "3d", "proj_type": "ortho"}
+    axes: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw=projection)
+    figure.subplots_adjust(left=0.01, right=0.95, bottom=0.04, top=0.95, wspace=0.0, hspace=0.0)
+    for ax in axes.flat[len(example.tracks) :]:
+        ax.remove()
+    for ax, (label, path) in zip(axes.flat, example.tracks.items(), strict=False):
+        _draw(ax, path, drawn, within(path, example.collision_radius))
+        _frame(ax, low, high, large)
+        ax.set_title(label_name(label), loc="center", y=0.92)
+    figure.suptitle(example.title)
     handles = [
-        Line2D([], [], color=INITIAL_COLOUR, linestyle="none", marker="o", label="initial"),
-        Line2D([], [], color=GOAL_COLOUR, linestyle="none", marker="o", label="goal"),
+        Line2D([], [], color=colour, linestyle="none", marker="o", label=end)
+        for end, colour in colours.items()
+    ]
+    handles += [
         Line2D([], [], label="trajectory", **TRACK),
         Line2D([], [], label=f"pair within {example.collision_radius:g} m", **CONFLICT),
     ]
     figure.legend(handles=handles, loc="lower center", ncols=4)
     return figure
-
-
-def _projected(box: Float[Array, "3"]) -> Float[Array, "2"]:
-    """Width and height of a box in the viewer's plane, for a box of unit diagonal."""
-    azimuth, elevation = np.radians(AZIMUTH), np.radians(ELEVATION)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    upward = np.array([0.0, 0.0, np.cos(elevation)]) - np.sin(elevation) * ahead
-    extent: Array = np.abs(np.stack([right, upward])) @ (box / np.linalg.norm(box))
-    return extent
 
 
 def within(track: Float[Array, "n K 3"], collision_radius: float) -> Bool[Array, "n K"]:
@@ -246,7 +124,7 @@ def _limits(tracks: list[Array]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
 
 def _frame(ax: Any, low: Float[Array, "3"], high: Float[Array, "3"], large: bool) -> None:
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_box_aspect(high - low)
+    ax.set_box_aspect(high - low, zoom=0.85 if large else ZOOM)
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
     ax.patch.set_visible(False)
     names = ("x, radial (m)", "y, along-track (m)", "z, cross-track (m)")

@@ -10,25 +10,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pipeline.experiments import averages, paper
-from pipeline.experiments.averages import BOUND, COLLISIONS, FUEL, Average, named
-from pipeline.experiments.findings import DECOUPLED, Finding, Rules, decide, network_findings
-from pipeline.experiments.rows import FLOWN, PREDICTED
-from pipeline.figures.labels import (
-    EXPERTS,
-    REFINERS,
-    count,
-    in_order,
-    is_network,
-    name_of,
-    number,
-    span,
-)
+from pipeline.experiments.averages import BOUND, COLLISIONS, FUEL, Average
+from pipeline.experiments.records import FLOWN, PREDICTED
+from pipeline.experiments.verdicts import DECOUPLED, Finding, Rules, decide, network_findings
+from pipeline.figures import labels
+from pipeline.figures.labels import EXPERTS, number, span
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
 COLUMNS = [
     *(*averages.NAMED, COLLISIONS, Column("paper", "paper_collisions_mean", number)),
-    *(averages.MOST_COLLISIONS, Column("paper", "paper_collisions_max", count)),
+    *(averages.MOST_COLLISIONS, Column("paper", "paper_collisions_max", labels.count)),
     *(averages.CONFLICTS, averages.SAFE, FUEL, Column("paper", "paper_fuel_mean", number)),
     *(averages.FUEL_RATIO, averages.BOUNDARY, averages.DYNAMICS),
 ]
@@ -41,7 +33,7 @@ def section(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section
     values = {
         "paper": paper,
         "n": n,
-        "refiner": summary["planner"].isin(REFINERS).any(),
+        "refiner": summary["planner"].isin(labels.REFINERS).any(),
         "trials": sorted({int(trials.min()), int(trials.max())}),
         "table_2": table,
         "figures_2_3": Picture("experiment1", objectives_figure(summary, n, look)),
@@ -51,13 +43,13 @@ def section(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section
 
 def objectives_table(summary: pd.DataFrame, n: int) -> Table:
     """The paper's Table 2 at one swarm size; the paper's own figures only belong to n=10."""
-    frame = named(summary[summary["n"] == n].reset_index(drop=True))
+    frame = averages.named(summary[summary["n"] == n].reset_index(drop=True))
     quoted = paper.OBJECTIVES if n == paper.NETWORK_SIZE else {}
     rows = [quoted.get("expert" if p in EXPERTS else p) for p in frame["planner"]]
     names = paper.Objectives._fields
     reported = pd.DataFrame([row._asdict() if row else {} for row in rows], columns=names)
     frame = frame.join(reported.add_prefix("paper_"))
-    return Table("experiment1", frame, COLUMNS, int(frame["seeds"].max()))
+    return Table("experiment1", frame, COLUMNS)
 
 
 RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}
@@ -73,14 +65,24 @@ PAPER: dict[str, Any] = {
     "color": "black",
     "zorder": 2,
 }
-"""How the lower bound and the paper's own values are drawn."""
+MARK: dict[str, Any] = {"color": GREY, "linestyle": "none"}
+
+LEGEND: dict[str, dict[str, Any]] = {
+    "expert or baseline": {**MARK, "marker": RECIPE_MARKERS[""]},
+    "paper recipe": {**MARK, "marker": RECIPE_MARKERS["paper"]},
+    "tuned recipe": {**MARK, "marker": RECIPE_MARKERS["tuned"]},
+    "hollow: as predicted": {**MARK, "marker": "o", "markerfacecolor": "white"},
+    "lower bound": DOTTED,
+    "reported in the paper": PAPER,
+}
+"""What stands for what; the last only where the paper has numbers."""
 
 
 @in_style
 def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
     """Average collisions and average fuel of each planner, one row each, at swarm size n."""
     rows = summary[summary["n"] == n]
-    planners = in_order(rows["planner"])
+    planners = labels.in_order(rows["planner"])
     figure = Figure(figsize=(PAGE_WIDTH, 1.35 + 0.3 * len(planners)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     collisions, fuel = paper.COLLISIONS.get(n, {}), paper.FUEL.get(n, {})
@@ -92,12 +94,11 @@ def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) 
         ax.tick_params(axis="y", length=0)
     left.set_xlabel("node collisions per trial, average")
     right.set_xlabel("fuel per trial, average (m/s²)")
-    left.set_yticks(np.arange(len(planners)), [name_of(p) for p in planners])
+    left.set_yticks(np.arange(len(planners)), [labels.name_of(p) for p in planners])
     left.set_ylim(len(planners) - 0.5, -0.5)
-    handles = _legend(rows)
-    if n == paper.NETWORK_SIZE:
-        handles.append(Line2D([], [], label="reported in the paper", **PAPER))
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    handles = [Line2D([], [], label=label, **drawn) for label, drawn in LEGEND.items()]
+    quoted_too = len(handles) if n == paper.NETWORK_SIZE else -1
+    figure.legend(handles=handles[:quoted_too], loc="outside lower center", ncols=3)
     return figure
 
 
@@ -108,7 +109,7 @@ def _dots(
     one: Average,
     quoted: Mapping[str, float],
 ) -> None:
-    planners = in_order(rows["planner"])
+    planners = labels.in_order(rows["planner"])
     recipes = sorted(set(rows["recipe"]) - {""})
     for row in rows.to_dict("records"):
         planner, recipe = str(row["planner"]), str(row["recipe"])
@@ -134,26 +135,6 @@ def _dots(
         reported = quoted.get("expert" if planner in EXPERTS else planner)
         if reported is not None:
             ax.plot(reported, k, **PAPER)
-
-
-def _legend(rows: pd.DataFrame) -> list[Line2D]:
-    kinds = rows[["recipe"]].assign(raw=rows["reading"] == PREDICTED)
-    handles = []
-    for recipe, raw in (
-        kinds.drop_duplicates().sort_values(["recipe", "raw"]).itertuples(index=False)
-    ):
-        how = "as predicted" if raw else "flown" if recipe else "expert or baseline"
-        handles.append(
-            Line2D(
-                *([], []),
-                linestyle="none",
-                marker=RECIPE_MARKERS.get(recipe, "D"),
-                color=GREY,
-                markerfacecolor="white" if raw else GREY,
-                label=f"{recipe} recipe, {how}" if recipe else how,
-            )
-        )
-    return [*handles, Line2D([], [], label="lower bound", **DOTTED)]
 
 
 NEAR = 2.0
@@ -201,7 +182,7 @@ def paper_findings(summary: pd.DataFrame) -> list[Finding]:
 def _over_paper(summary: pd.DataFrame, recipe: str, reading: str) -> pd.DataFrame:
     """Collisions and fuel of the paper's networks over the paper's, by name."""
     known = summary["planner"].isin(
-        [planner for planner in paper.OBJECTIVES if is_network(planner)]
+        [planner for planner in paper.OBJECTIVES if labels.is_network(planner)]
     )
     rows = summary[known & (summary["recipe"] == recipe) & (summary["reading"] == reading)]
     quoted = [paper.OBJECTIVES[planner] for planner in rows["planner"]]
@@ -209,7 +190,7 @@ def _over_paper(summary: pd.DataFrame, recipe: str, reading: str) -> pd.DataFram
         "collisions": list(rows[COLLISIONS.source] / [row.collisions_mean for row in quoted]),
         "fuel": list(rows[FUEL.source] / [row.fuel_mean for row in quoted]),
     }
-    return pd.DataFrame(over, index=[name_of(planner) for planner in rows["planner"]])
+    return pd.DataFrame(over, index=[labels.name_of(planner) for planner in rows["planner"]])
 
 
 def _spans(rows: pd.DataFrame) -> str:

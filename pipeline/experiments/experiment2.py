@@ -1,6 +1,7 @@
 """Experiment 2: collisions, safety, fuel and time against swarm size (Figures 4 to 7)."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -9,37 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from pipeline.experiments import paper
-from pipeline.experiments.averages import (
-    COLLISIONS,
-    FUEL,
-    SAFE,
-    SECONDS,
-    Average,
-    draw_lines,
-    planner_handles,
-    scale,
-    sizes_of_paper,
-    tables_against,
-)
-from pipeline.experiments.findings import (
-    ANY,
-    DECOUPLED,
-    Finding,
-    Rules,
-    decide,
-    flown_networks,
-    network_findings,
-)
-from pipeline.experiments.rows import FLOWN, PLAN, PREDICTED
-from pipeline.figures.labels import (
-    FEED_FORWARD,
-    RECURRENT,
-    in_order,
-    is_network,
-    name_of,
-    number,
-)
+from pipeline.experiments import averages, paper, verdicts
+from pipeline.experiments.averages import COLLISIONS, Average, Panel
+from pipeline.experiments.records import FLOWN, PLAN, PREDICTED
+from pipeline.experiments.verdicts import ANY, Finding, Rules
+from pipeline.figures.labels import FEED_FORWARD, RECURRENT, in_order, is_network, name_of, number
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
 
@@ -49,7 +24,7 @@ PRINTED_SIZES = {2, 5, 10, 20, 30}
 
 def section(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     """Figures and tables of the averages from ``summarize``, where several n up to 30 have some."""
-    summary = sizes_of_paper(summary)
+    summary = averages.sizes_of_paper(summary)
     sizes = _sizes(summary)
     values: dict[str, Any] = {"sizes": sizes}
     if len(sizes) > 1:
@@ -68,7 +43,7 @@ def sizes_tables(summary: pd.DataFrame) -> dict[str, Table]:
     if len(sizes) > len(PRINTED_SIZES) + 1:
         sizes = sorted({*sizes} & PRINTED_SIZES | {sizes[0], sizes[-1]})
     rows = summary.assign(size=summary["n"].astype(str))
-    return tables_against(rows, "experiment2", "size", {str(n): f"n = {n}" for n in sizes})
+    return averages.tables_against(rows, "experiment2", "size", {str(n): f"n = {n}" for n in sizes})
 
 
 def _sizes(summary: pd.DataFrame) -> list[int]:
@@ -80,15 +55,15 @@ class Quantity(NamedTuple):
 
     average: Average
     readings: tuple[str, ...] = (PREDICTED, FLOWN)  # of networks: a row of panels each
-    paper: Mapping[int, Mapping[str, float]] | None = None  # the paper's, by n and planner
+    paper: Mapping[int, Mapping[str, float]] = MappingProxyType({})  # by n and planner
 
 
 QUANTITIES = {
     "collisions": Quantity(COLLISIONS, paper=paper.COLLISIONS),
-    "safe": Quantity(SAFE, (FLOWN,)),
-    "fuel": Quantity(FUEL, paper=paper.FUEL),
+    "safe": Quantity(averages.SAFE, (FLOWN,)),
+    "fuel": Quantity(averages.FUEL, paper=paper.FUEL),
     "seconds": Quantity(
-        SECONDS, (FLOWN,), {paper.LARGEST_SIZE: {"expert": paper.EXPERT_SECONDS_AT_30}}
+        averages.SECONDS, (FLOWN,), {paper.LARGEST_SIZE: {"expert": paper.EXPERT_SECONDS_AT_30}}
     ),
 }
 
@@ -115,35 +90,33 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
     present = set(networks["reading"])
     readings = [r for r in what.readings if r in present] or sorted(present) or [FLOWN]
     recipes = sorted(set(networks["recipe"])) or [""]
-    width = PAGE_WIDTH if len(recipes) > 1 else 0.75 * PAGE_WIDTH
-    figure = Figure(figsize=(width, 1.1 + 2.3 * len(readings)), layout="constrained")
-    panels = figure.subplots(len(readings), len(recipes), sharex=True, sharey=True, squeeze=False)
-    for i, reading in enumerate(readings):
-        for j, recipe in enumerate(recipes):
+    grid: list[list[Panel]] = []
+    for reading in readings:
+        grid.append([])
+        for recipe in recipes:
             mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
-            shown = pd.concat([others, mine])
-            draw_lines(panels[i, j], shown, "n", what.average, look)
-            _paper_points(panels[i, j], what, in_order(shown["planner"]), look)
-            if not mine.empty:
-                panels[i, j].set_title(_title(reading, recipe, what))
-        panels[i, 0].set_ylabel(what.average.label)
-    for ax in panels[-1]:
-        ax.set_xlabel("spacecraft n")
-    panels[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
-    quoted = [v for points in (what.paper or {}).values() for v in points.values()]
-    scale(panels[0, 0], what.average, [*rows[what.average.source], *quoted])
-    shown = pd.concat([others, networks[networks["reading"].isin(readings)]])
-    handles = planner_handles(shown["planner"], look)
-    if what.paper is not None:
-        label = "hollow: in the paper"
-        handles.append(Line2D([], [], marker="o", markeredgecolor=GREY, label=label, **HOLLOW))
-    across = 4 if len(recipes) > 1 else 3
-    figure.legend(handles=handles, loc="outside lower center", ncols=across, handlelength=3)
+            title = "" if mine.empty else _title(reading, recipe, what)
+            grid[-1].append(Panel(pd.concat([others, mine]), what.average, title))
+    width = PAGE_WIDTH if len(recipes) > 1 else 0.75 * PAGE_WIDTH
+    label = "hollow: in the paper"
+    papers = Line2D([], [], marker="o", markeredgecolor=GREY, label=label, **HOLLOW)
+    figure, axes = averages.lines_figure(
+        grid,
+        ("n", "spacecraft n"),
+        look,
+        (width, 1.1 + 2.3 * len(readings)),
+        quoted=[value for points in what.paper.values() for value in points.values()],
+        handles=[papers] if what.paper else [],
+        sharey=True,
+    )
+    axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
+    for ax, panel in zip(axes.flat, (panel for panels in grid for panel in panels), strict=True):
+        _paper_points(ax, what, in_order(panel.rows["planner"]), look)
     return figure
 
 
 def _paper_points(ax: Axes, what: Quantity, planners: list[str], look: Mapping[str, Style]) -> None:
-    for n, quoted in (what.paper or {}).items():
+    for n, quoted in what.paper.items():
         shown = [p for p in in_order(quoted) if p in planners]
         for k, planner in enumerate(shown):
             ax.plot(
@@ -167,16 +140,15 @@ def _title(reading: str, recipe: str, what: Quantity) -> str:
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
     """A row for each group of networks on the largest swarm that any were flown in, up to n = 30.
 
-    Args:
-        trials: from ``prepared``.
-        training: a row for each trained model.
-        n: the swarm size of experiment 1; there is no row where that is the largest.
+    There is none where that is n, the swarm size of experiment 1.
     """
-    trials = sizes_of_paper(trials)
-    largest = max(map(int, flown_networks(trials)["n"]), default=n)
+    trials = averages.sizes_of_paper(trials)
+    largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
     asked = f"trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
     papers = "Does a network of the paper's"
-    return [] if largest == n else network_findings(papers, asked, trials, training, largest)
+    return (
+        [] if largest == n else verdicts.network_findings(papers, asked, trials, training, largest)
+    )
 
 
 FAMILIES: Rules = (
@@ -192,7 +164,7 @@ FAMILIES: Rules = (
 
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
     """A row, where both families took part in one recipe; the paper's own setting first."""
-    summary = sizes_of_paper(summary)
+    summary = averages.sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
     for recipe in ("paper", "tuned", ""):
         for reading in (PREDICTED, FLOWN):
@@ -207,14 +179,16 @@ def family_findings(summary: pd.DataFrame) -> list[Finding]:
 def _on_families(summary: pd.DataFrame, forward: pd.DataFrame, recurrent: pd.DataFrame) -> Finding:
     first = forward.iloc[0]
     n, how = int(first["n"]), "as predicted" if first["reading"] == PREDICTED else "flown"
-    free = summary[(summary["planner"] == DECOUPLED) & (summary["n"] == n)][COLLISIONS.source]
+    free = summary[(summary["planner"] == verdicts.DECOUPLED) & (summary["n"] == n)][
+        COLLISIONS.source
+    ]
     quoted = paper.COLLISIONS_AT_30
     recipe = f", {first['recipe']} recipe" if first["recipe"] else ""
     several = min(int(rows["seeds"].min()) for rows in (forward, recurrent)) > 1
     less, more = _all_below(forward, recurrent), _all_below(recurrent, forward)
     return Finding(
         "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?",
-        decide(FAMILIES, several, less, more),
+        verdicts.decide(FAMILIES, several, less, more),
         f"node collisions at n = {n}{recipe}, {how}: {_listed(forward)} against "
         f"{_listed(recurrent)} (paper: {quoted['ff1']} at best against "
         f"{quoted['lstm1']} at worst)",

@@ -8,17 +8,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.experiments import paper
-from pipeline.experiments.averages import (
-    Average,
-    as_share,
-    average,
-    average_share,
-    averaged,
-    reference_size,
-)
-from pipeline.experiments.findings import ANY, Finding, Rules, decide, groups
-from pipeline.experiments.rows import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, OPTIMIZERS, PLAIN
+from pipeline.experiments import averages, paper, verdicts
+from pipeline.experiments.averages import average, average_share
+from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, OPTIMIZERS, PLAIN
+from pipeline.experiments.verdicts import ANY, Finding, Rules, decide
+from pipeline.figures import labels
 from pipeline.figures.intervals import mean_interval
 from pipeline.figures.labels import (
     in_order,
@@ -27,7 +21,6 @@ from pipeline.figures.labels import (
     number,
     planner_of,
     ratio,
-    ratios,
     share,
     span,
 )
@@ -44,17 +37,17 @@ def percent(gap: float) -> str:
     return number(100 * gap)
 
 
-SOLVES = Average("Convex solves, av.", "solves_mean", number, of="convex_solves")
-ONE_SOLVE = Average("Done in one", "one_solve_share", share, of="one")
-MEDIAN = Average("Time, median (s)", "seconds_median", number, of="seconds", how="median")
-MEAN = Average("Time, av. (s)", "seconds_mean", number, of="seconds")
-DEVIATION = Average("Time, s.d. (s)", "seconds_deviation", number, of="seconds", how="std")
-GAP = average("Gap, av. (%)", "gap_mean", percent, of="gap")
-FUEL = Average("Fuel, av. (m/s²)", "fuel_mean", number, of="fuel")
-CLEAR = average_share("Clear at the nodes", "solved_share", of="solved")
-SAFE = average_share("Safe at all times", "safe_share", of="safe")
+SOLVES = average("Convex solves, av.", "solves_mean", number, "convex_solves")
+ONE_SOLVE = average("Done in one", "one_solve_share", share, "one")
+MEDIAN = average("Time, median (s)", "seconds_median", number, "seconds", "median")
+MEAN = average("Time, av. (s)", "seconds_mean", number, "seconds")
+DEVIATION = average("Time, s.d. (s)", "seconds_deviation", number, "seconds", "std")
+GAP = average("Gap, av. (%)", "gap_mean", percent, "gap", spread=True)
+FUEL = average("Fuel, av. (m/s²)", "fuel_mean", number, "fuel")
+CLEAR = average_share("Clear at the nodes", "solved_share", "solved")
+SAFE = average_share("Safe at all times", "safe_share", "safe")
 ENDS = "time_ratio_low", "time_ratio_high"
-TIME_RATIO = Column("Time / no seed", "time_ratio", ratio, interval=ENDS, bounds=ratios)
+TIME_RATIO = Column("Time / no seed", "time_ratio", ratio, interval=ENDS, bounds=labels.ratios)
 
 AVERAGES = (SOLVES, ONE_SOLVE, MEDIAN, MEAN, DEVIATION, GAP, FUEL, CLEAR, SAFE)
 
@@ -90,7 +83,7 @@ def warmstart_table(warmstarts: pd.DataFrame, optimizer: str, n: int) -> Table:
     frame = summarize_warmstarts(rows)
     frame = frame.assign(name=[label_name(seed) for seed in frame["seed"]])
     name = "experiment3-plain" if optimizer == PLAIN else "experiment3"
-    return Table(f"{name}-n{n}", frame, COLUMNS[optimizer], int(frame["seeds"].max()))
+    return Table(f"{name}-n{n}", frame, COLUMNS[optimizer])
 
 
 def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
@@ -104,10 +97,10 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
     rows = warmstarts.assign(
         one=(warmstarts["convex_solves"] <= 1).astype(float),
         solved=(warmstarts["status"] == SOLVED).astype(float),
-        safe=as_share(warmstarts["safe"]),
+        safe=averages.as_share(warmstarts["safe"]),
         gap=gap.where(np.isfinite(gap)),
     )
-    summary = averaged(rows, GROUP, AVERAGES, {"seed": seeds_in_order(rows["seed"])})
+    summary = averages.averaged(rows, GROUP, AVERAGES, {"seed": seeds_in_order(rows["seed"])})
     return summary.merge(time_ratios(warmstarts), "left", GROUP)
 
 
@@ -146,46 +139,29 @@ def seeds_in_order(seeds: Iterable[str]) -> list[str]:
 WHISKERS = (5, 95)
 """Percentiles that the whiskers reach to."""
 
-UNTIL = {CONVERGED: "until converged", FIRST_SAFE: "until the first safe plan"}
-"""Stopping rules in words."""
-
 NAMES = {PLAIN: "Plain SCP", EXPERT: "Our expert"}
-"""Names of the optimizers."""
+UNTIL = {CONVERGED: "until converged", FIRST_SAFE: "until the first safe plan"}
+"""Optimizers and stopping rules in words."""
 
 
-@in_style
 def warmstart_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
     """The expert's run times from each seed at swarm size n, a panel for each stopping rule."""
     rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["optimizer"] == EXPERT)]
-    panels = {
-        f"n = {n}, {UNTIL.get(str(rule), str(rule))}": part for rule, part in rows.groupby("rule")
-    }
-    figure, _ = _panels(panels, look)
-    return figure
+    panels = {f"n = {n}, {UNTIL[str(rule)]}": part for rule, part in rows.groupby("rule")}
+    return _boxes_figure(panels, look)
 
 
-@in_style
 def optimizers_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
     """Run times until converged from each seed at swarm size n, a panel for each optimizer."""
     rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["rule"] == CONVERGED)]
-    panels = {
-        f"{name}, n = {n}": rows[rows["optimizer"] == optimizer]
-        for optimizer, name in NAMES.items()
-        if (rows["optimizer"] == optimizer).any()
-    }
-    figure, seeds = _panels(panels, look)
-    for ax, shown in zip(figure.axes, panels.values(), strict=True):
-        for row in (k for k, seed in enumerate(seeds) if seed not in set(shown["seed"])):
-            note = "its own start: as without a seed" if seeds[row] == "own LP" else "not run"
-            where = ax.get_yaxis_transform()
-            ax.text(0.97, row, note, transform=where, ha="right", va="center", color=GREY, size=7)
-    return figure
+    parts = {name: rows[rows["optimizer"] == optimizer] for optimizer, name in NAMES.items()}
+    panels = {f"{name}, n = {n}": part for name, part in parts.items() if len(part)}
+    return _boxes_figure(panels, look)
 
 
-def _panels(
-    panels: Mapping[str, pd.DataFrame], look: Mapping[str, Style]
-) -> tuple[Figure, list[str]]:
-    """A panel of boxes for each title, on common axes, and the seeds from top to bottom."""
+@in_style
+def _boxes_figure(panels: Mapping[str, pd.DataFrame], look: Mapping[str, Style]) -> Figure:
+    """A panel of boxes for each title, on common axes; a seed without a box was not run."""
     seeds = seeds_in_order(pd.concat(list(panels.values()))["seed"])
     figure = Figure(figsize=(PAGE_WIDTH, 0.9 + 0.24 * len(seeds)), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)[0]
@@ -198,7 +174,7 @@ def _panels(
     fit_scale(axes[0], "x", np.concatenate(spans), log=True)
     axes[0].set_yticks(range(len(seeds)), [label_name(s) for s in seeds])
     axes[0].set_ylim(len(seeds) - 0.5, -0.5)
-    return figure, seeds
+    return figure
 
 
 def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], look: Mapping[str, Style]) -> None:
@@ -245,7 +221,7 @@ def findings(warmstarts: pd.DataFrame) -> list[Finding]:
     ratios = {optimizer: _ratios(warmstarts, optimizer) for optimizer in NAMES}
     beside = "; ".join(_beside(name, found) for name, found in ratios.items() if len(found))
     rows = []
-    for group in groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
+    for group in verdicts.groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
         mine = {
             name: found[found.index.map(planner_of).isin(group.planners)]
             for name, found in ratios.items()
@@ -274,7 +250,7 @@ def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
     rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == CONVERGED)]
     if NO_SEED not in set(rows["seed"]):
         return pd.DataFrame(columns=["time_ratio", *ENDS])
-    return time_ratios(rows[rows["n"] == reference_size(rows)]).set_index("seed")
+    return time_ratios(rows[rows["n"] == averages.reference_size(rows)]).set_index("seed")
 
 
 def _all_below(ratios: pd.DataFrame) -> bool:

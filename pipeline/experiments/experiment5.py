@@ -8,41 +8,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
-from pipeline.experiments.averages import (
-    LEAST,
-    MOST,
-    NO_FUEL,
-    Average,
-    average_share,
-    averaged,
-    named,
-    planner_handles,
-    wide,
-    wide_column,
-)
-from pipeline.experiments.findings import ANY, DECOUPLED, SAFE, Finding, Rules, decide
-from pipeline.experiments.rows import (
-    ERRORS,
-    LOOPS,
-    NO_ERRORS,
-    OPEN,
-    SIZE,
-    TYPICAL,
-    WITH_ERRORS,
-    WORLDS,
-)
-from pipeline.figures.intervals import all_hold, at_most, clustered_interval
-from pipeline.figures.labels import (
-    BASELINES,
-    error,
-    in_order,
-    in_sentence,
-    name_of,
-    number,
-    percents,
-    ratio,
-    share,
-)
+from pipeline.experiments import averages, records
+from pipeline.experiments.averages import average, average_share
+from pipeline.experiments.records import LOOPS, NO_ERRORS, OPEN, TYPICAL, WITH_ERRORS, WORLDS
+from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
+from pipeline.figures import labels
+from pipeline.figures.intervals import at_most, clustered_interval
+from pipeline.figures.labels import error, name_of, number, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -57,35 +29,29 @@ def _high(values: "pd.Series[float]") -> float:
     return float(values.quantile(HIGH))
 
 
-WITHIN_RADIUS = average_share(
-    "Within r_col", "within_radius_share", of="within_radius", label="flights within r_col"
+WITHIN_RADIUS = average_share("Within r_col", "within_radius_share", "within_radius")
+WITHIN_SIZE = average_share("Within size", "within_size_share", "within_size")
+GOAL = average("Off goal, median (m)", "goal_error_median", error, "goal_error", "median")
+GOAL_HIGH = average("95 % (m)", "goal_error_high", error, "goal_error", _high)
+VELOCITY = average(
+    "Velocity off, median (m/s)", "goal_velocity_median", number, "goal_velocity_error", "median"
 )
-WITHIN_SIZE = average_share("Within size", "within_size_share", of="within_size")
-SEPARATION = Average(
-    "Separation, least (m)", "separation_min", number, of="min_separation", **LEAST
-)
-GOAL = Average("Off goal, median (m)", "goal_error_median", error, of="goal_error", how="median")
-GOAL_HIGH = Average("95 % (m)", "goal_error_high", error, of="goal_error", how=_high)
-VELOCITY = Average(
-    *("Velocity off, median (m/s)", "goal_velocity_median", number),
-    of="goal_velocity_error",
-    how="median",
-)
-DELTA_V = Average(
-    "Δv / bound, av.", "delta_v_ratio", ratio, of="delta_v_ratio", label="Δv / bound, average"
-)
-MOST_DELTA_V = Average("Δv / bound, max.", "delta_v_most", ratio, of="delta_v_ratio", **MOST)
-NO_PLAN = Average("No safe plan", "no_plan_share", share, of="no_plan")
-MARGIN = Average("Margin, av. (m)", "margin_mean", number, of="margin")
+DELTA_V = average("Δv / bound, av.", "delta_v_ratio", ratio, "delta_v_ratio")
+MOST_DELTA_V = average("Δv / bound, max.", "delta_v_most", ratio, "delta_v_ratio", "max", "max")
+NO_PLAN = average("No safe plan", "no_plan_share", share, "no_plan")
+MARGIN = average("Margin, av. (m)", "margin_mean", number, "margin")
 
 SHARES = (WITHIN_RADIUS, WITHIN_SIZE)
-AVERAGES = (*SHARES, SEPARATION, GOAL, GOAL_HIGH, VELOCITY, DELTA_V, MOST_DELTA_V, NO_PLAN, MARGIN)
+AVERAGES = (
+    *(*SHARES, averages.SEPARATION, GOAL, GOAL_HIGH, VELOCITY),
+    *(DELTA_V, MOST_DELTA_V, NO_PLAN, MARGIN),
+)
 
 CONDITIONS = [Column(name.capitalize(), name) for name in CONDITION]
 
 COLUMNS = [
     *(Column("Planner", "name"), Column("Recipe", "recipe"), *CONDITIONS[1:], WITHIN_SIZE),
-    *(SEPARATION, GOAL, GOAL_HIGH, DELTA_V, MOST_DELTA_V, NO_PLAN),
+    *(averages.SEPARATION, GOAL, GOAL_HIGH, DELTA_V, MOST_DELTA_V, NO_PLAN),
 ]
 """Columns of what else became of the flights about the usual low orbit."""
 
@@ -96,14 +62,13 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     if flights.empty:
         return Section(template, {"flown": None})
     summary = summarize_flights(flights)
-    coordinated = summary[~summary["planner"].isin(list(BASELINES))]
+    coordinated = summary[~summary["planner"].isin(list(labels.BASELINES))]
     values = {
         "flown": {"n": int(flights["n"].iloc[0]), "each": int(flights["flight"].max()) + 1},
         "trials": int(summary["trials"].max()),
-        "verdict": verdict_on_all(summary),
         "most": share(1 - SAFE),
         "typical": TYPICAL,
-        "size": SIZE,
+        "size": records.SIZE,
         "margin": coordinated.loc[coordinated["loop"] == LOOPS[-1], MARGIN.source].mean(),
         "picture": Picture("experiment5", flights_figure(summary, look)),
         "within": within_table(summary),
@@ -116,16 +81,16 @@ def within_table(summary: pd.DataFrame) -> Table:
     """Flights in which a pair comes within r_col: a row a condition, a column a planner."""
     names = zip(summary["planner"], summary["recipe"], strict=True)
     rows = summary.assign(label=[f"{name_of(who)} {recipe}".strip() for who, recipe in names])
-    frame = wide(rows, CONDITION, "label", WITHIN_RADIUS)
-    labels = rows["label"].drop_duplicates()
-    columns = [*CONDITIONS, *(wide_column(frame, one, one, WITHIN_RADIUS) for one in labels)]
-    return Table("experiment5-within", frame, columns, int(summary["seeds"].max()))
+    frame = averages.wide(rows, CONDITION, "label", WITHIN_RADIUS)
+    planners = rows["label"].drop_duplicates()
+    columns = [averages.wide_column(frame, one, one, WITHIN_RADIUS) for one in planners]
+    return Table("experiment5-within", frame, [*CONDITIONS, *columns])
 
 
 def conditions_table(summary: pd.DataFrame) -> Table:
     """All averages in all conditions; the page shows one world of them."""
     printed = summary["world"] == TYPICAL
-    return Table("experiment5", named(summary), COLUMNS, int(summary["seeds"].max()), printed)
+    return Table("experiment5", averages.named(summary), COLUMNS, printed=printed)
 
 
 def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
@@ -141,11 +106,11 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
         recipe=flights["recipe"].fillna(""),
         within_radius=flights["within_radius"].astype(float),
         within_size=flights["within_size"].astype(float),
-        delta_v_ratio=flights["delta_v"].astype(float) / bound.where(bound > NO_FUEL),
+        delta_v_ratio=flights["delta_v"].astype(float) / bound.where(bound > averages.NO_FUEL),
         no_plan=(unsafe > 0).astype(float).where(unsafe.notna()),
     )
-    order = dict(zip(CONDITION, (WORLDS, ERRORS, LOOPS), strict=True))
-    summary = averaged(rows, group, AVERAGES, order)
+    order = dict(zip(CONDITION, (WORLDS, records.ERRORS, LOOPS), strict=True))
+    summary = averages.averaged(rows, group, AVERAGES, order)
     for one in SHARES:
         found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).reset_index()
         intervals = {
@@ -172,9 +137,9 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     panels = figure.subplots(3, len(worlds), sharex=True, sharey="row", squeeze=False)
     low, high = WITHIN_RADIUS.interval or ("", "")
     drawn = {
-        WITHIN_RADIUS.label: (WITHIN_RADIUS.source, low, high),
+        WITHIN_RADIUS.title: (WITHIN_RADIUS.source, low, high),
         "off goal, median to 95 % (m)": (GOAL.source, GOAL.source, GOAL_HIGH.source),
-        DELTA_V.label: (DELTA_V.source,),
+        DELTA_V.title: (DELTA_V.source,),
     }
     for line, (label, sources) in zip(panels, drawn.items(), strict=True):
         line[0].set_ylabel(label)
@@ -190,7 +155,7 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     goal.set_ylim(bottom=BOTTOM)
     dear.set_xticks(range(len(LOOPS)), LOOPS)
     dear.set_xlim(-0.5, len(LOOPS) - 0.5)
-    handles = planner_handles(summary["planner"], look)
+    handles = averages.planner_handles(summary["planner"], look)
     for handle in handles:
         handle.set_linestyle("none")
     handles += [
@@ -205,12 +170,13 @@ def _markers(
     ax: Axes, rows: pd.DataFrame, look: Mapping[str, Style], source: str, *ends: str
 ) -> None:
     """A marker for each row at its loop, planners side by side; with errors also its interval."""
-    order, names = in_order(rows["planner"]), zip(rows["planner"], rows["recipe"], strict=True)
-    labels = sorted(set(names), key=lambda one: (order.index(one[0]), one[1]))
-    step = WIDTH / max(1, len(labels))
+    order = labels.in_order(rows["planner"])
+    names = set(zip(rows["planner"], rows["recipe"], strict=True))
+    shown = sorted(names, key=lambda one: (order.index(one[0]), one[1]))
+    step = WIDTH / max(1, len(shown))
     for row in rows.to_dict("records"):
         planner, hollow = str(row["planner"]), row["errors"] == NO_ERRORS
-        place = labels.index((planner, str(row["recipe"]))) - (len(labels) - 1) / 2
+        place = shown.index((planner, str(row["recipe"]))) - (len(shown) - 1) / 2
         at = LOOPS.index(str(row["loop"])) + step * place
         style = look[planner]
         if ends and not hollow:
@@ -253,7 +219,7 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
     found = []
     for name, rows in _coordinated(summary).items():
         alone = _coordinated(summary, NO_ERRORS)[name]
-        called = in_sentence(str(rows["planner"].iloc[0]))
+        called = labels.in_sentence(str(rows["planner"].iloc[0]))
         found.append(
             Finding(
                 f"Do {called}'s plans hold outside the linear model, with errors?",
@@ -266,15 +232,9 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
     return found
 
 
-def verdict_on_all(summary: pd.DataFrame) -> str:
-    """The verdict that is true of every planner that keeps craft apart."""
-    each = [_holds(rows) for rows in _coordinated(summary).values()]
-    return decide(HOLDS, *(all_hold(one[loop] for one in each) for loop in LOOPS))
-
-
 def _coordinated(summary: pd.DataFrame, errors: str = WITH_ERRORS) -> dict[str, pd.DataFrame]:
     """The rows that decide, of each planner that keeps craft apart, by its name and recipe."""
-    rows = _typical(summary[~summary["planner"].isin(list(BASELINES))], errors)
+    rows = _typical(summary[~summary["planner"].isin(list(labels.BASELINES))], errors)
     found = rows.groupby(["planner", "recipe"], sort=False)
     return {f"{name_of(str(who))} {recipe}".strip(): rows for (who, recipe), rows in found}
 
@@ -296,6 +256,6 @@ def _shares(rows: pd.DataFrame) -> str:
     """In each loop, the share of flights in which a pair came within the collision radius."""
     columns = ["loop", WITHIN_RADIUS.source, *(WITHIN_RADIUS.interval or ())]
     return ", ".join(
-        f"{share(value)} {percents(low, high)} {'in ' if loop == OPEN else ''}{loop}"
+        f"{share(value)} {labels.percents(low, high)} {'in ' if loop == OPEN else ''}{loop}"
         for loop, value, low, high in rows[columns].itertuples(index=False)
     )

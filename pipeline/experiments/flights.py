@@ -9,16 +9,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import InputError, check_range
-from pipeline.experiments.rows import (
-    ECCENTRICITIES,
-    LINEAR,
-    MARGIN,
-    NO_ERRORS,
-    SIZE,
-    WITH_ERRORS,
-    WORLDS,
-    Flight,
-)
+from pipeline.experiments import records
+from pipeline.experiments.records import LINEAR, MARGIN, NO_ERRORS, Flight
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
@@ -30,7 +22,7 @@ from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS
 
-MAGNITUDES = {NO_ERRORS: Errors(), WITH_ERRORS: COLD_GAS}
+MAGNITUDES = {NO_ERRORS: Errors(), records.WITH_ERRORS: COLD_GAS}
 """Errors of thrust and navigation by name."""
 
 MOST_FLIGHTS = 10_000
@@ -98,7 +90,7 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, World]:
     usual = Conditions(argument_of_perigee_deg=perigee, argument_of_latitude_deg=latitude)
     nonlinear = {
         name: replace(usual, eccentricity=e).world(scenario.problem, scenario.n)
-        for name, e in ECCENTRICITIES.items()
+        for name, e in records.ECCENTRICITIES.items()
     }
     return {LINEAR: LinearWorld(scenario.problem.dynamics), **nonlinear}
 
@@ -109,7 +101,7 @@ def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
     tables = []
     for one in asked.planners:
         loops, bound = _loops(one, asked.scenario)
-        for world, errors, loop in product(WORLDS, MAGNITUDES, loops):
+        for world, errors, loop in product(records.WORLDS, MAGNITUDES, loops):
             if errors == NO_ERRORS and loop.name == MARGIN:
                 continue
             rows = _fly(asked, worlds[world], MAGNITUDES[errors], loop)
@@ -144,7 +136,7 @@ def _fly(asked: ScenarioFlights, world: World, errors: Errors, loop: Loop) -> pd
             "flight": np.arange(count),
             "min_separation": apart,
             "within_radius": apart <= problem.collision_radius,
-            "within_size": apart <= SIZE,
+            "within_size": apart <= records.SIZE,
             "goal_error": flown.goal_error,
             "goal_velocity_error": flown.goal_velocity_error,
             "delta_v": flown.delta_v,

@@ -40,8 +40,8 @@ AVERAGES = (
     Average("Instances", "train_instances", count),
     Average("Epochs", "epochs", count),
     Average("Best epoch", "best_epoch", count),
-    average("Validation loss", "valid_loss", number),
-    average("Time (s)", "seconds", number),
+    average("Validation loss", "valid_loss", number, spread=True),
+    average("Time (s)", "seconds", number, spread=True),
     Average("Device", "device", over=_distinct),
     Average("Threads", "threads", over=_distinct),
 )
@@ -81,7 +81,7 @@ def training_table(training: pd.DataFrame) -> Table:
         paper_neurons=neurons,
         paper_seconds=[paper.TRAIN_SECONDS.get(arch, math.nan) for arch in frame["arch"]],
     )
-    return Table("training", frame, COLUMNS, int(frame["seeds"].max()))
+    return Table("training", frame, COLUMNS)
 
 
 @in_style

@@ -1,8 +1,10 @@
-"""Experiments 1 and 2: every planner on the same test scenarios of each swarm size."""
+"""Runs of experiments 1, 2 and 4, every planner on the same scenarios, and example transfers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
@@ -10,10 +12,12 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
-from pipeline.experiments.rows import FLOWN, PLAN, PREDICTED, Trial
+from pipeline.errors import InputError
+from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, VARIED, Trial
 from pipeline.orbit.fuel import fuel, implied_controls
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
-from pipeline.orbit.transfer import dynamics_defect
+from pipeline.orbit.transfer import dynamics_defect, track
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
@@ -35,19 +39,12 @@ class Predictor(Protocol):
 
 @dataclass(frozen=True)
 class EvaluatedPlanner:
-    """A planner in the experiments.
-
-    Attributes:
-        planner: what plans.
-        recipe: of its training, where it has one.
-        training_seed: of that training, or 0.
-        predictor: a network, whose raw output is judged beside its plans, as in the paper.
-    """
+    """A planner in the experiments."""
 
     planner: Planner
-    recipe: str = ""
-    training_seed: int = 0
-    predictor: Predictor | None = None
+    recipe: str = ""  # of its training, where it has one
+    training_seed: int = 0  # of that training
+    predictor: Predictor | None = None  # whose raw output is judged too, as in the paper
 
     @property
     def label(self) -> str:
@@ -151,3 +148,149 @@ def _predicted(
             seconds=NAN,
             convex_solves=0,
         )
+
+
+PlannersFor = Callable[[Problem], Sequence[EvaluatedPlanner]]
+"""Who can take part in a problem: experts and baselines always, networks where they fit."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A problem that differs from the training's in T or in Δt, which is one of VARIED."""
+
+    varied: str
+    problem: Problem
+
+
+def variations(
+    problem: Problem, nodes: Sequence[int], time_steps: Sequence[float] | None = None
+) -> list[Variation]:
+    """Every T at the Δt of a problem, and every Δt at its T.
+
+    Args:
+        problem: that of the training.
+        nodes: numbers of nodes T.
+        time_steps: Δt in s, or None for those that take as long as the numbers of nodes.
+
+    Raises:
+        InputError: for fewer than 3 nodes, or a step that is no positive number.
+    """
+    if time_steps is None:
+        time_steps = [problem.time_step * (T - 1) / problem.intervals for T in nodes]
+    return [Variation(NODES, replace(problem, nodes=T)) for T in nodes] + [
+        Variation(TIME_STEP, replace(problem, time_step=step)) for step in time_steps
+    ]
+
+
+def run_transfer_times(
+    planners_for: PlannersFor,
+    scenarios: Sequence[Scenario],
+    varied: Sequence[Variation],
+    *,
+    progress: Progress = SILENT,
+) -> pd.DataFrame:
+    """All planners that fit, in every variation, on the same initial and goal states.
+
+    The ends stay what they are, since passive formations depend on the orbit alone.
+
+    Args:
+        planners_for: who can take part in a problem.
+        scenarios: of one problem and one n.
+        varied: the problems.
+        progress: told of each of them.
+
+    Returns:
+        A row a trial: varied, nodes, time_step and the columns of Trial.
+    """
+    tables = []
+    for variation in varied:
+        problem = variation.problem
+        moved = [replace(scenario, problem=problem) for scenario in scenarios]
+        table = run_trials(planners_for(problem), moved)
+        for place, name in enumerate(VARIED):
+            table.insert(place, name, getattr(problem, name))
+        table.insert(0, "varied", variation.varied)
+        tables.append(table)
+        progress.done(note=f"T = {problem.nodes}, Δt = {problem.time_step:g} s")
+    return pd.concat(tables, ignore_index=True)
+
+
+TRACK_STEPS = 12
+"""Points an interval in the example transfers."""
+
+PREFIX = "track:"
+"""Beginning of the names of tracks in a file."""
+
+MOST_BYTES = 250 * 10**6
+"""Size in memory of the largest file that is read; a usual one takes some hundred kB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """One transfer as several planners fly it."""
+
+    title: str
+    initial: Float[Array, "n 6"]  # m and m/s
+    goal: Float[Array, "n 6"]
+    tracks: Mapping[str, Float[Array, "n _ 3"]]  # positions dense in time, m, by planner's label
+    collision_radius: float  # m
+
+
+def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:
+    """One transfer by every planner; of trainings that share a label, the first is flown."""
+    tracks = {}
+    for one in planners:
+        if one.label not in tracks:
+            plan = one.planner.plan([scenario])[0]
+            tracks[one.label] = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
+    radius = scenario.problem.collision_radius
+    return Example(scenario.name, scenario.initial, scenario.goal, tracks, radius)
+
+
+def write_example(example: Example, path: Path) -> None:
+    """Keep an example in a file of numpy's."""
+    tracks: dict[str, Any] = {f"{PREFIX}{label}": each for label, each in example.tracks.items()}
+    np.savez_compressed(
+        path,
+        initial=example.initial,
+        goal=example.goal,
+        name=np.array(example.title),
+        collision_radius=np.array(example.collision_radius),
+        **tracks,
+    )
+
+
+def read_example(path: Path) -> Example:
+    """The example in a file; nothing in it is unpickled.
+
+    Raises:
+        InputError: where the file is damaged, or holds something else.
+    """
+    try:
+        with ZipFile(path) as file:
+            if sum(member.file_size for member in file.infolist()) > MOST_BYTES:
+                raise ValueError(f"it takes more than {MOST_BYTES / 1e6:g} MB in memory")
+        with np.load(path, allow_pickle=False) as file:
+            stored = dict(file)
+        initial, goal = _numbers(stored["initial"], 2, 6), _numbers(stored["goal"], 2, 6)
+        tracks = {
+            name.removeprefix(PREFIX): _numbers(stored[name], 3, 3)
+            for name in stored
+            if name.startswith(PREFIX)
+        }
+        if {len(goal), *map(len, tracks.values())} != {len(initial)}:
+            raise ValueError("it has different numbers of spacecraft")
+        title, radius = str(stored["name"]), float(_numbers(stored["collision_radius"], 0))
+    except Exception as error:  # numpy and zipfile raise errors of many kinds where bytes are wrong
+        raise InputError(f"it holds no example transfer ({error})") from error
+    return Example(title, initial, goal, tracks, radius)
+
+
+def _numbers(array: Any, dimensions: int, components: int | None = None) -> Float[Array, "..."]:
+    """Finite numbers with so many dimensions, the last of them of so many components."""
+    shape = array.shape
+    if array.dtype.kind not in "fi" or not np.isfinite(array).all():
+        raise ValueError("it has values that are not finite numbers")
+    if len(shape) != dimensions or (components is not None and shape[-1] != components):
+        raise ValueError(f"it has an array of shape {shape}")
+    return np.asarray(array, np.float64)

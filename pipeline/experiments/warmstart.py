@@ -7,7 +7,7 @@ from time import perf_counter
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from pipeline.experiments.rows import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
+from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor
 from pipeline.expert import EFFORTS, SEEDS, solve
 from pipeline.expert.seeds import Seed, own_seed

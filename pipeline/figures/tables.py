@@ -24,42 +24,24 @@ LONGEST = 80
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a printed table.
+    """One column of a printed table."""
 
-    Attributes:
-        title: heading, with the unit.
-        source: column of the frame.
-        text: how a value is written; also decides that the column is aligned right.
-        spread: column of the frame that holds the value's spread, where it has one.
-        interval: columns that hold the ends of the value's interval, where it has one.
-        bounds: how these are written.
-    """
-
-    title: str
-    source: str
-    text: Callable[[float], str] | None = None
-    spread: str = ""
-    interval: tuple[str, str] | None = None
-    bounds: Callable[[float, float], str] = percents
+    title: str  # with the unit
+    source: str  # column of the frame
+    text: Callable[[float], str] | None = None  # how a number is written, aligned right
+    spread: str = ""  # column of the frame with its spread between trainings
+    interval: tuple[str, str] | None = None  # columns with the ends of its interval
+    bounds: Callable[[float, float], str] = percents  # how these are written
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table, whole in its CSV file and rounded on the page.
+    """A table, whole in its CSV file and rounded on the page."""
 
-    Attributes:
-        name: of the CSV file.
-        frame: the numbers.
-        columns: what the page shows of them.
-        trainings: most trainings that a number is the average of.
-        printed: for each row whether the page shows it, or None where it shows all.
-    """
-
-    name: str
+    name: str  # of the CSV file
     frame: pd.DataFrame
-    columns: Sequence[Column]
-    trainings: int = 1
-    printed: "pd.Series[bool] | None" = None
+    columns: Sequence[Column]  # that the page shows
+    printed: "pd.Series[bool] | None" = None  # whether the page shows a row; all by default
 
     @property
     def file(self) -> str:
@@ -80,10 +62,11 @@ class Table:
     def signs(self) -> str:
         """What brackets and ± mean in it, where it has any."""
         said = [INTERVALS] if any(column.interval for column in self.columns) else []
-        if self.trainings > 1:
+        spreads = [column.spread for column in self.columns if column.spread]
+        if self.frame[spreads].notna().any(axis=None):
             said.append(
-                f"Networks trained with several seeds (up to {self.trainings}) show the average "
-                "of their trainings ± the standard deviation between them."
+                "Networks trained with several seeds show the average of their trainings ± the "
+                "standard deviation between them."
             )
         return " ".join(said)
 
@@ -108,14 +91,10 @@ class Section:
     A template places them by ``{% call table(x) %}caption{% endcall %}`` and
     ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs, and other ends
     of lines are as good as spaces.
-
-    Attributes:
-        template: its path, as for ``pipeline.templates.template``.
-        values: what the template names.
     """
 
-    template: str
-    values: Mapping[str, Any]
+    template: str  # path, as for ``pipeline.templates.template``
+    values: Mapping[str, Any]  # of the names in the template
 
 
 class Writer:

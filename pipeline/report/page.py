@@ -17,7 +17,7 @@ from pipeline.experiments import (
     trainings,
 )
 from pipeline.experiments.averages import prepared, reference_size, summarize
-from pipeline.experiments.findings import CHEAP, SAFE
+from pipeline.experiments.verdicts import CHEAP, SAFE
 from pipeline.figures.labels import share
 from pipeline.figures.style import save, styles
 from pipeline.figures.tables import Column, Section, Table, Writer, write_csv
@@ -50,19 +50,12 @@ DIGITS = 12
 
 @dataclass(frozen=True)
 class ReportFiles:
-    """Where a report lies.
+    """Where a report lies."""
 
-    Attributes:
-        markdown: report.md, which refers to the figures.
-        html: report.html, which contains them.
-        tables: one CSV file for each table.
-        figures: an SVG and a PNG file for each figure.
-    """
-
-    markdown: Path
-    html: Path
-    tables: tuple[Path, ...]
-    figures: tuple[Path, ...]
+    markdown: Path  # refers to the figures
+    html: Path  # contains them
+    tables: tuple[Path, ...]  # a CSV file for each table
+    figures: tuple[Path, ...]  # an SVG and a PNG file for each figure
 
 
 def build_report(results: Results, out: Path) -> ReportFiles:
@@ -110,13 +103,7 @@ def build_report(results: Results, out: Path) -> ReportFiles:
 
 
 def questions(results: Results, summary: pd.DataFrame, n: int) -> Section:
-    """The table of questions that opens the report; what is missing says how to get it.
-
-    Args:
-        results: tables and facts of the experiments.
-        summary: of all trials, from ``summarize``.
-        n: the swarm size of experiment 1.
-    """
+    """The table of questions that opens the report; what is missing says how to get it."""
     trials, training = prepared(results.trials), results.training
     found = [
         *experiment1.findings(trials, training, n),

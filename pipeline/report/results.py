@@ -7,8 +7,8 @@ from functools import partial
 import pandas as pd
 
 from pipeline.errors import InputError
-from pipeline.experiments.examples import Example
-from pipeline.experiments.rows import NO_SEED, TABLES
+from pipeline.experiments.records import NO_SEED, TABLES
+from pipeline.experiments.trials import Example
 from pipeline.figures.labels import planner_of
 
 
@@ -19,22 +19,12 @@ def no_rows(table: str) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Tables as the experiments leave them; all but ``trials`` may be empty.
+    """Tables as the experiments leave them, by their columns in TABLES; most may be empty.
 
     Attributes:
-        trials: a row for each planner, recipe, training seed, reading, n and trial
-            (experiments 1 and 2).
-        warmstarts: a row for each optimizer, n, trial, seed, training seed and stopping rule
-            (experiment 3).
-        training: a row for each trained model.
-        curves: a row for each arch, recipe, training seed and epoch.
-        examples: transfers to draw.
         provenance: a row for each run that a table comes from: part, run, made, data, digest,
             code, versions, machine.
         notes: on parts that are left out or were made otherwise; text, or ``Markdown``.
-        transfer_times: a row for each trial at each transfer time (experiment 4).
-        ablations: a row for each trial after each number of rounds.
-        flights: a row for each flight of each planner in each world and loop (experiment 5).
 
     Raises:
         InputError: ``trials`` is empty, or a table lacks a column of ``TABLES``.

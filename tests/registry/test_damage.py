@@ -8,10 +8,10 @@ import pytest
 from planted import example, one_size, warm  # noqa: F401
 from typer.testing import CliRunner
 
+from cli.jobs.run_tables import averages
 from cli.main import app
-from cli.stages.averages import averages
 from pipeline.errors import InputError, ProlearnError
-from pipeline.experiments.examples import Example, read_example, write_example
+from pipeline.experiments.trials import Example, read_example, write_example
 from pipeline.progress import Progress
 from registry.results import arrays_of, earlier_run, evaluation, record, table_of
 from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART, connect

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.experiments.findings import compare
+from pipeline.experiments.verdicts import compare
 from pipeline.figures.intervals import mean_interval, wilson
 
 

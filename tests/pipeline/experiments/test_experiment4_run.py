@@ -8,9 +8,8 @@ from judge import Case, exact_step, least_fuel
 from judged import check_rows, judged
 
 from pipeline.errors import InputError
-from pipeline.experiments.experiment4 import run_transfer_times, variations
-from pipeline.experiments.rows import NODES, TIME_STEP
-from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.experiments.records import NODES, TIME_STEP
+from pipeline.experiments.trials import EvaluatedPlanner, run_transfer_times, variations
 from pipeline.orbit.problem import Problem
 from pipeline.planners.baselines import BASELINES
 from pipeline.planners.expert import Expert

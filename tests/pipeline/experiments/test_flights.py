@@ -7,7 +7,7 @@ from judged import judged
 
 from pipeline.errors import InputError
 from pipeline.experiments.flights import run_flights, worlds_of
-from pipeline.experiments.rows import (
+from pipeline.experiments.records import (
     LINEAR,
     LOOPS,
     MARGIN,

@@ -97,8 +97,8 @@ def test_the_figure_has_the_sizes_side_by_side_and_the_averages_on_them(planned)
     assert excess.get_xscale() == "log"
 
 
-def test_a_network_carries_up_to_the_first_size_at_which_it_is_not_proven_safe_and_cheap(rows):
-    def reach(*safe, fuel=1.0):
+def test_a_verdict_names_the_sizes_at_which_a_network_is_proven_safe_and_cheap(rows):
+    def verdict(*safe, fuel=1.0):
         table = [
             x
             for n, some in zip((30, 60, 100), safe, strict=True)
@@ -106,27 +106,29 @@ def test_a_network_carries_up_to_the_first_size_at_which_it_is_not_proven_safe_a
         ]
         shown = larger_swarms(prepared(pd.DataFrame(table)), trained())
         (answer,) = scaling_findings(shown, trained())
-        assert answer.question == "How far beyond n = 30 does the refiner carry?"
+        assert answer.question == "Does the refiner plan safely and cheaply beyond n = 30?"
         return answer.verdict
 
     # Wilson's interval of 100 in 100 begins at 96.3 %, that of 99 at 94.6 %; that of 91 ends at
     # 95.2 %, that of 90 at 94.5 %.
-    assert reach(100, 100, 100) == "Carries to n = 100, the largest tried"
-    assert reach(100, 100, 99) == "Carries to n = 60; too few trials at n = 100"
-    assert reach(100, 100, 91) == "Carries to n = 60; too few trials at n = 100"
-    assert reach(99, 100, 100) == "Stays open: too few trials at n = 30"
-    assert reach(100, 100, 90) == "Carries to n = 60 and no further"
-    assert reach(100, 50, 100) == "Carries to n = 30 and no further"
-    assert reach(50, 100, 100) == "Fails at n = 30"
-    assert reach(100, 100, 100, fuel=1.2) == "Fails at n = 30"
+    assert verdict(100, 100, 100) == "Yes, wherever tried: n = 30, n = 60, n = 100"
+    for few in (99, 91):
+        said = "At n = 30, n = 60; open, with too few trials: n = 100"
+        assert verdict(100, 100, few) == said
+    assert verdict(100, 100, 90) == "Only at n = 30, n = 60"
+    assert verdict(90, 50, 99) == "Open, with too few trials: n = 100"
+    assert verdict(50, 50, 90) == "No"
+    assert verdict(100, 100, 100, fuel=1.2) == "No"
 
 
 def test_findings_have_the_numbers_of_each_size(planned):
     papers, refiner = scaling_findings(larger_swarms(planned, VALID), VALID)
-    assert papers.question == "How far beyond n = 30 does a network of the paper's carry?"
-    assert papers.verdict == "Fails at n = 30"
+    assert papers.question == (
+        "Does a network of the paper's plan safely and cheaply beyond n = 30?"
+    )
+    assert papers.verdict == "No"
     assert papers.numbers.startswith("LSTM1 paper: at n = 30 ")
-    assert refiner.verdict == "Stays open: too few trials at n = 30"
+    assert refiner.verdict == "Open, with too few trials: n = 30, n = 60"
     assert "at n = 300 safe in 50 % [9.5, 90.5] at 1.020 [" in refiner.numbers
 
 

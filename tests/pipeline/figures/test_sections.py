@@ -46,9 +46,10 @@ def test_a_section_without_what_it_shows_says_how_to_get_it():
 def test_a_table_says_what_its_signs_mean_and_only_those_that_it_has():
     plain = Table("t", SHARES, [Column("Name", "name"), Column("Mean", "mean", number)])
     assert plain.signs == ""
-    assert Table("t", SHARES, plain.columns, trainings=3).signs.startswith(
-        "Networks trained with several seeds (up to 3) show"
-    )
+    spread = Column("Mean", "mean", number, "spread")
+    assert Table("t", SHARES, [spread]).signs.startswith("Networks trained with several seeds show")
+    once = SHARES.assign(spread=float("nan"))
+    assert Table("t", once, [spread]).signs == "", "each was trained once"
     interval = Column("Share", "mean", share, interval=("low", "high"))
     assert Table("t", SHARES, [interval]).signs.startswith("Brackets are 95 % intervals: Wilson's")
 

@@ -3,33 +3,16 @@
 The paper's networks answer the paper's questions together; any other is asked on its own.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 from scipy import stats
 
-from pipeline.experiments.rows import PREDICTED
-from pipeline.figures.intervals import (
-    CONFIDENCE,
-    Interval,
-    at_least,
-    at_most,
-    mean_interval,
-    newcombe,
-    wilson,
-)
-from pipeline.figures.labels import (
-    in_order,
-    in_sentence,
-    is_network,
-    is_papers,
-    name_of,
-    percents,
-    ratio,
-    ratios,
-    share,
-)
+from pipeline.experiments.records import PREDICTED
+from pipeline.figures import intervals, labels
+from pipeline.figures.intervals import Interval, at_least, at_most
+from pipeline.figures.labels import in_order, is_network, is_papers, percents, ratio, ratios, share
 
 DECOUPLED = "own LP"
 """The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
@@ -40,7 +23,7 @@ SAFE = 0.95
 CHEAP = 1.1
 """Fuel over its bound, by the whole of its interval, up to which a planner is called cheap."""
 
-CHANCE = 1 - CONFIDENCE
+CHANCE = 1 - intervals.CONFIDENCE
 """Probability under which a difference is no longer put down to chance."""
 
 ANY, MIXED = "any", "mixed"
@@ -52,19 +35,12 @@ Rules = Sequence[tuple[tuple[bool | str | None, ...], str]]
 
 @dataclass(frozen=True)
 class Finding:
-    """A row of the table of questions.
-
-    Attributes:
-        question: what is asked.
-        verdict: the short answer.
-        numbers: the two or three that it rests on, with their uncertainty.
-        baseline: the same of the best baseline that costs nothing.
-    """
+    """A row of the table of questions."""
 
     question: str
     verdict: str
-    numbers: str
-    baseline: str = ""
+    numbers: str  # that decide, with their uncertainty
+    baseline: str = ""  # the same numbers of the best baseline that costs nothing
 
 
 def decide(rules: Rules, *claims: bool | str | None) -> str:
@@ -84,23 +60,14 @@ def together(claims: Iterable[bool | None]) -> bool | str | None:
 
 @dataclass(frozen=True)
 class Measured:
-    """Safety and fuel of one planner at one swarm size, averaged over its trainings.
+    """Safety and fuel of one planner on some trials, averaged over its trainings."""
 
-    Attributes:
-        name: of the planner with its recipe.
-        trainings: averaged over, 1 where nothing is trained.
-        safe: share of safe trials.
-        safe_interval: Wilson's interval of it.
-        fuel: mean of fuel over its bound.
-        fuel_interval: of that mean.
-    """
-
-    name: str
+    name: str  # of the planner with its recipe
     trainings: int
-    safe: float
-    safe_interval: Interval
-    fuel: float
-    fuel_interval: Interval
+    safe: float  # share of trials
+    safe_interval: Interval  # Wilson's
+    fuel: float  # over its bound, mean
+    fuel_interval: Interval  # Student's
 
     @property
     def text(self) -> str:
@@ -117,12 +84,12 @@ def measured(rows: pd.DataFrame) -> Measured:
     each = rows.groupby("trial")[["safe", "fuel_ratio"]].mean()
     safe = float(each["safe"].mean())
     return Measured(
-        name=f"{name_of(first['planner'])} {first['recipe']}".strip(),
+        name=f"{labels.name_of(first['planner'])} {first['recipe']}".strip(),
         trainings=int(rows["training_seed"].nunique()),
         safe=safe,
-        safe_interval=wilson(safe, len(each)),
+        safe_interval=intervals.wilson(safe, len(each)),
         fuel=float(each["fuel_ratio"].mean()),
-        fuel_interval=mean_interval(each["fuel_ratio"].dropna().to_numpy(dtype=float)),
+        fuel_interval=intervals.mean_interval(each["fuel_ratio"].dropna().to_numpy(dtype=float)),
     )
 
 
@@ -140,6 +107,16 @@ SAFE_AND_CHEAP: Rules = (
 """By whether planners are safe, and cheap."""
 
 
+WHERE: Rules = (
+    ((True, ANY, ANY), "Yes, wherever tried: {yes}"),
+    ((ANY, True, True), "At {yes}; open, with too few trials: {open}"),
+    ((ANY, True, False), "Only at {yes}"),
+    ((ANY, False, True), "Open, with too few trials: {open}"),
+    ((ANY, False, False), "No"),
+)
+"""By whether a planner is safe and cheap everywhere, anywhere, and anywhere perhaps."""
+
+
 def verdict_on(*planners: Measured) -> str:
     """Whether some planners are all safe and cheap."""
     return decide(
@@ -149,26 +126,29 @@ def verdict_on(*planners: Measured) -> str:
     )
 
 
+def where_safe_and_cheap(at: Mapping[str, Measured]) -> str:
+    """Where a planner is safe and cheap, of some swarm sizes or transfer times by their label."""
+    said = {label: verdict_on(one) for label, one in at.items()}
+    yes = [label for label, verdict in said.items() if verdict == YES]
+    still_open = [label for label, verdict in said.items() if verdict.startswith("Open")]
+    form = decide(WHERE, len(yes) == len(said), bool(yes), bool(still_open))
+    return form.format(yes=", ".join(yes), open=", ".join(still_open))
+
+
 @dataclass(frozen=True)
 class Compared:
     """Differences of the first of two planners from the second, on the trials of both.
 
-    Attributes:
-        trials: how many.
-        safe: difference in the share of safe trials.
-        safe_interval: Newcombe's of that difference.
-        safe_by_chance: probability of so uneven a split of the trials in which just one is safe,
-            where either were as likely (exact sign test).
-        fuel: mean difference in fuel over its bound, or in the column compared instead.
-        fuel_interval: of that mean.
+    ``safe_by_chance`` is the probability of so uneven a split of the trials in which just one is
+    safe, where either were as likely (exact sign test).
     """
 
     trials: int
-    safe: float
-    safe_interval: Interval
+    safe: float  # difference in the share of safe trials
+    safe_interval: Interval  # Newcombe's
     safe_by_chance: float
-    fuel: float
-    fuel_interval: Interval
+    fuel: float  # mean difference in fuel over its bound, or in the column compared instead
+    fuel_interval: Interval  # Student's
 
     @property
     def better(self) -> bool:
@@ -203,10 +183,10 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
     return Compared(
         trials=len(differences),
         safe=float(safe.mean()) if len(safe) else float("nan"),
-        safe_interval=newcombe(*shares),
+        safe_interval=intervals.newcombe(*shares),
         safe_by_chance=float(chance),
         fuel=float(cost.mean()) if len(cost) else float("nan"),
-        fuel_interval=mean_interval(cost),
+        fuel_interval=intervals.mean_interval(cost),
     )
 
 
@@ -227,7 +207,7 @@ class Group:
 
     def question(self, papers: str, other: str, asked: str) -> str:
         """A question that begins with the paper's networks, or with another's name put in."""
-        begun = papers if self.papers else other.format(in_sentence(self.planners[0]))
+        begun = papers if self.papers else other.format(labels.in_sentence(self.planners[0]))
         return f"{begun} {asked}"
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -252,10 +232,6 @@ def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     That is the cheapest of those that are as safe as the safest, but for chance: whose share of
     safe scenarios is within Wilson's interval of the highest. None where trainings did not record
     it: no network is chosen by the trials themselves.
-
-    Args:
-        rows: from ``prepared``.
-        training: a row for each trained model.
     """
     names = names_in(rows)
     if len(names) == 1:
@@ -270,7 +246,7 @@ def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     if not means:
         return None
     safest, _, trials = max(means.values())
-    low, _ = wilson(safest, int(trials))
+    low, _ = intervals.wilson(safest, int(trials))
     return min((fuel, name) for name, (safe, fuel, _) in means.items() if safe >= low)[1]
 
 
@@ -294,12 +270,7 @@ def network_findings(
 ) -> list[Finding]:
     """A row for each group of networks of which any was flown at one swarm size.
 
-    Args:
-        papers: beginning of the question on the paper's networks.
-        asked: the rest of the question.
-        trials: of all planners, from ``prepared``.
-        training: a row for each trained model.
-        n: the swarm size.
+    ``papers`` begins the question on the paper's networks, ``asked`` is the rest of any.
     """
     flown = flown_networks(trials)
     free = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]
