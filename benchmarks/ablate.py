@@ -19,7 +19,7 @@ from cli.jobs.held_out import HeldOut, held_out, listed
 from cli.jobs.networks import EvaluatedNetwork, newest_on
 from cli.options import int_list, with_settings
 from cli.progress import progress as shown_progress
-from cli.settings import Resume, option
+from cli.settings import ExperimentSettings, Resume, option
 from pipeline.errors import InputError
 from pipeline.experiments.ablations import SHORT, TUNED
 from pipeline.experiments.records import TABLES
@@ -45,14 +45,11 @@ OWN_LP = next(planner for planner in BASELINES if planner.name == DECOUPLED)
 
 
 @dataclass(frozen=True)
-class Ablations:
-    """Settings of the ablations."""
+class Ablations(ExperimentSettings):
+    """Settings of the ablations; models are refiners, the newest by default."""
 
-    models: Annotated[str | None, option("Refiners; the newest by default.")] = None
-    data: Annotated[str, option("Solved dataset.")] = "data/paper"
     sizes: Annotated[str, option("Swarm sizes.", "--n")] = "10,30"
     rounds: Annotated[str, option("Numbers of rounds.")] = "0,1,2,3,4,6,8,12,16,20,30"
-    trials: Annotated[int | None, option("Most trials of each size.")] = None
     dense: Annotated[int, option("Swarms of the family dense.")] = 300
     timed: Annotated[int, option("Trials of each size that are timed.")] = 10
 

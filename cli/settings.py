@@ -44,11 +44,6 @@ Assignment = Annotated[
 AllowDrift = Annotated[bool, flag("--allow-drift", "Accept states that are not energy-matched.")]
 PlanFile = Annotated[Path, typer.Argument(help="Plan file; - is standard input.")]
 
-Models = Annotated[
-    str | None,
-    option("Models, such as ff1,lstm2:paper; by default the newest trained on the data."),
-]
-TestData = Annotated[str, option("Solved dataset, a folder or a URL; its test split is used.")]
 Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
 TrainingSize = Annotated[int, option("Swarm size to train on.")]
 Device = Annotated[str, option("auto, cpu, cuda or mps.")]
@@ -59,24 +54,33 @@ Resume = Annotated[
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class ExperimentSettings:
+    """Settings that all experiments have."""
+
+    models: Annotated[
+        str | None,
+        option("Models, such as ff1,lstm2:paper; by default the newest trained on the data."),
+    ] = None
+    data: Annotated[str, option("Solved dataset, a folder or a URL; its test split is used.")] = (
+        "data/paper"
+    )
+    trials: Annotated[int | None, option("Most trials of each size.")] = None
+
+
+@dataclass(frozen=True)
+class Evaluation(ExperimentSettings):
     """Settings of experiments 1 and 2."""
 
-    models: Models = None
-    data: TestData = "data/paper"
     sizes: Annotated[
         str | None, option("Swarm sizes, such as 2..30; by default all of the dataset.", "--n")
     ] = None
-    trials: Annotated[int | None, option("Most trials of each size.")] = None
     timed: Annotated[int, option("Trials of each size that are timed.")] = 10
 
 
 @dataclass(frozen=True)
-class WarmStarts:
+class WarmStarts(ExperimentSettings):
     """Settings of experiment 3."""
 
-    models: Models = None
-    data: TestData = "data/paper"
     optimizer: Annotated[
         Literal["expert", "plain"],
         option("The expert, or a plain SCP over all pairs at the nodes, as the paper's."),
@@ -85,15 +89,13 @@ class WarmStarts:
         str | None,
         option("Swarm sizes; by default 10,30 for the expert and 10 for the plain SCP.", "--n"),
     ] = None
-    trials: Annotated[int, option("Trials of each size.")] = 100
+    trials: Annotated[int | None, option("Trials of each size.")] = 100
 
 
 @dataclass(frozen=True)
-class TransferTimes:
+class TransferTimes(ExperimentSettings):
     """Settings of experiment 4."""
 
-    models: Models = None
-    data: TestData = "data/paper"
     n: Annotated[int, option("Swarm size.")] = 10
     nodes: Annotated[str, option("Numbers of nodes T, at the time step of the training.")] = "6..21"
     time_steps: Annotated[
@@ -104,11 +106,11 @@ class TransferTimes:
             "--time-step",
         ),
     ] = None
-    trials: Annotated[int, option("Most trials of each transfer time.")] = 100
+    trials: Annotated[int | None, option("Most trials of each transfer time.")] = 100
 
 
 @dataclass(frozen=True)
-class Flights:
+class Flights(ExperimentSettings):
     """Settings of experiment 5."""
 
     models: Annotated[
@@ -118,9 +120,8 @@ class Flights:
             "refiners trained on the data."
         ),
     ] = None
-    data: TestData = "data/paper"
     n: Annotated[int, option("Swarm size.")] = 10
-    trials: Annotated[int, option("Most scenarios.")] = 100
+    trials: Annotated[int | None, option("Most scenarios.")] = 100
     flights: Annotated[int, option("Flights of each scenario, each with other errors.")] = 10
     seed: Annotated[int, option("Root seed of the errors.")] = 0
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pandas as pd
 
 from cli.jobs.held_out import held_out, listed
-from cli.jobs.model_results import add_to_model
 from cli.jobs.networks import refiners_on, unlearned
+from cli.jobs.run_tables import add_to_model
 from cli.options import float_list, int_list
 from cli.settings import Evaluation, Flights, TransferTimes, WarmStarts
 from pipeline.errors import InputError

@@ -3,12 +3,13 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pandas as pd
 
 from cli.jobs.networks import Choice, EvaluatedNetwork, networks, planners_on
 from cli.options import name_list
+from cli.settings import ExperimentSettings
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
@@ -20,17 +21,6 @@ from pipeline.urls import public_url
 from registry.results import Done, earlier_run, record
 
 COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
-
-
-class ExperimentSettings(Protocol):
-    """What the settings of all experiments have: MLflow's parameters by the names of fields."""
-
-    @property
-    def models(self) -> str | None: ...  # noqa: D102
-    @property
-    def data(self) -> str: ...  # noqa: D102
-    @property
-    def trials(self) -> int | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
