@@ -138,7 +138,7 @@ bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside t
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
-	$(BIN)/python -m benchmarks.ladder --out reports/bench
+	$(BIN)/python -m benchmarks.fallback --out reports/bench
 	$(BIN)/python -m benchmarks.card --out reports/bench
 
 docs: $(BIN)/sphinx-build ## the documentation as pages, in build/docs

@@ -26,8 +26,8 @@ from pipeline.experiments.records import TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.network import Flown
+from pipeline.planners.classical import BASELINES
+from pipeline.planners.network import NetworkPlanner
 from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
@@ -111,7 +111,7 @@ def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> lis
         )
     refiners = [
         EvaluatedPlanner(
-            Flown(with_rounds(one.predictor, count), one.planner.name),
+            NetworkPlanner(with_rounds(one.predictor, count), one.planner.name),
             one.recipe,
             one.training_seed,
         )

@@ -2,14 +2,13 @@
 
     python -m benchmarks.adrift --out reports/bench
 
-Plans scenarios of every family twice, without and with passive safety, and prints a line for each:
-how many plans have it unasked, for how many scenarios the two ends alone forbid it, how many are
-solved, what it costs in fuel, how many rounds of programs and how long it takes, certificate
-included, how many plans also stand a loss between nodes, and how close craft come after one (the
-median of the plans, m). Writes adrift.json.
+Plans scenarios of every family without and with passive safety. A line for each has how many plans
+are passively safe unasked, for how many scenarios the two ends alone forbid it, how many are
+solved, the cost in fuel, rounds of programs, time with the certificate, how many plans also stand a
+loss between nodes, and how close craft come after one (median, m). docs/passive-safety.md has what
+came of it.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
@@ -22,8 +21,8 @@ from threadpoolctl import threadpool_limits
 from benchmarks.tables import Row, show, write_json
 from pipeline.expert import solve
 from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import fly
 from pipeline.plan import INFEASIBLE, SOLVED, Plan, Requirements
 from pipeline.scenario import FAMILIES, Scenario, draw
@@ -54,44 +53,41 @@ def main(
 
 def _line(scenarios: list[Scenario], orbits: float) -> Row:
     """One line of the table."""
-    safe = Requirements(passive_safety=orbits)
+    safe, radius = Requirements(passive_safety=orbits), scenarios[0].problem.collision_radius
     solve(scenarios[0], requirements=safe)  # what is made once is no part of the time
-    radius = scenarios[0].problem.collision_radius
-    statuses, unasked, between = [], 0, []
-    costs, seconds, rounds = [], [], []
+    unasked = forbidden = 0
+    solved: list[tuple[float, ...]] = []  # cost in fuel, seconds, rounds, separation between nodes
     for scenario in scenarios:
         plain = solve(scenario)
         unasked += plain.status == SOLVED and _least(plain, scenario, orbits) > radius
         started = process_time()
         plan = solve(scenario, requirements=safe)
         taken = process_time() - started
-        statuses.append(plan.status)
+        forbidden += plan.status == INFEASIBLE
         if plan.status == SOLVED:
-            costs.append(plan.certificate.fuel / plain.certificate.fuel - 1)
-            seconds.append(taken)
-            rounds.append(plan.convex_solves)
-            between.append(_least(plan, scenario, orbits, BETWEEN))
-    forbidden = statuses.count(INFEASIBLE)
+            cost = plan.certificate.fuel / plain.certificate.fuel - 1
+            between = _least(plan, scenario, orbits, BETWEEN)
+            solved.append((cost, taken, plan.convex_solves, between))
+    costs, seconds, rounds, apart = np.array(solved or [(np.nan,) * 4], dtype=float).T
+    numbers: dict[str, Any] = {
+        "fuel_median": np.median(costs),
+        "fuel_mean": costs.mean(),
+        "fuel_most": costs.max(),
+        "rounds": rounds.mean(),
+        "ms": 1e3 * seconds.mean(),
+    }
     return {
         "family": scenarios[0].family,
         "n": scenarios[0].n,
         "scenarios": len(scenarios),
         "unasked": int(unasked),
         "forbidden": forbidden,
-        "solved": len(costs),
-        "not_solved": len(scenarios) - len(costs) - forbidden,
-        "fuel_median": _of(np.median, costs),
-        "fuel_mean": _of(np.mean, costs),
-        "fuel_most": _of(np.max, costs),
-        "rounds": _of(np.mean, rounds),
-        "ms": 1e3 * _of(np.mean, seconds),
-        "between": sum(least > radius for least in between),
-        "between_m": _of(np.median, between),
+        "solved": len(solved),
+        "not_solved": len(scenarios) - len(solved) - forbidden,
+        **{name: float(value) for name, value in numbers.items()},
+        "between": int((apart > radius).sum()),
+        "between_m": float(np.median(apart)),
     }
-
-
-def _of(statistic: Callable[[Sequence[float]], Any], values: Sequence[float]) -> float:
-    return float(statistic(values)) if values else np.nan
 
 
 def _least(plan: Plan, scenario: Scenario, orbits: float, parts: int = 1) -> float:
@@ -101,8 +97,7 @@ def _least(plan: Plan, scenario: Scenario, orbits: float, parts: int = 1) -> flo
     finer = replace(problem, time_step=step, nodes=nodes)
     controls = np.repeat(plan.controls, parts, axis=1)
     states = fly(scenario.initial, controls, finer)
-    least = least_after_loss(states, controls, finer, orbits, side_by_side((scenario.n,)))[0]
-    return np.inf if least is None else least.bound
+    return least_after_loss(states, controls, finer, orbits, side_by_side((scenario.n,)))[0].bound
 
 
 if __name__ == "__main__":

@@ -15,15 +15,13 @@ import numpy as np
 import typer
 from rich.progress import track
 
-from benchmarks.quality import quality
-from benchmarks.tables import Row, show, write_json
+from benchmarks.tables import Row, quality, show, write_json
 from pipeline.expert import Settings, solve_many
 from pipeline.networks.model import load
 from pipeline.networks.refiner.packaged import packaged
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, Plan
-from pipeline.planners.ladder import ONE_SOLVE
-from pipeline.planners.network import Flown
+from pipeline.planners.network import ONE_SOLVE, NetworkPlanner
 from pipeline.scenario import Scenario, draw
 
 COUNTS = (("rings", 10, 1000), ("rings", 30, 200), ("rings", 100, 50), ("dense", 10, 300))
@@ -44,7 +42,7 @@ def main(
     ] = None,
 ) -> None:
     """Plan all and print the tables."""
-    flown = Flown(packaged() if model is None else load(model), "refiner")
+    flown = NetworkPlanner(packaged() if model is None else load(model), "refiner")
     rows = [_reference(flown, *count) for count in track(COUNTS, "test scenarios")]
     grids = [_grid(flown, grid) for grid in track(GRIDS, "other time grids")]
     show("Test scenarios of the reference problem", rows)
@@ -52,7 +50,7 @@ def main(
     write_json(out / "card.json", {"reference": rows, "grids": grids})
 
 
-def _reference(flown: Flown, family: str, n: int, count: int) -> Row:
+def _reference(flown: NetworkPlanner, family: str, n: int, count: int) -> Row:
     """The network alone, one solve after it whether it was safe or not, and the expert."""
     scenarios = [draw(family, 0, n, k, Problem(), "test") for k in range(count)]
     plans = _in_parts(flown, scenarios)
@@ -75,7 +73,7 @@ def _reference(flown: Flown, family: str, n: int, count: int) -> Row:
     }
 
 
-def _grid(flown: Flown, problem: Problem) -> Row:
+def _grid(flown: NetworkPlanner, problem: Problem) -> Row:
     """The network alone beside the expert."""
     scenarios = [draw("rings", 0, 10, k, problem, "valid") for k in range(100)]
     plans, expert = _in_parts(flown, scenarios), solve_many(scenarios, settings=Settings())
@@ -87,7 +85,7 @@ def _grid(flown: Flown, problem: Problem) -> Row:
     }
 
 
-def _in_parts(flown: Flown, scenarios: Sequence[Scenario]) -> list[Plan]:
+def _in_parts(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:
     parts = range(0, len(scenarios), TOGETHER)
     return [plan for k in parts for plan in flown.plan(scenarios[k : k + TOGETHER])]
 

@@ -26,9 +26,10 @@ from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
 from pipeline.dataset.solving import solve as solve_dataset
-from pipeline.expert import BEST, FIRST_SAFE, Settings, simplex, solve, solve_many
+from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
 from pipeline.expert.plain import PlainScp
-from pipeline.expert.seeds import own_seed
+from pipeline.expert.seeds import decoupled_seed
+from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Optimum, Subproblem
 from pipeline.figures.style import PAGE_WIDTH, save
 from pipeline.orbit.problem import Problem
@@ -97,7 +98,7 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
     plain = PlainScp(n, Problem())
 
     def by_plain(scenario: Scenario) -> object:  # from the own LPs, where the expert starts too
-        return plain.solve(scenario, own_seed(scenario))
+        return plain.solve(scenario, decoupled_seed(scenario))
 
     peers: list[tuple[str, Separation, int, Work]] = [
         ("plain SCP", "continuous", instances, by_plain),
@@ -172,7 +173,7 @@ def _batch(n: int, count: int) -> Row:
 @contextmanager
 def _inside_solver() -> Iterator[list[float]]:
     """CPU time of the convex programs that are solved in the block, s."""
-    spent, real = [0.0], simplex.solve
+    spent, real = [0.0], SOLVERS["simplex"]
 
     def timed(sub: Subproblem) -> Optimum:
         started = process_time()
@@ -180,11 +181,11 @@ def _inside_solver() -> Iterator[list[float]]:
         spent[0] += process_time() - started
         return found
 
-    simplex.solve = timed
+    SOLVERS["simplex"] = timed
     try:
         yield spent
     finally:
-        simplex.solve = real
+        SOLVERS["simplex"] = real
 
 
 def _stored(count: int) -> Row:

@@ -32,13 +32,12 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
-from pipeline.expert import BEST, own_optima, solve
-from pipeline.expert.clusters import Cluster, cluster_labels
-from pipeline.expert.cuts import NO_CUTS, Cuts, conflicts, gaps, half_spaces_along
-from pipeline.expert.interior_point import new_solver
-from pipeline.expert.own import control_units, goal_miss
-from pipeline.expert.scp import PENALTY
-from pipeline.expert.split import controls_of
+from pipeline.expert import BEST, decoupled_optima, solve
+from pipeline.expert.conflicts import ConflictDetection, Trajectory
+from pipeline.expert.cuts import NO_CUTS, Cuts, gaps, half_spaces
+from pipeline.expert.decoupled import control_units, goal_miss
+from pipeline.expert.scp import PENALTY, Cluster, cluster_labels
+from pipeline.expert.solvers import clarabel_solver
 from pipeline.expert.subproblem import LENGTH, Subproblem
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
@@ -90,7 +89,7 @@ def main(
 
 def floor_and_gaps(scenario: Scenario, programs: int) -> tuple[float, float, float]:
     """What the gap of any safe plan is at least, and those of the expert's best and usual plan."""
-    own = own_optima(scenario.initial, scenario.goal, scenario.problem)
+    own = decoupled_optima(scenario.initial, scenario.goal, scenario.problem)
     plan = solve(scenario, settings=BEST)
     used = np.abs(plan.controls).sum(axis=(1, 2))
     labels = _labels(scenario, own.controls, plan)
@@ -151,8 +150,8 @@ class Tree:
         """Nodes that cover all safe plans of a node, but not its optimum; none if that is safe."""
         controls, radius = node.controls, self.problem.collision_radius
         states = fly(self.scenario.initial, controls, self.problem)
-        everyone = np.ones(len(states), dtype=bool)
-        close, distance = conflicts(states, controls, self.problem, radius, everyone)
+        flown = Trajectory(controls, states)
+        close, distance = ConflictDetection(self.problem).conflicts(flown, radius)
         if len(close) == 0:
             return []
         worst = int(distance.argmin())
@@ -173,8 +172,8 @@ class Tree:
         """Solve the relaxation that triangles stand for."""
         self.programs += 1
         sub = self._relaxation(cuts, corners)
-        found = new_solver(sub).solve()
-        controls = controls_of(np.asarray(found.x), sub).reshape(len(sub.miss), -1, 3)
+        found = clarabel_solver(sub).solve()
+        controls = sub.controls_of(np.asarray(found.x)).reshape(len(sub.miss), -1, 3)
         exact = meet_goal(self.scenario.initial, controls, self.scenario.goal, self.problem)
         bound = max(proven(sub, np.asarray(found.z)), at_least)
         return Node(bound, self.programs, cuts, corners, exact)
@@ -182,7 +181,7 @@ class Tree:
     def _relaxation(self, cuts: Cuts, corners: Corners) -> Subproblem:
         normal, share = relaxed(corners)
         fourfold = cuts.where(np.repeat(np.arange(len(cuts)), 4))
-        linear = half_spaces_along(
+        linear = half_spaces(
             fourfold,
             normal.reshape(-1, 3),
             self.scenario.initial,
@@ -251,12 +250,10 @@ def proven(sub: Subproblem, z: Float[Array, "rows"]) -> float:
 
 def _labels(scenario: Scenario, own: Float[Array, "n intervals 3"], plan: Plan) -> Int[Array, "n"]:
     """Clusters of craft that come close in their own optima or in the plan."""
-    near = NO_CUTS
-    everyone = np.ones(scenario.n, dtype=bool)
+    near, detection = NO_CUTS, ConflictDetection(scenario.problem)
     for controls in (own, plan.controls):
-        states = fly(scenario.initial, controls, scenario.problem)
-        within = scenario.problem.collision_radius + TIGHT
-        found, _ = conflicts(states, controls, scenario.problem, within, everyone)
+        flown = Trajectory(controls, fly(scenario.initial, controls, scenario.problem))
+        found, _ = detection.conflicts(flown, scenario.problem.collision_radius + TIGHT)
         near += found
     return cluster_labels(scenario.n, near.first, near.second)
 

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.expert.own import control_limit
+from pipeline.expert.decoupled import control_limit
 from pipeline.expert.plain import UNIT
 from pipeline.orbit.approaches import pairs
-from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fuel
 from pipeline.scenario import Scenario
 
 

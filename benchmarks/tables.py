@@ -12,6 +12,7 @@ from rich.table import Table
 
 from pipeline.arrays import Array
 from pipeline.files import write_text
+from pipeline.plan import SOLVED, Plan
 
 Row = dict[str, float | int | str]
 """A line of a table, by column."""
@@ -36,3 +37,14 @@ def quartiles(values: Array) -> str:
 def write_json(path: Path, result: Any) -> None:
     """Write a result for whoever plots or compares it later."""
     write_text(path, json.dumps(result, indent=1) + "\n")
+
+
+def quality(plans: Sequence[Plan]) -> Row:
+    """Columns of a table: unsafe plans, collisions, and fuel over the bound."""
+    certificates = [plan.certificate for plan in plans]
+    ratio = [c.fuel / c.fuel_lower_bound for c in certificates]
+    return {
+        "unsafe_%": 100 * float(np.mean([plan.status != SOLVED for plan in plans])),
+        "node_collisions": float(np.mean([c.node_collisions for c in certificates])),
+        "fuel/bound": f"{np.mean(ratio):.5f}",
+    }

@@ -20,7 +20,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.dataset.examples import Examples
-from pipeline.expert import own_optima
+from pipeline.expert import decoupled_optima
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.networks.recipes import Recipe
@@ -68,7 +68,7 @@ def _examples(count: int) -> Examples:
     scenarios = [draw("rings", SEED, N, index, problem) for index in range(count)]
     initial = np.stack([s.initial for s in scenarios])
     goal = np.stack([s.goal for s in scenarios])
-    controls = np.stack([own_optima(s.initial, s.goal, problem).controls for s in scenarios])
+    controls = np.stack([decoupled_optima(s.initial, s.goal, problem).controls for s in scenarios])
     return Examples(problem, initial, goal, fly(initial, controls, problem))
 
 

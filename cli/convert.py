@@ -37,7 +37,7 @@ def convert(
         prolearn convert plan.json --to oem --out ephemerides
         prolearn convert plan.json --to parquet
     """
-    from pipeline.handover import write_csv, write_ephemerides, write_parquet
+    from pipeline.export import write_csv, write_ephemerides, write_parquet
     from pipeline.plan import SOLVED
     from pipeline.plan.document import read_whole_plan
 

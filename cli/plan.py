@@ -112,7 +112,7 @@ def plan(
         prolearn plan a.json b.json --json --out plans/
         prolearn plan - --out p.json
     """
-    from pipeline.orbit.linearity import model_error
+    from pipeline.orbit.dynamics import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
     from pipeline.scenario.document import read_checked
@@ -134,8 +134,9 @@ def plan(
             for scenario, made in zip(group, chosen.plan(group), strict=True):
                 path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made, made.flown(scenario))
-                off = model_error(made.states, scenario.problem).total
-                told = {"model_error": off, "collision_radius": scenario.problem.collision_radius}
+                problem = scenario.problem
+                off = model_error(made.states, problem.mean_motion, problem.duration).total
+                told = {"model_error": off, "collision_radius": problem.collision_radius}
                 rows.append({"scenario": str(path), "plan": str(target), **summary(made), **told})
                 shown.done()
     with beside(not to_people):
@@ -173,7 +174,7 @@ def planner_of(
     assignment: str = "given",
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
-    from pipeline.planners.interchangeable import Interchangeable
+    from pipeline.planners.goal_assignment import GoalAssignment
     from pipeline.planners.named import named_planner
 
     found = named_planner(name, requirements, effort=effort, raw=raw)
@@ -181,4 +182,4 @@ def planner_of(
         from cli.jobs.networks import model_planner
 
         found = model_planner(name, requirements, effort=effort, raw=raw)
-    return Interchangeable(found) if assignment == "optimal" else found
+    return GoalAssignment(found) if assignment == "optimal" else found

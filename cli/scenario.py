@@ -18,7 +18,7 @@ from cli.settings import AsJson, ProblemSettings, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
-    from pipeline.scenario import Finding, Scenario
+    from pipeline.scenario import Diagnostic, Scenario
 
 app = typer.Typer(
     cls=Group,
@@ -176,12 +176,12 @@ def check(
         prolearn scenario check scenario.json
         prolearn scenario check scenario.json --json
     """
-    from pipeline.scenario import findings
+    from pipeline.scenario import diagnostics
     from pipeline.scenario.document import read_scenario
 
     asked = read_scenario(scenario)
     with within_memory():
-        found = findings(asked)
+        found = diagnostics(asked)
     fine = all(finding.fine for finding in found)
     if as_json:
         told = [{**asdict(finding), "fine": finding.fine} for finding in found]
@@ -192,7 +192,7 @@ def check(
     raise typer.Exit(0 if fine else FAILED)
 
 
-def _show(found: "list[Finding]") -> None:
+def _show(found: "list[Diagnostic]") -> None:
     """A row for each finding, and below what is wrong its worst faults and the cure."""
     console = Console()
     for finding in found:

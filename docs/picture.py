@@ -15,8 +15,7 @@ from pipeline.figures.style import CONFLICT_COLOUR, INITIAL_COLOUR, PAGE_WIDTH, 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import track
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import Scenario
 
 OUT = Path(__file__).parent / "images" / "transfer.png"

@@ -48,7 +48,7 @@ def with_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def without_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The other fields; ValueError where the checksum is wrong. Earlier versions wrote none."""
+    """A document's other fields; ValueError where its checksum is wrong. Old ones have none."""
     rest = {name: value for name, value in fields.items() if name != CHECKSUM}
     if fields.get(CHECKSUM, _checksum(rest)) != _checksum(rest):
         raise ValueError("its checksum is not that of its content")

@@ -83,7 +83,7 @@ def table(
 
 
 def _cell(value: object) -> str:
-    """What stands in a table, where a ``|`` parts cells even in code."""
+    """A cell of a table, where a ``|`` separates cells even in code."""
     return (value if isinstance(value, Markdown) else _inline(value)).replace("|", "\\|")
 
 

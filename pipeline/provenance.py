@@ -1,4 +1,4 @@
-"""What results are made with: versions of packages, and of the code of ours that they hang on."""
+"""Versions of packages, and digests of our own code, that results are made with."""
 
 import ast
 import hashlib
@@ -40,7 +40,7 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) 
     found = [path for part in parts for path in root.glob(part)]
     files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
     for path in sorted(files):
-        content = _told(_bare(ast.parse(path.read_bytes()))).encode()
+        content = _text(_bare(ast.parse(path.read_bytes()))).encode()
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
 
@@ -53,12 +53,12 @@ def _bare(tree: ast.AST) -> ast.AST:
     return tree
 
 
-def _told(node: Any) -> str:
+def _text(node: Any) -> str:
     """A syntax tree as text, without absent fields: so later Pythons give the same."""
     if isinstance(node, ast.AST):
         parts = ((k, v) for k, v in ast.iter_fields(node) if v is not None and v != [])
-        return f"{type(node).__name__}({','.join(f'{k}={_told(v)}' for k, v in parts)})"
-    return f"[{','.join(map(_told, node))}]" if isinstance(node, list) else repr(node)
+        return f"{type(node).__name__}({','.join(f'{k}={_text(v)}' for k, v in parts)})"
+    return f"[{','.join(map(_text, node))}]" if isinstance(node, list) else repr(node)
 
 
 def version_change(was: Mapping[str, str], now: Mapping[str, str], then: str = "now it is") -> str:

@@ -1,4 +1,4 @@
-"""Jinja templates, which lie beside the code that fills them; what they print is text."""
+"""Jinja templates of HTML and Markdown that escape what they print."""
 
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from pipeline.markdown import Markdown, code, escaped, verbatim
 from pipeline.text import visible
 
 
-def _seen(value: Any) -> Any:
+def _visible(value: Any) -> Any:
     """A value before its markup is escaped as HTML; what is HTML already stays as it is."""
     text = isinstance(value, str) and not hasattr(value, "__html__")
     return visible(value) if text else value
@@ -18,7 +18,7 @@ def _seen(value: Any) -> Any:
 _HTML = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parents[1]),
     autoescape=jinja2.select_autoescape(["html.jinja"]),
-    finalize=_seen,
+    finalize=_visible,
     trim_blocks=True,
     lstrip_blocks=True,
     undefined=jinja2.StrictUndefined,
@@ -29,7 +29,7 @@ _MARKDOWN.filters = _HTML.filters | {"code": code, "verbatim": verbatim, "markdo
 
 
 def template(path: str) -> jinja2.Template:
-    """A template by its path, such as ``pipeline/report/page.html.jinja``.
+    """A template by its path beside the code that fills it: ``pipeline/report/page.html.jinja``.
 
     Values that it prints are escaped as HTML or, in a template of Markdown, as Markdown, unless
     they are ``markupsafe.Markup`` or ``Markdown``. In code, where no escape counts, the filters

@@ -1,4 +1,4 @@
-"""Text from elsewhere: what cannot be seen in it is shown as an escape."""
+"""Text from elsewhere, with invisible characters shown as escapes."""
 
 import re
 from collections.abc import Callable

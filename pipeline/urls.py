@@ -22,20 +22,20 @@ def public(text: object, *urls: object) -> str:
     ``urls`` that it may be about are removed in any form: with spaces, without the scheme, or
     quoted alone.
     """
-    told = str(text)
+    shown = str(text)
     for url in map(str, urls):
         _, before, _, after = _parts(url)
         for piece in {before, after, unquote(before), unquote(after)}:
-            told = told.replace(piece, "") if len(piece) > 1 else told
+            shown = shown.replace(piece, "") if len(piece) > 1 else shown
         for word in sorted(_words(before, after), key=len, reverse=True):
-            told = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", HIDDEN, told)
-    return _URL.sub(_in_sentence, told)
+            shown = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", HIDDEN, shown)
+    return _URL.sub(_in_sentence, shown)
 
 
 def public_url(url: object) -> str:
     """A URL, which may have spaces in it, without its secrets; a path as it is.
 
-    Where it cannot be told what is secret and what is not, as with a ``/`` in a password, only
+    Where it is unclear what is secret, as with a ``/`` in a password, only
     the scheme is left.
     """
     scheme, _, shown, _ = _parts(str(url))

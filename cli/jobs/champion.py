@@ -12,7 +12,7 @@ from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import for_comparison
-from pipeline.planners.network import Flown
+from pipeline.planners.network import NetworkPlanner
 from pipeline.storage.folder import Where
 from registry.models import champion_of, load, note_contest, resolve, set_champion
 from registry.version import ModelVersion
@@ -44,7 +44,7 @@ def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
         InputError: where the data has none of this size, or the weights do not fit it.
     """
     scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:MOST]
-    flown = Flown(model, model.architecture)
+    flown = NetworkPlanner(model, model.architecture)
     return run_trials([EvaluatedPlanner(flown)], scenarios) if scenarios else pd.DataFrame()
 
 

@@ -32,9 +32,8 @@ from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.experiments.warmstart import run_warmstarts
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
-from pipeline.planners.ladder import Ladder
+from pipeline.planners.classical import BASELINES, Expert
+from pipeline.planners.network import FallbackPlanner
 from pipeline.progress import SILENT, Progress
 from registry.results import Done
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
@@ -144,7 +143,7 @@ def flights(
     for network in ground.networks:
         network.predictor.on(shortest)  # refuses weights that fit one T alone
     safe = [
-        EvaluatedPlanner(Ladder(network.planner), network.recipe, network.training_seed)
+        EvaluatedPlanner(FallbackPlanner(network.planner), network.recipe, network.training_seed)
         for network in ground.networks
     ]
 

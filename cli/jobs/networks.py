@@ -13,10 +13,9 @@ from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import REFINER, for_comparison
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.planners.named import NAMES, refuse_effort, with_expert
-from pipeline.planners.network import Flown, check_problem
+from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.planners.planner import Planner
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
@@ -37,7 +36,7 @@ class EvaluatedNetwork(EvaluatedPlanner):
         version: what the registry knows about it.
     """
 
-    planner: Flown
+    planner: NetworkPlanner
     predictor: Model
     version: ModelVersion
 
@@ -48,7 +47,7 @@ class EvaluatedNetwork(EvaluatedPlanner):
             InputError: where its weights do not fit.
         """
         model = self.predictor.on(problem)
-        return replace(self, planner=Flown(model, self.planner.name), predictor=model)
+        return replace(self, planner=NetworkPlanner(model, self.planner.name), predictor=model)
 
 
 Choice = Callable[[Where], list[ModelVersion]]
@@ -115,7 +114,7 @@ def networks(
         check_problem(model, problem, public_url(data))
         found.append(
             EvaluatedNetwork(
-                planner=Flown(model, name),
+                planner=NetworkPlanner(model, name),
                 recipe=version.recipe,
                 training_seed=version.training_seed,
                 predictor=model,
@@ -157,5 +156,5 @@ def model_planner(
             f"{', '.join(architecture_names())}, such as ff1 or ff1:paper."
         )
     model, version = load(reference)
-    flown = Flown(model, f"{version.arch}/{version.version}", requirements)
+    flown = NetworkPlanner(model, f"{version.arch}/{version.version}", requirements)
     return flown if raw else with_expert(flown, effort)

@@ -20,7 +20,7 @@ from pipeline.experiments.experiment5 import summarize_flights
 from pipeline.experiments.records import PREDICTED, TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, example_transfer
 from pipeline.figures.style import save, styles
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
 from registry.results import Run, experiment_run

@@ -12,7 +12,7 @@ from pipeline.dataset.front_matter import File, files_by_split, front_matter
 from pipeline.dataset.manifest import CARD, Manifest, read_manifest, recorded, requirements_of
 from pipeline.dataset.reading import read_solved, refuse_unsolved
 from pipeline.dataset.samples import PRESETS, Sample
-from pipeline.dataset.schema import COLUMNS, Column
+from pipeline.dataset.schema import COLUMNS, DataColumn
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.markdown import Markdown, code, formatted, table, verbatim
@@ -100,7 +100,7 @@ def _card(folder: Folder, licence: str, progress: Progress) -> str:
     return f"---\n{front_matter(files, title, licence)}---\n\n{body}"
 
 
-def _column(column: Column) -> tuple[Markdown, str, str, Markdown]:
+def _column(column: DataColumn) -> tuple[Markdown, str, str, Markdown]:
     kind = f"list of {column.shape} doubles" if column.shape else str(column.type)
     return code(column.name), kind, column.unit, Markdown(column.meaning)
 

@@ -199,7 +199,8 @@ class Shard:
 
     def metadata(self, path: str) -> dict[bytes, bytes]:
         """The schema metadata of its scenarios or of its solved instances."""
-        about, origin = self.about, self.sample.origin()
+        about, sample = self.about, self.sample
+        origin = {"seed": sample.seed, "family": sample.family}
         if path == self.scenarios:
             return metadata(about.problem, origin, about.made_with.sample)
         return metadata(about.problem, origin | dict(about.solve), about.made_with.solve)
@@ -219,27 +220,20 @@ def read_manifest(where: Where | Folder) -> Manifest:
 
 def is_begun(folder: Folder) -> bool:
     """Whether a folder has a dataset's manifest, or only its copy."""
-    if folder.exists(MANIFEST):
-        return True
-    try:
-        return bool(_parsed(folder, COPY))
-    except DamagedError:
-        return False
+    return folder.exists(MANIFEST) or isinstance(_parsed(folder, COPY), Manifest)
 
 
 def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
     """The manifest, or its copy where it is damaged and the fault; InputError where both are."""
-    try:
-        return _parsed(folder, MANIFEST), ""
-    except DamagedError as error:
-        fault = str(error)
-    try:
-        return _parsed(folder, COPY), fault
-    except DamagedError:
-        pass
+    found = _parsed(folder, MANIFEST)
+    if isinstance(found, Manifest):
+        return found, ""
+    copy = _parsed(folder, COPY)
+    if isinstance(copy, Manifest):
+        return copy, found
     if folder.exists(MANIFEST):
         raise InputError(
-            f"{MANIFEST} in {folder} {fault}; delete it and give the command that made the dataset "
+            f"{MANIFEST} in {folder} {found}; delete it and give the command that made the dataset "
             "again: shards that are sound are kept."
         )
     what = "does not exist"
@@ -251,13 +245,10 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
     )
 
 
-class DamagedError(Exception):
-    """A manifest that is missing or cannot be what was written, and why."""
-
-
-def _parsed(folder: Folder, name: str) -> Manifest:
+def _parsed(folder: Folder, name: str) -> Manifest | str:
+    """A manifest, or why it cannot be what was written; InputError for one of another version."""
     if not folder.exists(name):
-        raise DamagedError("is missing")
+        return "is missing"
     try:
         document = read_checked(folder, name)
         schema = document.pop("schema")
@@ -265,11 +256,11 @@ def _parsed(folder: Folder, name: str) -> Manifest:
             return TypeAdapter(Manifest).validate_python(document)
         if not str(schema).startswith(FAMILY):
             raise ValueError(f"its schema is {schema}")
+    except ValidationError as error:
+        return f"is damaged ({first_fault(error)})"
     except (OSError, ValueError, KeyError, TypeError, InputError) as error:
         fault = repr(error) if isinstance(error, KeyError) else str(error).rstrip(".")
-        if isinstance(error, ValidationError):
-            fault = first_fault(error)
-        raise DamagedError(f"is damaged ({fault})") from error
+        return f"is damaged ({fault})"
     raise InputError(
         f"{folder} has schema {schema}, of another version of prolearn; expected {SCHEMA}: make "
         "the dataset anew in another folder, or remove this one."

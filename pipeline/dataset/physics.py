@@ -17,18 +17,25 @@ from pipeline.dataset.schema import (
     stacked,
 )
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import TOLERANCE, side_by_side
-from pipeline.orbit.fuel import fuel
+from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separation, node_collisions
-from pipeline.orbit.thrust_loss import least_after_loss
-from pipeline.orbit.transfer import dynamics_defect
-from pipeline.plan import SOLVED, Requirements
-from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.orbit.separation import node_collisions
+from pipeline.orbit.transfer import dynamics_defect, fuel
+from pipeline.plan import SOLVED, Requirements, certify, violations
+from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.scenario import Scenario
 from pipeline.storage.shards import Size, decode, read_metadata
 
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
 """Columns that every solved row has a value in."""
+
+VIOLATIONS = {
+    "thrust": "breaks the thrust limit",
+    "separation": "comes too close",
+    "passive safety": "comes too close after a loss of thrust",
+}
+
+AT_ONCE = 100  # rows that are certified at once, which bounds memory
 
 ANY = Size(rows=100_000, values=10_000_000)  # the most that a shard of any dataset may hold
 
@@ -94,23 +101,14 @@ def _checks(
     found = used / np.where(some, bound, 1.0) - 1
     yield "has another gap than its fuel", some & ~np.isclose(found, gap, rtol=0, atol=1e-9)
     yield "has other node collisions than its states", collisions != colliding
-    if problem.max_acceleration is not None:
-        within = np.abs(controls).max(axis=(1, 2, 3)) <= problem.most_control
-        yield "breaks the thrust limit", ~within
-    if requirements.at_nodes:
-        yield "comes too close at a node", collisions > 0
+    claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
+    wrong, apart = _judged(states, controls, ends, problem, requirements)
     if n > 1:
-        claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
-        close, other = _separation(states, controls, problem, claimed)
+        other = ~(np.abs(apart - claimed) <= 2 * TOLERANCE)
         yield "has another least separation than its states", other
-        if not requirements.at_nodes:
-            yield "comes too close", close
-        if requirements.passive_safety is not None:
-            orbits, swarm = requirements.passive_safety, side_by_side((n,))
-            rows = zip(states, controls, strict=True)
-            after = [least_after_loss(*row, problem, orbits, swarm)[0] for row in rows]
-            met = [one is None or one.bound <= problem.collision_radius for one in after]
-            yield "comes too close after a loss of thrust", np.array(met)
+    for what, told in VIOLATIONS.items():
+        where = " at a node" * (what == "separation" and requirements.at_nodes)
+        yield told + where, np.array([what in found for found in wrong])
 
 
 def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
@@ -119,16 +117,24 @@ def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
     return ~np.isfinite(worst).all(axis=1) | far | (worst[:, 3:].max(axis=1) > VELOCITY_TOLERANCE)
 
 
-def _separation(
+def _judged(
     states: Float[Array, "N n T 6"],
     controls: Float[Array, "N n intervals 3"],
+    ends: Float[Array, "N n 2 6"],
     problem: Problem,
-    claimed: Float[Array, "N"],
-) -> tuple[Rows, Rows]:
-    """Rows that come within r_col, and rows whose least separation is not the claimed one."""
-    bound, distance = np.full((2, len(states)), -np.inf)
-    finite = np.isfinite(states).all(axis=(1, 2, 3)) & np.isfinite(controls).all(axis=(1, 2, 3))
-    for k in np.flatnonzero(finite):
-        found = least_separation(states[k], controls[k], problem)
-        bound[k], distance[k] = found.bound, found.distance
-    return bound <= problem.collision_radius, ~(np.abs(distance - claimed) <= 2 * TOLERANCE)
+    requirements: Requirements,
+) -> tuple[list[dict[str, str]], Float[Array, "N"]]:
+    """What rows do not satisfy, and their least separation, m; of rows that are finite."""
+    wrong: list[dict[str, str]] = [{} for _ in states]
+    apart = np.full(len(states), np.nan)
+    finite = [np.isfinite(part).all(axis=(1, 2, 3)) for part in (states, controls, ends)]
+    rows = np.flatnonzero(np.all(finite, axis=0))
+    for some in np.array_split(rows, 1 + len(rows) // AT_ONCE) if len(rows) else ():
+        scenarios = [Scenario(problem, *ends[k].swapaxes(0, 1)) for k in some]
+        flown, burned = np.concatenate(states[some]), np.concatenate(controls[some])
+        found = certify(scenarios, flown, burned, [(0.0, "")] * len(some), requirements)
+        for k, certificate in zip(some.tolist(), found, strict=True):
+            wrong[k] = violations(certificate, controls[k], problem, requirements)
+            least = certificate.min_separation
+            apart[k] = np.nan if least is None else least
+    return wrong, apart

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 from pipeline.errors import InputError
 from pipeline.scenario import SPLITS
@@ -59,10 +58,6 @@ class Sample:
         """The splits that a shard has rows of."""
         rows, splits = self.rows(shard), self.splits.items()
         return {k for k, of in splits if max(of.start, rows.start) < min(of.stop, rows.stop)}
-
-    def origin(self) -> dict[str, Any]:
-        """What the metadata of shards says about where their scenarios come from."""
-        return {"seed": self.seed, "family": self.family}
 
 
 ONLY_TEST = (0.0, 0.0, 1.0)

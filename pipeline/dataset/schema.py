@@ -7,6 +7,7 @@ problem and how it was sampled and solved, as JSON.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ SCHEMA = f"{FAMILY}2"
 
 
 @dataclass(frozen=True)
-class Column:
+class DataColumn:
     """A column of the data."""
 
     name: str  # in the file
@@ -39,37 +40,35 @@ class Column:
 
     @property
     def field(self) -> pa.Field:
-        """In Arrow's schema."""
+        """Its field in Arrow's schema."""
         return pa.field(self.name, self.type, nullable=self.nullable)
 
 
+_of_plan = partial(DataColumn, nullable=True)
 TEXT, INTEGER, REAL = pa.string(), pa.int32(), pa.float64()
 LIST = pa.list_(pa.field("element", REAL, nullable=False))
 
 SCENARIO_COLUMNS = (
-    Column("scenario_id", TEXT, "family, seed, n, split and index in it"),
-    Column("n_spacecraft", INTEGER, "n"),
-    Column("family", TEXT, "`rings`, ..."),
-    Column("split", TEXT, "`train`, `valid` or `test`"),
-    Column("initial", LIST, "x y z vx vy vz of each craft at the first node", "m, m/s", "n·6"),
-    Column("goal", LIST, "the same at the last node", "m, m/s", "n·6"),
+    DataColumn("scenario_id", TEXT, "family, seed, n, split and index in it"),
+    DataColumn("n_spacecraft", INTEGER, "n"),
+    DataColumn("family", TEXT, "`rings`, ..."),
+    DataColumn("split", TEXT, "`train`, `valid` or `test`"),
+    DataColumn("initial", LIST, "x y z vx vy vz of each craft at the first node", "m, m/s", "n·6"),
+    DataColumn("goal", LIST, "the same at the last node", "m, m/s", "n·6"),
 )
 STATES = "x y z vx vy vz of each craft at each node"
 CONTROLS = "x y z of each craft's thrust acceleration, constant over each interval"
 FUEL = "Σ‖u‖₁ over craft and intervals; times Δt it is Δv in m/s"
-BOUND = "proven: no transfer, safe or not, needs less"
 PLAN_COLUMNS = (
-    Column("status", TEXT, "`solved`, or why not: `infeasible` (proven), `unsolved`, `unsafe`"),
-    Column("states", LIST, STATES, "m, m/s", "n·T·6", nullable=True),
-    Column("controls", LIST, CONTROLS, "m/s²", "n·(T-1)·3", nullable=True),
-    Column("fuel", REAL, FUEL, "m/s²", nullable=True),
-    Column("fuel_lower_bound", REAL, BOUND, "m/s²", nullable=True),
-    Column("optimality_gap", REAL, "fuel / fuel_lower_bound - 1", nullable=True),
-    Column(
-        "node_collisions", INTEGER, "pairs and nodes within the collision radius", nullable=True
-    ),
-    Column("min_separation", REAL, "least distance of any pair at any time", "m", nullable=True),
-    Column("convex_solves", INTEGER, "convex programs that the plan took", nullable=True),
+    DataColumn("status", TEXT, "`solved`, or why not: `infeasible` (proven), `unsolved`, `unsafe`"),
+    _of_plan("states", LIST, STATES, "m, m/s", "n·T·6"),
+    _of_plan("controls", LIST, CONTROLS, "m/s²", "n·(T-1)·3"),
+    _of_plan("fuel", REAL, FUEL, "m/s²"),
+    _of_plan("fuel_lower_bound", REAL, "proven: no transfer, safe or not, needs less", "m/s²"),
+    _of_plan("optimality_gap", REAL, "fuel / fuel_lower_bound - 1"),
+    _of_plan("node_collisions", INTEGER, "pairs and nodes within the collision radius"),
+    _of_plan("min_separation", REAL, "least distance of any pair at any time", "m"),
+    _of_plan("convex_solves", INTEGER, "convex programs that the plan took"),
 )
 COLUMNS = (*SCENARIO_COLUMNS, *PLAN_COLUMNS)
 

@@ -42,7 +42,7 @@ SOLVED_BY: DecidedBy = (
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
-    """Raise InputError, naming the first version that a dataset was begun with and is no more."""
+    """Raise InputError, naming the first version that a dataset was not begun with."""
     made = manifest.made_with
     refuse_other_versions(f"{what} was sampled", made.sample, made_with(*SAMPLED_BY))
     if manifest.solve:
@@ -76,7 +76,7 @@ def solve(
 def complete(
     ledger: Ledger[Manifest], workers: Workers, progress: Progress, leave: Collection[str] = ()
 ) -> None:
-    """Draw and, once that has begun, solve what is missing or damaged, but for files to leave."""
+    """Draw or solve what is missing or damaged, except for the shards of files in ``leave``."""
     folder, manifest = ledger.folder, ledger.manifest
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
     lost = [s for s in shards if not ledger.is_sound(s.scenarios)]

@@ -14,10 +14,9 @@ from threadpoolctl import threadpool_limits
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, VARIED, Trial
-from pipeline.orbit.fuel import fuel, implied_controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
-from pipeline.orbit.transfer import dynamics_defect, track
+from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls, track
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress

@@ -93,7 +93,7 @@ def measured(rows: pd.DataFrame) -> Measured:
     )
 
 
-YES, TOO_FEW = "Yes", "Open: too few trials"
+YES = "Yes"
 
 SAFE_AND_CHEAP: Rules = (
     ((True, True), YES),
@@ -101,7 +101,7 @@ SAFE_AND_CHEAP: Rules = (
     ((True, ANY), "Open: fuel"),
     ((False, False), "No: neither safe nor cheap"),
     ((False, ANY), "No: not safe"),
-    ((None, ANY), TOO_FEW),
+    ((None, ANY), "Open: too few trials"),
     ((MIXED, ANY), "In part: some are safe"),
 )
 """By whether planners are safe, and cheap."""

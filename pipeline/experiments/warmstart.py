@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor
 from pipeline.expert import EFFORTS, SEEDS, solve
-from pipeline.expert.seeds import Seed, own_seed
+from pipeline.expert.seeds import Seed, decoupled_seed
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
@@ -48,7 +48,7 @@ def run_warmstarts(
         return pd.DataFrame()
     seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
     if optimizer == PLAIN:
-        seeds["own LP", 0] = own_seed  # the expert's own start
+        seeds["own LP", 0] = decoupled_seed  # the expert's own start
     seeds |= {source: partial(_network_seed, network) for source, network in predictors.items()}
     rules = _rules(optimizer, scenarios[0])
     sources = list(seeds)
@@ -85,7 +85,7 @@ def run_warmstarts(
 def _rules(optimizer: str, scenario: Scenario) -> dict[str, Optimize]:
     """The optimizer under each of its stopping rules, ready for scenarios like this one."""
     if optimizer == PLAIN:
-        from pipeline.expert.plain import PlainScp  # loads cvxpy
+        from pipeline.expert.plain import PlainScp
 
         return {CONVERGED: PlainScp(scenario.n, scenario.problem).solve}
     return {rule: partial(solve, settings=settings) for rule, settings in RULES.items()}

@@ -1,9 +1,8 @@
 """The expert: sequential convex programming (SCP) with half-space collision constraints."""
 
-from pipeline.expert.expert import nominal_plans
-from pipeline.expert.own import own_optima
-from pipeline.expert.planning import solve, solve_many
-from pipeline.expert.risk import all_within_risk, within_risk
+from pipeline.expert.decoupled import decoupled_optima
+from pipeline.expert.expert import all_within_risk, solve, solve_many, within_risk
+from pipeline.expert.nominal import nominal_plans
 from pipeline.expert.seeds import SEEDS
 from pipeline.expert.settings import BEST, EFFORTS, FIRST_SAFE, Settings
 
@@ -14,8 +13,8 @@ __all__ = [
     "SEEDS",
     "Settings",
     "all_within_risk",
+    "decoupled_optima",
     "nominal_plans",
-    "own_optima",
     "solve",
     "solve_many",
     "within_risk",

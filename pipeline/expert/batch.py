@@ -1,4 +1,4 @@
-"""Scenarios side by side, as one swarm whose parts know nothing of each other."""
+"""Independent scenarios stacked along the craft axis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,21 +8,18 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from pipeline.arrays import Array
-from pipeline.expert.own import control_units, goal_miss
+from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
 from pipeline.orbit.approaches import Swarms, side_by_side
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.scenario import Scenario, shared_problem
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Scenarios of one problem, and their craft one after the other.
+    """Scenarios of one problem, and the craft of all of them one after the other."""
 
-    Attributes:
-        scenarios: at least one.
-    """
-
-    scenarios: Sequence[Scenario]
+    scenarios: Sequence[Scenario]  # at least one
 
     @cached_property
     def problem(self) -> Problem:
@@ -45,8 +42,13 @@ class Batch:
         return np.concatenate([scenario.goal for scenario in self.scenarios])
 
     @cached_property
+    def optima(self) -> DecoupledOptima:
+        """Decoupled optimum of every craft."""
+        return decoupled_optima(self.initial, self.goal, self.problem)
+
+    @cached_property
     def miss(self) -> Float[Array, "n 6"]:
-        """Change of final state that controls must bring about."""
+        """Change of final state that controls must bring about, m and m/s."""
         return goal_miss(self.initial, self.goal, self.problem)
 
     @cached_property
@@ -61,9 +63,46 @@ class Batch:
         return [slice(*both) for both in zip(starts, [*starts[1:], None], strict=True)]
 
     def part(self, which: Sequence[int]) -> "Batch":
-        """Some of the scenarios."""
-        return Batch([self.scenarios[k] for k in which])
+        """Some of the scenarios; their decoupled optima are not computed again."""
+        part = Batch([self.scenarios[k] for k in which])
+        # A cached property is set as any attribute of an instance is.
+        part.__dict__["optima"] = self.optima.of(np.isin(self.swarms.label, which))
+        return part
 
     def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:
-        """What is given for all craft, by scenario."""
+        """Rows of all craft, by scenario."""
         return np.split(rows, self.swarms.starts[1:])
+
+    def infeasible(self) -> list[str]:
+        """Why it is proven that each scenario has no plan; nothing where that is not known.
+
+        A craft on its own cannot make its transfer, or a pair is within the collision radius at
+        one of its ends, where no control can move it.
+        """
+        ends = np.stack([self.initial, self.goal], axis=1)
+        close = swarm_node_collisions(ends, self.problem.collision_radius, self.swarms)
+        impossible = self.split(self.optima.impossible)
+        limited = self.problem.max_acceleration is not None
+        given = "within max_acceleration" if limited else "with any thrust, however large"
+        reasons = []
+        for scenario, craft, collisions in zip(self.scenarios, impossible, close, strict=True):
+            reason = _too_close(scenario) if collisions else ""
+            if craft.any():
+                k = int(craft.argmax())
+                reason = f"craft {k} cannot reach its goal {given}, which is proven"
+            reasons.append(reason)
+        return reasons
+
+
+def _too_close(scenario: Scenario) -> str:
+    """Which pair is too close at an end."""
+    near = []
+    i, j = np.triu_indices(scenario.n, 1)
+    for end, states in (("start", scenario.initial), ("goal", scenario.goal)):
+        apart = np.linalg.norm(states[i, :3] - states[j, :3], axis=1)
+        near.append((float(apart.min()), int(apart.argmin()), end))
+    distance, pair, end = min(near)
+    return (
+        f"craft {i[pair]} and {j[pair]} are {distance:.6g} m apart at the {end}, whatever is "
+        f"planned; collision_radius is {scenario.problem.collision_radius:g} m"
+    )

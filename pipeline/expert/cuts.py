@@ -1,94 +1,81 @@
 """Half-space cuts: which pairs are held apart at which times, and in which direction."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import Swarms, close_approaches, side_by_side
+from pipeline.orbit.passive_safety import LossEncounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import TransferMaps, transfer_maps
-from pipeline.plan import AT_ALL_TIMES, Requirements
 
 TOUCHING = 1e-3
 """Distance in m under which two craft give no direction of their own."""
 
 
 @dataclass(frozen=True, eq=False)
-class Apart:
-    """How a cut's second craft is looked at, where that differs from the first.
+class SecondCraft:
+    """How the position of a cut's second craft follows from its plan, where not as the first's."""
 
-    Attributes:
-        interval: at whose start the second craft's state counts, (k,).
-        free: from that state to the second's position, (k, 3, 6).
-        pushed: the same of its control in that interval, (k, 3, 3).
-        offset: position of the first, or less that of the second, as far as it is fixed, (k, 3), m.
-    """
-
-    interval: Int[Array, "k"]
-    free: Float[Array, "k 3 6"]
-    pushed: Float[Array, "k 3 3"]
+    interval: Int[Array, "k"]  # at whose start the craft's state counts
+    free: Float[Array, "k 3 6"]  # from that state to its position
+    pushed: Float[Array, "k 3 3"]  # from its control in that interval to its position
+    # position of the first, or less that of the second, as far as it is fixed, m
     offset: Float[Array, "k 3"]
 
 
 @dataclass(frozen=True, eq=False)
 class Cuts:
-    """Pairs and times at which a separation is asked for.
-
-    Attributes:
-        first: first craft, (k,).
-        second: second craft, (k,).
-        interval: interval of the time, (k,).
-        free: from a craft's state at the interval's start to its position then, (k, 3, 6).
-        pushed: the same of its control in the interval, (k, 3, 3).
-        apart: the same of the second craft, where some cuts look at it in another way.
-    """
+    """Pairs and times at which a separation is asked for."""
 
     first: Int[Array, "k"]
     second: Int[Array, "k"]
-    interval: Int[Array, "k"]
-    free: Float[Array, "k 3 6"]
-    pushed: Float[Array, "k 3 3"]
-    apart: Apart | None = None
+    interval: Int[Array, "k"]  # interval of the time
+    free: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position then
+    pushed: Float[Array, "k 3 3"]  # from its control in the interval to its position then
+    # the same of the second craft, where some cuts are passive-safety cuts
+    other: SecondCraft | None = None
 
     def __len__(self) -> int:
         """Number of cuts."""
         return len(self.first)
 
-    def __add__(self, other: "Cuts") -> "Cuts":
+    def __add__(self, more: "Cuts") -> "Cuts":
         """Both sets of cuts."""
-        both = zip(self._parts, other._parts, strict=True)
+        both = zip(self._parts, more._parts, strict=True)
         first, second, interval, free, pushed = map(np.concatenate, both)
-        if self.apart is None and other.apart is None:
-            return Cuts(first, second, interval, free, pushed)
-        looks = zip(vars(self.second_look).values(), vars(other.second_look).values(), strict=True)
-        return Cuts(first, second, interval, free, pushed, Apart(*map(np.concatenate, looks)))
+        other = None
+        if self.other is not None or more.other is not None:
+            fields = zip(*(vars(cuts.second_craft).values() for cuts in (self, more)), strict=True)
+            other = SecondCraft(*map(np.concatenate, fields))
+        return Cuts(first, second, interval, free, pushed, other)
 
     def where(self, keep: Bool[Array, "k"] | Int[Array, "j"]) -> "Cuts":
         """Some of the cuts."""
         first, second, interval, free, pushed = (part[keep] for part in self._parts)
-        if self.apart is None:
-            return Cuts(first, second, interval, free, pushed)
-        look = Apart(*(part[keep] for part in vars(self.apart).values()))
-        return Cuts(first, second, interval, free, pushed, look)
-
-    @property
-    def second_look(self) -> Apart:
-        """How the second craft is looked at."""
-        same = Apart(self.interval, self.free, self.pushed, np.zeros((len(self), 3)))
-        return same if self.apart is None else self.apart
-
-    @property
-    def in_flight(self) -> Bool[Array, "k"]:
-        """Those of two craft that both fly their plans: both are looked at in the same way."""
-        same, other = vars(replace(self, apart=None).second_look), vars(self.second_look)
-        differ = [(same[k] != other[k]).reshape(len(self), -1).any(axis=1) for k in same]
-        return ~np.any(differ, axis=0)
+        other = self.other and SecondCraft(*(part[keep] for part in vars(self.other).values()))
+        return Cuts(first, second, interval, free, pushed, other)
 
     @property
     def _parts(self) -> tuple[Array, ...]:
         return self.first, self.second, self.interval, self.free, self.pushed
+
+    @property
+    def second_craft(self) -> SecondCraft:
+        """How the second craft's position follows from its plan."""
+        return self._as_first if self.other is None else self.other
+
+    @property
+    def _as_first(self) -> SecondCraft:
+        return SecondCraft(self.interval, self.free, self.pushed, np.zeros((len(self), 3)))
+
+    @property
+    def in_flight(self) -> Bool[Array, "k"]:
+        """Cuts of two craft that both fly their plans."""
+        both = zip(vars(self._as_first).values(), vars(self.second_craft).values(), strict=True)
+        differ = [(one != other).reshape(len(self), -1).any(axis=1) for one, other in both]
+        return ~np.any(differ, axis=0)
 
 
 _NO_INDEX = np.zeros(0, dtype=int)
@@ -107,131 +94,112 @@ def cuts_at(
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
-@dataclass(frozen=True, eq=False)
-class HalfSpaces:
-    """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal.
+def passive_safety_cuts(
+    found: LossEncounters, states: Float[Array, "n T 6"], problem: Problem
+) -> Cuts:
+    """Cuts at encounters of a drifting craft, which lost its thrust at a node, and another.
 
-    Attributes:
-        row: (k, m), m per m/s².
-        required: (k,), m.
-        other: (k, m), m per m/s²; None where it is ``row``.
+    The controls of a drifting craft count up to that node, so none from the first node on, and
+    those of the other until it is on its goal's orbit. Where no control of one counts, its
+    position is fixed, and the cut is about the other alone, so that it joins no two craft. In each
+    encounter the controls of at least one craft count. States are in m and m/s.
     """
+    h, last = problem.time_step, problem.nodes - 1
+    drifted, _ = problem.dynamics.step(h * (found.interval - found.node))
+    drifting = found.free @ drifted
+    beyond, _ = problem.dynamics.step(h * np.maximum(found.interval - last, 0))
+    goal = np.matvec(found.free @ beyond, states[found.other, last])
+    start = np.matvec(drifting, states[found.lost, found.node])
+    fixed, arrived = found.node == 0, found.interval >= last
+    return Cuts(
+        first=np.where(fixed, found.other, found.lost),
+        second=np.where(arrived, found.lost, found.other),
+        interval=found.node,
+        free=_unless(fixed, drifting),
+        pushed=np.zeros_like(found.pushed),
+        other=SecondCraft(
+            interval=np.where(arrived, 0, found.interval),
+            free=_unless(arrived, found.free),
+            pushed=_unless(arrived, found.pushed),
+            offset=_unless(~fixed, start) - _unless(~arrived, goal),
+        ),
+    )
 
-    row: Float[Array, "k m"]
-    required: Float[Array, "k"]
-    other: Float[Array, "k m"] | None = None
 
-
-def conflicts(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    within: float,
-    moved: Bool[Array, "n"],
-    requirements: Requirements = AT_ALL_TIMES,
-    *,
-    swarms: Swarms | None = None,
-    beside: float = 0.0,
-) -> tuple[Cuts, Float[Array, "k"]]:
-    """Where pairs with at least one moved craft come within a distance, and how close.
-
-    Args:
-        states: node states, m and m/s.
-        controls: m/s².
-        problem: the problem.
-        within: distance of interest, m.
-        moved: craft whose pairs are looked at.
-        requirements: say whether all times are looked at, or the nodes only.
-        swarms: which craft belong together; by default all of them.
-        beside: also cut so long before and after each closest approach, as a share of the
-            interval, since it moves; not at nodes only.
-
-    Returns:
-        A cut at each closest approach, and a lower bound on the separation there, m.
-    """
-    if requirements.at_nodes:
-        i, j = (swarms or side_by_side((len(states),))).pairs
-        touched = moved[i] | moved[j]
-        i, j = i[touched], j[touched]
-        distance = np.linalg.norm(states[i, :-1, :3] - states[j, :-1, :3], axis=-1)
-        row, node = np.nonzero(distance <= within)
-        return cuts_at(i[row], j[row], node, np.zeros(len(row)), problem), distance[row, node]
-    found = close_approaches(states, controls, problem, within, swarms=swarms, moved=moved)
-    pairs = found.first, found.second, found.interval
-    cuts, bound, h = Cuts(*pairs, found.free, found.pushed), found.bound, problem.time_step
-    for way in (-beside, beside) if beside else ():
-        cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
-        bound = np.concatenate([bound, found.bound])
-    return cuts, bound
+def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Array, "k *rest"]:
+    """The values, and zero where a mask says so."""
+    return np.where(mask.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
 
 
 def gaps(
-    cuts: Cuts,
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
+    cuts: Cuts, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
 ) -> Float[Array, "k 3"]:
     """Position of each cut's first craft relative to its second, there and then, m."""
     i, j, k = cuts.first, cuts.second, cuts.interval
-    if cuts.apart is not None:
-        look = cuts.apart
-        one = np.matvec(cuts.free, states[i, k]) + np.matvec(cuts.pushed, controls[i, k])
-        other = np.matvec(look.free, states[j, look.interval])
-        return look.offset + one - other - np.matvec(look.pushed, controls[j, look.interval])
+    if cuts.other is not None:
+        other, t = cuts.other, cuts.other.interval
+        position = np.matvec(cuts.free, states[i, k]) + np.matvec(cuts.pushed, controls[i, k])
+        from_other = np.matvec(other.free, states[j, t])
+        return other.offset + position - from_other - np.matvec(other.pushed, controls[j, t])
     gap = np.matvec(cuts.free, states[i, k] - states[j, k])
     return gap + np.matvec(cuts.pushed, controls[i, k] - controls[j, k])
 
 
-def half_spaces(
+def normals(
     cuts: Cuts,
     states: Float[Array, "n T 6"],
     controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    separation: Float[Array, "k"] | float,
     shift: Float[Array, "k 3"] | float = 0.0,
-) -> HalfSpaces:
-    """Aim cuts from a trajectory: n̂ is the direction between the pair there and then.
+) -> Float[Array, "k 3"]:
+    """Direction n̂ between each cut's pair there and then, at a linearization point (SI units).
 
-    Args:
-        cuts: pairs and times.
-        states: node states of the trajectory, m and m/s.
-        controls: its controls, m/s².
-        problem: the problem.
-        separation: what to ask for, of all or of each, m.
-        shift: added to each gap before its direction is taken, m: passes on another side.
+    A shift in m, added to each gap before its direction is taken, passes on another side.
     """
-    gap = gaps(cuts, states, controls) + shift
-    k = cuts.interval
-    normal = directions(gap, states[cuts.first, k, 3:] - states[cuts.second, k, 3:])
-    return half_spaces_along(cuts, normal, states[:, 0], problem, separation)
+    velocity = states[cuts.first, cuts.interval, 3:] - states[cuts.second, cuts.interval, 3:]
+    return directions(gaps(cuts, states, controls) + shift, velocity)
 
 
-def half_spaces_along(
+def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
+    """Unit vectors along each gap; across the relative velocity where the two craft touch."""
+    distance = np.linalg.norm(gap, axis=1)
+    touching = distance < TOUCHING
+    if touching.any():
+        axis = np.eye(3)[np.abs(velocity).argmin(axis=1)]
+        across = np.cross(velocity, axis)
+        across = np.where(np.linalg.norm(across, axis=1, keepdims=True) > 0, across, axis)
+        gap = np.where(touching[:, None], across, gap)
+        distance = np.linalg.norm(gap, axis=1)
+    return gap / distance[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpaces:
+    """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal."""
+
+    row: Float[Array, "k m"]  # m per m/s²
+    required: Float[Array, "k"]  # m
+    other: Float[Array, "k m"] | None = None  # m per m/s²; None where it is ``row``
+
+
+def half_spaces(
     cuts: Cuts,
     normal: Float[Array, "k 3"],
     initial: Float[Array, "n 6"],
     problem: Problem,
     separation: Float[Array, "k"] | float,
 ) -> HalfSpaces:
-    """Cuts with given directions: normal · (pᵢ - pⱼ) ≥ separation there and then.
-
-    Args:
-        cuts: pairs and times.
-        normal: direction of each cut.
-        initial: initial states, m and m/s.
-        problem: the problem.
-        separation: what to ask for, of all or of each, m.
-    """
+    """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then (m, m/s)."""
     maps = transfer_maps(problem)
     i, j, k = cuts.first, cuts.second, cuts.interval
     to_state = np.vecmat(normal, cuts.free)
     row = _row(to_state, normal, k, cuts.pushed, maps)
-    if cuts.apart is not None:
-        look = cuts.apart
-        seen = np.vecmat(normal, look.free)
-        other = _row(seen, normal, look.interval, look.pushed, maps)
-        apart = np.vecdot(normal, look.offset)
+    if cuts.other is not None:
+        second, t = cuts.other, cuts.other.interval
+        seen = np.vecmat(normal, second.free)
+        other = _row(seen, normal, t, second.pushed, maps)
+        apart = np.vecdot(normal, second.offset)
         apart += np.vecdot(to_state, np.matvec(maps.drift[k], initial[i]))
-        apart -= np.vecdot(seen, np.matvec(maps.drift[look.interval], initial[j]))
+        apart -= np.vecdot(seen, np.matvec(maps.drift[t], initial[j]))
         return HalfSpaces(row, separation - apart, other)
     drifted = np.matvec(maps.drift[k], initial[i] - initial[j])
     return HalfSpaces(row, separation - np.vecdot(to_state, drifted))
@@ -249,16 +217,3 @@ def _row(
     columns = 3 * interval[:, None] + np.arange(3)
     row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)
     return row
-
-
-def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
-    """Unit vectors along each gap; across the relative velocity where the two craft touch."""
-    distance = np.linalg.norm(gap, axis=1)
-    touching = distance < TOUCHING
-    if touching.any():
-        axis = np.eye(3)[np.abs(velocity).argmin(axis=1)]
-        across = np.cross(velocity, axis)
-        across = np.where(np.linalg.norm(across, axis=1, keepdims=True) > 0, across, axis)
-        gap = np.where(touching[:, None], across, gap)
-        distance = np.linalg.norm(gap, axis=1)
-    return gap / distance[:, None]

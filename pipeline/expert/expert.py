@@ -1,144 +1,212 @@
-"""The expert's nominal plans: scenarios, and perhaps seeds, in; plans with certificates out."""
+"""The expert: scenarios, and perhaps seeds, in; plans that satisfy all requirements out.
 
-from collections.abc import Sequence
-from dataclasses import replace
+Where a risk is required, pairs are kept some standard deviations of their separation apart (chance
+constraints), and a few searches find how many.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
+from scipy.special import ndtr, ndtri
 
 from pipeline.arrays import Array
-from pipeline.expert.batch import Batch
-from pipeline.expert.losses import what_no_plan_can_help
-from pipeline.expert.own import OwnOptima, own_optima
-from pipeline.expert.refuted import refuted
-from pipeline.expert.scp import Search
-from pipeline.expert.seeds import Seed, checked_seed
+from pipeline.expert.conflicts import BackOff
+from pipeline.expert.nominal import nominal_plans
 from pipeline.expert.settings import Settings
-from pipeline.expert.spread import Spread
-from pipeline.expert.standing import Found
-from pipeline.expert.starts import best_of_starts, until_settled
-from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import has_one_plan, project_to_flyable
+from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.risk import CollisionRisk, collision_risk
 from pipeline.plan import (
+    AT_ALL_TIMES,
     INFEASIBLE,
     SOLVED,
-    UNSAFE,
     UNSOLVED,
-    Made,
     Plan,
     Requirements,
-    planned_all,
+    Risk,
+    RiskLimit,
 )
 from pipeline.scenario import Scenario
 
+TRIES = 8
+"""Searches at most, each for another number of standard deviations."""
 
-def nominal_plans(
+ENOUGH = 0.5
+"""Share of the risk asked for from which a plan is not needlessly safe."""
+
+AIM = 0.75
+"""Share of it that is aimed for."""
+
+
+def solve(
+    scenario: Scenario,
+    seed: Float[Array, "_ T 6"] | None = None,
+    settings: Settings | None = None,
+    requirements: Requirements = AT_ALL_TIMES,
+) -> Plan:
+    """The expert's plan for a scenario; arguments and errors are as in ``solve_many``."""
+    return solve_many([scenario], None if seed is None else [seed], settings, requirements)[0]
+
+
+def solve_many(
     scenarios: Sequence[Scenario],
-    seeds: Sequence[Float[Array, "_ T 6"] | None] | None,
-    settings: Settings,
-    requirements: Requirements,
-    spread: Spread | None = None,
+    seeds: Sequence[Float[Array, "_ T 6"] | None] | None = None,
+    settings: Settings | None = None,
+    requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Plan]:
-    """The expert's plans for scenarios of one problem, flown without errors.
+    """The expert's plans for scenarios of one problem, with what they share computed once.
 
     Args:
         scenarios: what swarms are to do; sizes may differ.
-        seeds: for each, as in ``solve``, or None.
+        seeds: for each, node states that its first cuts are linearized about, m and m/s, or None
+            for the decoupled optima. They need neither be safe nor obey the dynamics.
         settings: how to work.
-        requirements: what the plans must satisfy, of which a risk is not looked at here.
-        spread: separation to ask for because craft err; without one, the collision radius alone.
+        requirements: what every plan must satisfy.
 
     Raises:
         InputError: for a seed of another shape or with values that are not finite.
     """
-    if not scenarios:
-        return []
-    batch, requirements = Batch(scenarios), requirements.nominal
-    started = perf_counter()
-    aims = None if seeds is None else [*map(_seed_controls, scenarios, seeds)]
-    own = own_optima(batch.initial, batch.goal, batch.problem)
-    searched = perf_counter()
-    found = _search(batch, own, aims, settings, requirements, spread)
-    done = perf_counter()
-    stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
-    timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
-    made = [
-        Made(one.controls, *own.bound(craft), one.convex_solves, timing)
-        for one, craft in zip(found, batch.craft, strict=True)
-    ]
-    plans = planned_all("expert", scenarios, made, requirements)
-    told = zip(plans, found, strict=True)
-    return [_explained(plan, one, batch.problem, requirements) for plan, one in told]
+    settings = settings or Settings()
+    plans = nominal_plans(scenarios, seeds, settings, requirements)
+    return all_within_risk(scenarios, plans, requirements, settings)
 
 
-def _explained(plan: Plan, found: Found, problem: Problem, requirements: Requirements) -> Plan:
-    """The plan with its status and the reason, where it is none to fly."""
-    if found.hopeless:
-        return replace(plan, status=INFEASIBLE, message=found.obstacle)
-    if plan.status == UNSAFE and has_one_plan(problem) and _meet(plan, problem, requirements):
-        reason = f"no other controls reach the goals, and with these {plan.message}"
-        return replace(plan, status=INFEASIBLE, message=reason)
-    if plan.status != SOLVED:
-        tried = f"no safe plan after {found.convex_solves} convex solves"
-        reasons = [tried, *filter(None, (found.obstacle, plan.message))]
-        return replace(plan, status=UNSOLVED, message=": ".join(reasons))
-    return plan
+def all_within_risk(
+    scenarios: Sequence[Scenario],
+    plans: Sequence[Plan],
+    requirements: Requirements,
+    settings: Settings,
+) -> list[Plan]:
+    """Plans of several scenarios, each as in ``within_risk``."""
+    both = zip(scenarios, plans, strict=True)
+    return [within_risk(scenario, plan, requirements, settings) for scenario, plan in both]
 
 
-def _meet(plan: Plan, problem: Problem, requirements: Requirements) -> bool:
-    """Whether craft do come within the collision radius, beyond what cannot be disproven."""
-    found, radius = plan.certificate, problem.collision_radius
-    if requirements.at_nodes:
-        return found.node_collisions > 0
-    adrift = None if found.passive_safety is None else found.passive_safety.min_separation
-    return any(one is not None and one <= radius for one in (found.min_separation, adrift))
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A plan, the standard deviations that it was asked to keep, and the risk of flying it."""
+
+    plan: Plan
+    sigmas: float
+    risk: CollisionRisk
 
 
-def _seed_controls(scenario: Scenario, seed: Seed | None) -> Float[Array, "n intervals 3"] | None:
-    if seed is None:
-        return None
-    states = checked_seed(scenario, seed)
-    return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
+def within_risk(
+    scenario: Scenario, plan: Plan, requirements: Requirements, settings: Settings | None = None
+) -> Plan:
+    """The plan itself where its risk is small enough, or else the cheapest of more careful ones.
+
+    Without a risk in the requirements it is the plan itself.
+
+    Every pair is kept so many standard deviations of its separation apart, the same number for
+    all. As pairs that are held there come within the radius with a probability proportional to the
+    normal distribution's tail, a few searches find the number. Each is seeded with the plan before.
+
+    The plan given, of any planner, satisfies what is required without errors, or is not SOLVED.
+    The certificate of that returned has the risk. It is UNSOLVED where the bound stays above what
+    was asked for: then it is the least risky of all, and its message says who is in the way.
+    """
+    limit = requirements.risk
+    if limit is None or plan.status == INFEASIBLE:
+        return plan
+    started, settings = perf_counter(), settings or Settings()
+    uncertainty = limit.uncertainty(scenario.problem)
+    tried = [_judged(scenario, plan, 0.0, uncertainty)]
+    if plan.status == SOLVED and tried[0].risk.total > limit.asked:
+        tried.extend(_more_careful(scenario, tried[0], limit, settings, requirements.nominal))
+    best = min(tried, key=lambda one: _worth(one, limit.asked))
+    claim = Risk(
+        bound=best.risk.total,
+        asked=limit.asked,
+        uncertainty=uncertainty,
+        sigmas=best.sigmas,
+        fuel_without=plan.certificate.fuel if plan.status == SOLVED else None,
+    )
+    seconds = perf_counter() - started
+    same = best.plan is plan or plan.planner.endswith(best.plan.planner)
+    found = replace(
+        best.plan,
+        planner=plan.planner if same else f"{plan.planner} + {best.plan.planner}",
+        certificate=replace(best.plan.certificate, risk=claim),
+        convex_solves=sum(one.plan.convex_solves for one in tried),
+        timing={**plan.timing, "risk": seconds, "plan": plan.timing.get("plan", 0.0) + seconds},
+    )
+    if claim.kept or plan.status != SOLVED:
+        return found
+    return replace(found, status=UNSOLVED, message=_too_risky(scenario, best.risk, limit.asked))
 
 
-def _search(
-    batch: Batch,
-    own: OwnOptima,
-    seeds: Sequence[Float[Array, "_ intervals 3"] | None] | None,
+def _more_careful(
+    scenario: Scenario,
+    first: _Tried,
+    limit: RiskLimit,
     settings: Settings,
     requirements: Requirements,
-    spread: Spread | None,
-) -> list[Found]:
-    """Search where every craft has a transfer of its own; the others are what they are."""
-    parts = zip(batch.split(own.controls), batch.split(own.feasible), strict=True)
-    found = [
-        replace(_alone(*part), obstacle=why, hopeless=True) if why else _alone(*part)
-        for part, why in zip(parts, refuted(batch, own), strict=True)
-    ]
-    orbits = requirements.passive_safety
-    if orbits is not None:
-        found = [
-            one if one.obstacle or not why else replace(one, obstacle=why, hopeless=True)
-            for one, scenario in zip(found, batch.scenarios, strict=True)
-            for why in [what_no_plan_can_help(scenario, orbits)]
-        ]
-    left = [k for k, one in enumerate(found) if not one.obstacle]
-    if left:
-        part, theirs = batch.part(left), own.of(np.isin(batch.swarms.label, left))
-        aims = None if seeds is None else [seeds[k] for k in left]
-        first = Search(part, theirs, settings, requirements, aims, spread=spread).run()
-        if orbits is not None:
-            first = until_settled(part, theirs, first, settings, requirements, spread)
-        best = best_of_starts(part, theirs, first, settings, requirements, spread)
-        for k, one in zip(left, best, strict=True):
-            found[k] = one
-    return found
+) -> Iterator[_Tried]:
+    """Search for ever better numbers of standard deviations, until one is good enough.
+
+    The risk is modelled as what the ends have, which no plan changes much, and a multiple of the
+    tail Q(k); the number is kept between the largest known to be too few and the least that is
+    enough.
+    """
+    asked, uncertainty = limit.asked, limit.uncertainty(scenario.problem)
+    held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
+    sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
+    for _ in range(TRIES):
+        back_off = BackOff(uncertainty, sigmas)
+        (made,) = nominal_plans([scenario], [plan.states], settings, requirements, back_off)
+        one = _judged(scenario, made, sigmas, uncertainty)
+        yield one
+        risk = one.risk.total
+        if made.status != SOLVED:
+            enough = sigmas  # too many: what follows is sought below
+            sigmas = (few + enough) / 2
+            continue
+        ends = float(one.risk.at_ends.sum())
+        if ENOUGH * asked <= risk <= asked or ends >= asked:
+            return
+        few, enough = (sigmas, enough) if risk > asked else (few, sigmas)
+        times = max(risk - ends, 0.0) / ndtr(-sigmas)
+        wanted = _tail(AIM * (asked - ends) / times) if times > 0 else 0.0
+        if not few < wanted < enough:
+            wanted = (few + enough) / 2 if np.isfinite(enough) else 1.1 * few
+        sigmas, plan = wanted, made
 
 
-def _alone(controls: Float[Array, "n intervals 3"], feasible: Bool[Array, "n"]) -> Found:
-    """The own optima of a scenario, and the craft that has none."""
-    if feasible.all():
-        return Found(controls)
-    k = int(feasible.argmin())
-    return Found(controls, obstacle=f"the convex solver found no transfer of craft {k} on its own")
+def _tail(probability: float) -> float:
+    """Standard deviations that a normal variable exceeds with a probability, at least 0."""
+    return max(0.0, -float(ndtri(min(probability, 0.5))))
+
+
+def _judged(scenario: Scenario, plan: Plan, sigmas: float, uncertainty: Uncertainty) -> _Tried:
+    risk = collision_risk(plan.states, plan.controls, scenario.problem, uncertainty)
+    return _Tried(plan, sigmas, risk)
+
+
+def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
+    """The cheapest of those that keep the risk comes first; of the others the least risky."""
+    kept = tried.plan.status == SOLVED and tried.risk.total <= asked
+    return not kept, tried.plan.certificate.fuel if kept else tried.risk.total
+
+
+def _too_risky(scenario: Scenario, risk: CollisionRisk, asked: float) -> str:
+    """Why the risk is not kept: the pair that adds most, and whether the ends alone have it."""
+    radius, worst = scenario.problem.collision_radius, int(risk.of_pair.argmax())
+    said = (
+        f"the risk that a pair comes within {radius:g} m is bounded by {risk.total:.3g}, asked for "
+        f"was {asked:g}; craft {risk.first[worst]} and {risk.second[worst]} add "
+        f"{risk.of_pair[worst]:.3g}"
+    )
+    if risk.at_ends.sum() <= asked:
+        return said
+    worst = int(risk.at_ends.argmax())
+    i, j = int(risk.first[worst]), int(risk.second[worst])
+    ends = {"start": scenario.initial, "goal": scenario.goal}
+    apart = {name: float(np.linalg.norm(s[i, :3] - s[j, :3])) for name, s in ends.items()}
+    where = min(apart, key=lambda name: apart[name])
+    return (
+        f"{said}, and the ends alone have {risk.at_ends.sum():.3g}: craft {i} and {j} are "
+        f"{apart[where]:.4g} m apart at the {where}"
+    )

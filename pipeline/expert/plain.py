@@ -16,14 +16,13 @@ from scipy import sparse
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.cuts import directions
-from pipeline.expert.interior_point import OPTIMAL
-from pipeline.expert.own import control_limit, own_optima
+from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.seeds import Seed, checked_seed
+from pipeline.expert.solvers import OPTIMAL
 from pipeline.orbit.approaches import pairs
-from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
-from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.orbit.transfer import fly, fuel, meet_goal
 from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.scenario import Scenario
 
@@ -85,15 +84,10 @@ class PlainScp:
     def solve(self, scenario: Scenario, seed: Seed | None = None) -> Plan:
         """The cheapest plan that is clear at the nodes, when its iterates no longer improve.
 
-        Args:
-            scenario: of this n and problem.
-            seed: node states to linearize about at first, m and m/s. Without one the start is
-                blank: all states are zero, so no pair has a direction of its own, and every pair
-                is told to pass radially, the craft of the lower number above.
-
-        Returns:
-            A plan that is SOLVED where it is clear at the nodes, and UNSOLVED where no iterate
-            was: then it holds the newest one.
+        The seed is node states to linearize about at first, m and m/s. Without one the start is
+        blank: all states are zero, so no pair has a direction of its own, and every pair is told
+        to pass radially, the craft of the lower number above. The plan is UNSOLVED where no
+        iterate was clear at the nodes: then it holds the newest one.
 
         Raises:
             InputError: for a scenario of another n or problem, or a seed of another shape or with
@@ -107,10 +101,10 @@ class PlainScp:
             )
         blank = np.zeros((self.n, self.problem.nodes, 6))
         aim = blank if seed is None else checked_seed(scenario, seed)
-        own = own_optima(scenario.initial, scenario.goal, self.problem)
-        bound, proof = own.bound(slice(None))
+        optima = decoupled_optima(scenario.initial, scenario.goal, self.problem)
+        bound, proof = optima.bound()
         found = self._search(scenario, aim, bound)
-        controls = own.controls if found.controls is None else found.controls
+        controls = optima.controls if found.controls is None else found.controls
         timing = {"plan": perf_counter() - started}
         made = Made(controls, bound, proof, found.convex_solves, timing)
         plan = planned(NAME, scenario, made, Requirements("nodes"))

@@ -1,4 +1,4 @@
-"""Seeds that need no network: trajectories for the expert to aim its first cuts from."""
+"""Seeds that need no network: trajectories that the expert's first cuts are linearized about."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.expert.own import own_optima
+from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 from pipeline.scenario import Scenario
 
@@ -25,10 +25,18 @@ def minimum_energy_seed(scenario: Scenario) -> Seed:
     return fly(scenario.initial, controls, scenario.problem)
 
 
-def own_seed(scenario: Scenario) -> Seed:
-    """The cheapest transfer of each craft on its own, by one linear program a craft."""
-    own = own_optima(scenario.initial, scenario.goal, scenario.problem)
-    return fly(scenario.initial, own.controls, scenario.problem)
+def decoupled_seed(scenario: Scenario) -> Seed:
+    """The decoupled optimum of each craft."""
+    optima = decoupled_optima(scenario.initial, scenario.goal, scenario.problem)
+    return fly(scenario.initial, optima.controls, scenario.problem)
+
+
+SEEDS: dict[str, Callable[[Scenario], Seed] | None] = {
+    "none": None,
+    "straight line": line_seed,
+    "minimum energy": minimum_energy_seed,
+}
+"""Seeds by the name that tables give them."""
 
 
 def checked_seed(scenario: Scenario, seed: Seed) -> Seed:
@@ -45,11 +53,3 @@ def checked_seed(scenario: Scenario, seed: Seed) -> Seed:
     if not np.isfinite(seed).all():
         raise InputError("the seed has values that are not finite; expected states in m and m/s.")
     return seed
-
-
-SEEDS: dict[str, Callable[[Scenario], Seed] | None] = {
-    "none": None,
-    "straight line": line_seed,
-    "minimum energy": minimum_energy_seed,
-}
-"""Seeds by the name that tables give them."""

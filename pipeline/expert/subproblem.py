@@ -1,14 +1,18 @@
-"""The convex subproblem as data: what the SCP solves again and again.
+"""The convex subproblem, and its form as a linear program: what the SCP solves again and again.
 
     minimise    Σᵢ ‖uᵢ‖₁ + penalty · Σ slack
     subject to  reach uᵢ = missᵢ                                  every craft meets its goal
-                rowₖ · uᵢ - otherₖ · uⱼ + slackₖ ≥ requiredₖ       half-spaces, Eq. 5 linearised
+                rowₖ · uᵢ - otherₖ · uⱼ + slackₖ ≥ requiredₖ       half-spaces, Eq. 5 linearized
                 slack ≥ 0
                 |uᵢ| ≤ limit
 
 States are eliminated: the controls are the only variables. A half-space for the pair (i, j) at
-one time is n̂ᵀ(pᵢ - pⱼ) ≥ r, with n̂ the direction between the two in the trajectory aimed from;
-by Cauchy-Schwarz whatever satisfies it is at least r apart at that time.
+one time is n̂ᵀ(pᵢ - pⱼ) ≥ r, with n̂ the direction between the two at the linearization point; by
+Cauchy-Schwarz whatever satisfies it is at least r apart at that time.
+
+In the linear program each control is split into its positive and negative part, u = p - q with
+p, q ≥ 0, so that ‖u‖₁ is linear. Its variables are p and q of each craft in turn, then the slacks;
+its rows are the goals and the half-spaces. All are scaled to be of order one.
 """
 
 from dataclasses import dataclass
@@ -26,41 +30,42 @@ LENGTH = 10.0
 NEGLIGIBLE = 1e-13
 """Entries of a scaled map below this are structural zeros."""
 
+Entries = tuple[Int[Array, "e"], Int[Array, "e"], Float[Array, "e"]]
+"""Row, column and value of each entry of a matrix that is not zero."""
+
 
 class UnsolvableError(ProlearnError):
     """The solver found no optimum; a thrust limit is the usual reason."""
 
 
 @dataclass(frozen=True, eq=False)
+class Optimum:
+    """Solution of a subproblem."""
+
+    controls: Float[Array, "n m"]  # flattened controls of each craft, m/s²
+    slack: Float[Array, "k"]  # by how much each half-space is missed, m
+    dual: Float[Array, "k"]  # what a metre more of each half-space would cost, m/s² per m
+
+
+@dataclass(frozen=True, eq=False)
 class Subproblem:
-    """One convex program, for n craft and k half-spaces, in SI units.
+    """One convex program, for n craft and k half-spaces, in SI units."""
 
-    Attributes:
-        reach: effect of a craft's flattened controls on its final state, (6, m).
-        miss: change of final state that each craft's controls must bring about, (n, 6).
-        first: first craft of each half-space, (k,).
-        second: second craft, (k,).
-        row: effect of the first craft's controls along the normal, m per m/s², (k, m).
-        required: what the controls must contribute along the normal, m, (k,).
-        limit: largest component of a control, m/s², or infinity.
-        penalty: cost of a metre of slack, m/s².
-        unit: size of a typical control, m/s², which makes the solver's numbers of order one.
-        basis: basic variables of each craft's own optimum, where they are known, (n, 6): the
-            number of a control, or m more where it acts in the negative direction.
-        other: effect of the second craft's controls against the normal, (k, m); None where it is
-            ``row``, as it is for two craft that are looked at alike.
-    """
-
-    reach: Float[Array, "6 m"]
+    reach: Float[Array, "6 m"]  # effect of a craft's flattened controls on its final state
+    # change of final state that each craft's controls must bring about, m and m/s
     miss: Float[Array, "n 6"]
-    first: Int[Array, "k"]
+    first: Int[Array, "k"]  # craft of each half-space
     second: Int[Array, "k"]
-    row: Float[Array, "k m"]
-    required: Float[Array, "k"]
-    limit: float
-    penalty: float
-    unit: float
+    row: Float[Array, "k m"]  # effect of the first craft's controls along the normal, m per m/s²
+    required: Float[Array, "k"]  # what the controls must contribute along the normal, m
+    limit: float  # largest component of a control, m/s², or infinity
+    penalty: float  # cost of a metre of slack, m/s²
+    unit: float  # size of a typical control, m/s², which makes the solver's numbers of order one
+    # basic variables of each craft's decoupled optimum, where they are known: the number of a
+    # control, or m more where it acts in the negative direction
     basis: Int[Array, "n 6"] | None = None
+    # effect of the second craft's controls against the normal; None where it is ``row``, as it is
+    # for two craft that fly their plans
     other: Float[Array, "k m"] | None = None
 
     @property
@@ -73,19 +78,56 @@ class Subproblem:
         """Factors on the goals that make their rows of order one."""
         return 1 / (np.sqrt(np.square(self.reach).sum(axis=1)) * self.unit)
 
+    def cost(self) -> Float[Array, "v"]:
+        """Cost of each variable of the linear program."""
+        n, m, k = self.shape
+        slack = np.full(k, self.penalty * LENGTH / self.unit)
+        return np.concatenate([np.ones(2 * n * m), slack])
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
-    """Solution of a subproblem.
+    def goals(self) -> Float[Array, "rows"]:
+        """What the goal rows must equal, craft after craft."""
+        return (self.miss * self.goal_scale).ravel()
 
-    Attributes:
-        controls: flattened controls of each craft, (n, m), m/s².
-        slack: by how much each half-space is missed, (k,), m.
-        price: what a metre more of each half-space would cost, (k,), m/s² per m (multipliers).
-        fuel: Σ ‖uᵢ‖₁ without the penalty, m/s².
-    """
+    def goal_entries(self) -> Entries:
+        """Entries of the goal rows."""
+        n, m, _ = self.shape
+        block = self.reach * (self.goal_scale * self.unit)[:, None]
+        r, c = np.nonzero(np.abs(block) > NEGLIGIBLE)
+        craft = np.arange(n)[:, None]
+        row, column = (6 * craft + r).ravel(), (2 * m * craft + c).ravel()
+        value = np.tile(block[r, c], n)
+        return (
+            np.tile(row, 2),
+            np.concatenate([column, column + m]),
+            np.concatenate([value, -value]),
+        )
 
-    controls: Float[Array, "n m"]
-    slack: Float[Array, "k"]
-    price: Float[Array, "k"]
-    fuel: float
+    def half_space_entries(self) -> Entries:
+        """Entries of the rows that must be at least ``required`` / LENGTH."""
+        n, m, k = self.shape
+        r, c, value = self._scaled(self.row)
+        s, d, against = (r, c, value) if self.other is None else self._scaled(self.other)
+        one, other = 2 * m * self.first[r] + c, 2 * m * self.second[s] + d
+        slack = np.arange(k)
+        return (
+            np.concatenate([r, r, s, s, slack]),
+            np.concatenate([one, one + m, other, other + m, 2 * n * m + slack]),
+            np.concatenate([value, -value, -against, against, np.ones(k)]),
+        )
+
+    def _scaled(self, row: Float[Array, "k m"]) -> Entries:
+        scaled = row * (self.unit / LENGTH)
+        r, c = np.nonzero(np.abs(scaled) > NEGLIGIBLE)
+        return r, c, scaled[r, c]
+
+    def controls_of(self, x: Float[Array, "v"]) -> Float[Array, "n m"]:
+        """Controls in m/s² from the linear program's variables."""
+        n, m, _ = self.shape
+        parts = x[: 2 * n * m].reshape(n, 2, m)
+        controls: Float[Array, "n m"] = self.unit * (parts[:, 0] - parts[:, 1])
+        return controls
+
+    def optimum(self, x: Float[Array, "v"], dual: Float[Array, "k"]) -> Optimum:
+        """The solution in SI units, from the variables and the half-spaces' dual variables."""
+        n, m, _ = self.shape
+        return Optimum(self.controls_of(x), LENGTH * x[2 * n * m :], self.unit / LENGTH * dual)

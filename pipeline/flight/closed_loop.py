@@ -19,12 +19,12 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances
-from pipeline.orbit.thrust_loss import least_after_loss
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.plan.planned import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
@@ -65,8 +65,8 @@ class ClosedLoop:
         self.unsafe = np.zeros(trials, dtype=int)
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
 
-    def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """As ``Guidance.commanded``."""
+    def __call__(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
+        """As ``Guidance``."""
         problem = self._scenario.problem
         left = problem.intervals - node
         if node > 0:
@@ -140,7 +140,7 @@ def apart_at(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
 
 
 class Choice:
-    """Of several plans for each of K trials, the one that is flown.
+    """The choice of the plan that is flown, of several for each of K trials.
 
     Attributes:
         controls: of the best so far, (K, n, intervals, 3), m/s².
@@ -232,7 +232,7 @@ class Choice:
         if orbits is None or n == 1:
             return bounds
         drifting = least_after_loss(states, flat, self._problem, orbits, swarms)
-        return np.minimum(bounds, [np.inf if one is None else one.bound for one in drifting])
+        return np.minimum(bounds, [one.bound for one in drifting])
 
 
 def _nodes(

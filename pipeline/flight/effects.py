@@ -14,11 +14,10 @@ from pipeline.flight.conditions import Conditions
 from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.fuel import fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import Separation, node_collisions
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, fuel
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from pipeline.arrays import Array
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.uncertainty import Uncertainty
+from pipeline.orbit.covariance import Uncertainty
 
 NO_BURN = 1e-9
 """Acceleration in m/s² up to which a control is rounding of the planner's and no burn."""

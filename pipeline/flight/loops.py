@@ -12,7 +12,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.flight.closed_loop import ClosedLoop, apart_at
 from pipeline.flight.errors import Draws, Errors
-from pipeline.flight.trials import OpenLoop, TrialResults, fly_trials
+from pipeline.flight.trials import TrialResults, fly_trials, open_loop
 from pipeline.flight.world import World
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.bezier import norm
@@ -47,7 +47,7 @@ class Loop:
     ) -> tuple[TrialResults, ClosedLoop | None]:
         """Fly trials as in ``fly_trials``; with them the replanning, where there is any."""
         if self.planner is None:
-            return fly_trials(scenario, world, OpenLoop(self.controls), drawn, errors), None
+            return fly_trials(scenario, world, open_loop(self.controls), drawn, errors), None
         closed = ClosedLoop(scenario, self.controls, self.planner, len(drawn.bias), self.margin)
         return fly_trials(scenario, world, closed, drawn, errors), closed
 

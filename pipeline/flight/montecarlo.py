@@ -25,7 +25,7 @@ from pipeline.flight.loops import Loop
 from pipeline.flight.world import World
 from pipeline.orbit.approaches import MOST_PAIRS
 from pipeline.parallel.workers import Workers, check_worker
-from pipeline.planners.identity import identity
+from pipeline.planners.planner import identity
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
@@ -82,7 +82,7 @@ TIMING_FIELDS = [
 
 
 @dataclass(frozen=True)
-class Manifest:
+class TrialsManifest:
     """The manifest of a Monte Carlo: SHA-256 of each finished shard, by path inside the folder."""
 
     shards: Mapping[str, str]
@@ -111,25 +111,6 @@ class MonteCarlo:
         """Versions by name."""
         return made_with(*MADE_BY)
 
-    def settings(self, loop: Loop) -> dict[str, Any]:
-        """All that decides the bytes of a loop's shards, versions apart."""
-        ends = self.scenario.initial, self.scenario.goal, loop.controls
-        digest = hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in ends))
-        world: Any = self.world
-        return {
-            "schema": SCHEMA,
-            **asdict(self.scenario.problem),
-            "n_spacecraft": self.scenario.n,
-            "plan": digest.hexdigest(),
-            "seed": self.seed,
-            "portion": self.portion,
-            "world": {"name": type(world).__name__, **asdict(world)},
-            "errors": asdict(self.errors),
-            "loop": loop.name,
-            "planner": None if loop.planner is None else identity(loop.planner),
-            "margin": loop.margin,
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class Portion:
@@ -147,10 +128,27 @@ class Portion:
 
     @property
     def metadata(self) -> dict[bytes, bytes]:
-        """The schema metadata of its shard."""
-        versions = dict(self.of.made_with)
+        """The schema metadata of its shard: all that decides its bytes."""
+        of, loop = self.of, self.loop
+        ends = of.scenario.initial, of.scenario.goal, loop.controls
+        plan = hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in ends))
+        world: Any = of.world
         return metadata_of(
-            {**self.of.settings(self.loop), "part": self.number, "made_with": versions}
+            {
+                "schema": SCHEMA,
+                **asdict(of.scenario.problem),
+                "n_spacecraft": of.scenario.n,
+                "plan": plan.hexdigest(),
+                "seed": of.seed,
+                "portion": of.portion,
+                "world": {"name": type(world).__name__, **asdict(world)},
+                "errors": asdict(of.errors),
+                "loop": loop.name,
+                "planner": None if loop.planner is None else identity(loop.planner),
+                "margin": loop.margin,
+                "part": self.number,
+                "made_with": dict(of.made_with),
+            }
         )
 
     @property
@@ -190,12 +188,12 @@ def fly_all(
         return {loop.name: _read(ledger, of, loop, trials) for loop in loops}
 
 
-def _begin(folder: Folder) -> Manifest:
+def _begin(folder: Folder) -> TrialsManifest:
     """The manifest of the folder; without one, whole shards are adopted."""
     for name in (MANIFEST, COPY):
         with suppress(OSError, ValueError, KeyError, TypeError):
-            return Manifest(dict(read_checked(folder, name)["shards"]))
-    return Manifest({})
+            return TrialsManifest(dict(read_checked(folder, name)["shards"]))
+    return TrialsManifest({})
 
 
 def _portions(of: MonteCarlo, loop: Loop, trials: int) -> Iterator[Portion]:
@@ -203,7 +201,7 @@ def _portions(of: MonteCarlo, loop: Loop, trials: int) -> Iterator[Portion]:
         yield Portion(of, loop, number, range(first, min(first + of.portion, trials)))
 
 
-def _is_done(ledger: Ledger[Manifest], portion: Portion) -> bool:
+def _is_done(ledger: Ledger[TrialsManifest], portion: Portion) -> bool:
     """Whether a shard is sound, with its timings and the rows that are asked for.
 
     InputError where it was made with other settings or versions.
@@ -240,15 +238,13 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     drawn = draws(of.seed, trials, of.scenario.n, of.scenario.problem.intervals)
     flown, closed = portion.loop.fly(of.scenario, of.world, drawn, of.errors)
     least = flown.nearest
-    pair = {
-        "min_separation": least.distance,
-        "first_craft": least.first,
-        "second_craft": least.second,
-        "min_separation_time": least.time,
-    }
+    alone = least.first < 0
     columns = {
         "trial": np.array(trials),
-        **{name: pa.array(values, mask=least.first < 0) for name, values in pair.items()},
+        "min_separation": pa.array(least.distance, mask=alone),
+        "first_craft": pa.array(least.first, mask=alone),
+        "second_craft": pa.array(least.second, mask=alone),
+        "min_separation_time": pa.array(least.time, mask=alone),
         "goal_error": flown.goal_error,
         "goal_velocity_error": flown.goal_velocity_error,
         "delta_v": flown.delta_v,
@@ -264,19 +260,20 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     return NewShard(portion.path, content, encode(timings))
 
 
-def _read(ledger: Ledger[Manifest], of: MonteCarlo, loop: Loop, trials: int) -> pa.Table:
+def _read(ledger: Ledger[TrialsManifest], of: MonteCarlo, loop: Loop, trials: int) -> pa.Table:
     """The first so many trials of a loop, with what their plans took."""
-    portions, known = list(_portions(of, loop, trials)), ledger.manifest.shards
-    rows = [_sound(ledger, one, one.path, known[one.path]) for one in portions]
-    taken = [_sound(ledger, one, TIMINGS + one.path, ledger.timed[one.path]) for one in portions]
-    seconds = pa.concat_tables(taken)["replan_seconds"]
-    return pa.concat_tables(rows).append_column("replan_seconds", seconds).slice(0, trials)
+
+    def read(digests: Mapping[str, str], top: str = "") -> pa.Table:
+        shards = ((top + one.path, digests[one.path], one.most) for one in portions)
+        return pa.concat_tables([_sound(ledger.folder, *shard) for shard in shards])
+
+    portions = list(_portions(of, loop, trials))
+    seconds = read(ledger.timed, TIMINGS)["replan_seconds"]
+    return read(ledger.manifest.shards).append_column("replan_seconds", seconds).slice(0, trials)
 
 
-def _sound(ledger: Ledger[Manifest], portion: Portion, name: str, digest: str) -> pa.Table:
+def _sound(folder: Folder, name: str, digest: str, most: Size) -> pa.Table:
     try:
-        return read_shard(ledger.folder, name, digest, portion.most)
+        return read_shard(folder, name, digest, most)
     except InputError as error:
-        raise InputError(
-            f"{name} in {ledger.folder} {error}; give the same command again."
-        ) from error
+        raise InputError(f"{name} in {folder} {error}; give the same command again.") from error

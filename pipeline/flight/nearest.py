@@ -108,17 +108,17 @@ def _candidates(
 ) -> tuple[Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
     """The least separation in the states of each trial; trial, pair and piece that may be under it.
 
-    The distances of a craft from the two ends of a piece add up to at most its chord and twice
-    what it strays from that. So a pair that is a and b apart at the ends, with such sums ℓ₁ and ℓ₂,
-    is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
+    The distances of a craft from its positions at both ends of a piece add up to at most its chord
+    and twice its deviation from that. So a pair that is a and b apart at the ends, with such sums
+    ℓ₁ and ℓ₂, is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
     """
     i, j = pairs(states.shape[1])
     position, begin, end = states[..., :3], states[:, :, :-1], states[:, :, 1:]
     apart = norm(position[:, i] - position[:, j])
     within: Float[Array, trials] = apart.min(axis=(1, 2))
-    stray = h**2 / 8 * _most_acceleration(begin, end, h, mean_motion)
-    way = norm(end[..., :3] - begin[..., :3]) + 2 * stray
-    least = (apart[..., :-1] + apart[..., 1:] - way[:, i] - way[:, j]) / 2
+    deviation = h**2 / 8 * _most_acceleration(begin, end, h, mean_motion)
+    path = norm(end[..., :3] - begin[..., :3]) + 2 * deviation
+    least = (apart[..., :-1] + apart[..., 1:] - path[:, i] - path[:, j]) / 2
     trial, pair, piece = np.nonzero(least <= within[:, None, None])
     return within, trial, pair, piece
 

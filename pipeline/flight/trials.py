@@ -1,8 +1,8 @@
 """Trials of one transfer with errors, flown side by side under some guidance."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,24 +14,14 @@ from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.scenario import Scenario
 
-
-@runtime_checkable
-class Guidance(Protocol):
-    """Controls for the interval that begins at a node, from estimated states there."""
-
-    def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """Controls, m/s², from estimates, m and m/s; called for each node once, in order."""
+Guidance = Callable[[int, Float[Array, "K n 6"]], Float[Array, "K n 3"]]
+"""Controls, m/s², for the interval that begins at a node, from the number of that node and the
+estimated states there, m and m/s; called for each node once, in order."""
 
 
-@dataclass(frozen=True, eq=False)
-class OpenLoop:
+def open_loop(controls: Float[Array, "n intervals 3"]) -> Guidance:
     """Guidance that flies a plan's controls, m/s², whatever the estimate."""
-
-    controls: Float[Array, "n intervals 3"]
-
-    def commanded(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """As ``Guidance.commanded``."""
-        return np.broadcast_to(self.controls[:, node], (*estimate.shape[:2], 3))
+    return lambda node, estimate: np.broadcast_to(controls[:, node], (*estimate.shape[:2], 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +53,7 @@ def fly_trials(
     for node in range(problem.intervals):
         known = state + navigation_error(drawn, node, errors) if node else scenario.initial
         estimate = np.broadcast_to(known, (*shape, 6))
-        burns = burns_made(guidance.commanded(node, estimate), drawn, node, errors, h)
+        burns = burns_made(guidance(node, estimate), drawn, node, errors, h)
         start = _pushed(state, late - burns.late).reshape(-1, 6)
         arc = world.arc(start, burns.held.reshape(-1, 3), node * h, h, pieces)
         arcs = arc.reshape(*shape, pieces + 1, 6)

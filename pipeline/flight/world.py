@@ -12,8 +12,7 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError
 from pipeline.flight.perturbations import Atmosphere, drag, oblateness, point_mass
 from pipeline.orbit.dynamics import Dynamics
-from pipeline.orbit.elements import Elements
-from pipeline.orbit.inertial import lvlh_axes, lvlh_frame
+from pipeline.orbit.inertial import Elements, lvlh_axes, lvlh_frame
 
 TOLERANCE = 1e-6
 """Of a step of the integrator for each craft, m; of velocities, in m/s, this times TURN."""
@@ -97,8 +96,8 @@ class NonlinearWorld:
     """Craft about an oblate Earth, each integrated in an inertial frame; a ``World``.
 
     The LVLH frame is about a virtual craft that never burns. It is subject to the same forces as
-    all others, but for drag, which it has if told so; with the swarm's mean coefficient, the frame
-    goes down with the swarm, and what is left is drag that differs. Thrust is constant along the
+    all others, and to drag with a coefficient of its own; with the swarm's mean coefficient, the
+    frame decays with the swarm, and what is left is differential drag. Thrust is constant along the
     axes of that frame, which turns meanwhile.
 
     All craft and the reference are one system of equations, for the latter's state and the

@@ -1,4 +1,4 @@
-"""Own optima by table for networks: ``pipeline.orbit.least_fuel`` on tensors, batched.
+"""Own optima by table for networks: ``pipeline.orbit.decoupled`` on tensors, batched.
 
 Controls are linear in the change of state within a facet, so gradients run through them.
 """
@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pipeline.errors import InputError
-from pipeline.orbit.least_fuel import facets_of
+from pipeline.orbit.decoupled import facets_of
 from pipeline.orbit.problem import Problem
 
 ROUNDING = 16
@@ -20,7 +20,7 @@ ROUNDING = 16
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The tensors of ``pipeline.orbit.least_fuel.Facets``."""
+    """The tensors of ``pipeline.orbit.decoupled.Facets``."""
 
     component: Int[Tensor, "d"]
     column: Int[Tensor, "F d"]

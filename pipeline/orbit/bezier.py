@@ -1,4 +1,4 @@
-"""Cubic Bezier curves and how close they come to the origin, by branch and bound."""
+"""Cubic Bezier curves, and their least distance from the origin by branch and bound."""
 
 from math import comb
 
@@ -7,32 +7,34 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 
-MAX_SPLITS = 40
-"""More than enough: each split at least quarters the error of the bracket."""
-
+MAX_SPLITS = 40  # more than enough: each split at least quarters the error of the bracket
+# Enough to be within rounding of a minimum on a stretch where motion is nearly uniform
 NEWTON_STEPS = 2
-"""Enough to be within rounding of a minimum on a stretch where motion is nearly uniform."""
-
-EDGE = 0.02
-"""A cubic that is closest this near to an end is halved instead of split there."""
-
-
-def _bernstein_square() -> Float[Array, "16 7"]:
-    """Bernstein coefficients of |c|², degree 6, from the products of c's four Bezier points."""
-    table = np.zeros((4, 4, 7))
-    for i in range(4):
-        for j in range(4):
-            table[i, j, i + j] = comb(3, i) * comb(3, j) / comb(6, i + j)
-    return table.reshape(16, 7)
+EDGE = 0.02  # a cubic that is closest this near to an end is halved instead of split there
+# Bernstein coefficients of |c|², degree 6, from the 16 products of c's four Bezier points
+SQUARED = np.array(
+    [
+        [comb(3, i) * comb(3, j) / comb(6, i + j) * (k == i + j) for k in range(7)]
+        for i in range(4)
+        for j in range(4)
+    ]
+)
 
 
-SQUARED = _bernstein_square()
+def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+    """Products of vectors."""
+    return np.vecdot(a, b)
+
+
+def norm(a: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+    """Length of vectors."""
+    return np.sqrt(dot(a, a))
 
 
 def hermite_bezier(
     start: Float[Array, "s 6"], end: Float[Array, "s 6"], h: float | Float[Array, "s"]
 ) -> Float[Array, "s 4 3"]:
-    """Bezier points of the cubic that has the positions and velocities of both ends."""
+    """Bezier points of the cubic with the positions and velocities of both ends, h s apart."""
     p0, p3 = start[:, :3], end[:, :3]
     third = np.asarray(h)[..., None] / 3
     return np.stack([p0, p0 + third * start[:, 3:], p3 - third * end[:, 3:], p3], axis=1)
@@ -41,61 +43,19 @@ def hermite_bezier(
 def point_on(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 3"]:
     """The point of each cubic at a share of it, by its Bernstein polynomials."""
     t, rest = at[:, None], 1 - at[:, None]
-    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
     return rest**3 * p0 + 3 * t * rest**2 * p1 + 3 * t**2 * rest * p2 + t**3 * p3
 
 
-def chord_distance(
-    p0: Float[Array, "*batch 3"], p1: Float[Array, "*batch 3"]
-) -> Float[Array, "*batch"]:
-    """Distance of the origin from the chord between two points."""
-    square, product, other = dot(p0, p0), dot(p0, p1), dot(p1, p1)
+def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
+    """A quick lower bound on each cubic's distance from the origin: its chord's, less the bend."""
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
+    square, product, other = dot(p0, p0), dot(p0, p3), dot(p3, p3)
     length = square + other - 2 * product
     s = np.clip((square - product) / np.where(length > 0, length, 1.0), 0.0, 1.0)
-    return np.sqrt(np.maximum(square + s * (s * length - 2 * (square - product)), 0.0))
-
-
-def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
-    """A quick lower bound on the least distance of each cubic from the origin: its chord's."""
-    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
+    chord = np.sqrt(np.maximum(square + s * (s * length - 2 * (square - product)), 0.0))
     bend = np.maximum(norm(p1 - (2 * p0 + p3) / 3), norm(p2 - (p0 + 2 * p3) / 3))
-    return chord_distance(p0, p3) - 0.75 * bend
-
-
-def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Array, "s"]]:
-    """Where in [0, 1] Newton's method finds each cubic closest to the origin, and how close."""
-    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
-    a1, a2, a3 = 3 * (p1 - p0), 3 * (p2 - 2 * p1 + p0), p3 - 3 * p2 + 3 * p1 - p0
-    chord = p3 - p0
-    length = dot(chord, chord)
-    s = np.clip(-dot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
-    for _ in range(NEWTON_STEPS):
-        r = s[:, None]
-        c = p0 + r * (a1 + r * (a2 + r * a3))
-        v = a1 + r * (2 * a2 + 3 * r * a3)
-        slope, curvature = dot(c, v), dot(v, v) + dot(c, 2 * a2 + 6 * r * a3)
-        convex = curvature > 0
-        s = np.clip(s - np.where(convex, slope / np.where(convex, curvature, 1.0), 0.0), 0.0, 1.0)
-    r = s[:, None]
-    return s, norm(p0 + r * (a1 + r * (a2 + r * a3)))
-
-
-def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "_ 4 3"]:
-    """Both parts of each cubic, by de Casteljau, in turn."""
-    t = at[:, None]
-    p0, p1, p2, p3 = (curve[:, k] for k in range(4))
-    p01, p12, p23 = p0 + t * (p1 - p0), p1 + t * (p2 - p1), p2 + t * (p3 - p2)
-    p012, p123 = p01 + t * (p12 - p01), p12 + t * (p23 - p12)
-    middle = p012 + t * (p123 - p012)
-    both = np.stack([p0, p01, p012, middle, middle, p123, p23, p3], axis=1)
-    return both.reshape(-1, 4, 3)
-
-
-def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
-    """Lower bound on the distance from the origin: the least Bernstein coefficient of |c|²."""
-    gram = curve @ curve.transpose(0, 2, 1)
-    least = (gram.reshape(-1, 16) @ SQUARED).min(axis=1)
-    return np.sqrt(np.maximum(least, 0.0))
+    return chord - 0.75 * bend
 
 
 def branch_and_bound(
@@ -106,18 +66,12 @@ def branch_and_bound(
     within: Float[Array, "g"],
     tolerance: float,
 ) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
-    """Where each group of cubics is closest, and a bound on how close.
+    """When each group of cubics is closest to the origin, and a lower bound on that distance.
 
     Cubics are split where they are closest: on either side |c|² then mostly grows, which its
-    Bernstein coefficients prove at once.
-
-    Args:
-        curve: the cubics.
-        remainder: by how much what each stands for may be off.
-        group: what each is a stretch of.
-        stretch: where each begins, and how long it is.
-        within: distance of interest of each group.
-        tolerance: width of the bracket beside the remainders.
+    Bernstein coefficients prove at once. Each cubic is off by at most its remainder, beside which
+    brackets are ``tolerance`` wide, and is a stretch of a group's motion, which begins and is as
+    long as such shares of it; stretches beyond their group's distance of interest are dropped.
     """
     left, width = stretch
     best = np.full(len(within), np.inf)
@@ -143,6 +97,42 @@ def branch_and_bound(
     return when, bound
 
 
+def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Array, "s"]]:
+    """Where in [0, 1] Newton's method finds each cubic closest to the origin, and how close."""
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
+    a1, a2, a3 = 3 * (p1 - p0), 3 * (p2 - 2 * p1 + p0), p3 - 3 * p2 + 3 * p1 - p0
+    chord = p3 - p0
+    length = dot(chord, chord)
+    s = np.clip(-dot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    for _ in range(NEWTON_STEPS):
+        r = s[:, None]
+        c = p0 + r * (a1 + r * (a2 + r * a3))
+        v = a1 + r * (2 * a2 + 3 * r * a3)
+        slope, curvature = dot(c, v), dot(v, v) + dot(c, 2 * a2 + 6 * r * a3)
+        convex = curvature > 0
+        s = np.clip(s - np.where(convex, slope / np.where(convex, curvature, 1.0), 0.0), 0.0, 1.0)
+    r = s[:, None]
+    return s, norm(p0 + r * (a1 + r * (a2 + r * a3)))
+
+
+def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "_ 4 3"]:
+    """Both parts of each cubic, in turn, by de Casteljau."""
+    t = at[:, None]
+    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
+    p01, p12, p23 = p0 + t * (p1 - p0), p1 + t * (p2 - p1), p2 + t * (p3 - p2)
+    p012, p123 = p01 + t * (p12 - p01), p12 + t * (p23 - p12)
+    middle = p012 + t * (p123 - p012)
+    both = np.stack([p0, p01, p012, middle, middle, p123, p23, p3], axis=1)
+    return both.reshape(-1, 4, 3)
+
+
+def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
+    """Lower bound on the distance from the origin: the least Bernstein coefficient of |c|²."""
+    gram = curve @ curve.transpose(0, 2, 1)
+    least = (gram.reshape(-1, 16) @ SQUARED).min(axis=1)
+    return np.sqrt(np.maximum(least, 0.0))
+
+
 def _keep_least(
     best: Float[Array, "g"],
     when: Float[Array, "g"],
@@ -155,13 +145,3 @@ def _keep_least(
     order = order[distance[order] < best[group[order]]]
     best[group[order]] = distance[order]
     when[group[order]] = time[order]
-
-
-def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
-    """Products of vectors."""
-    return np.vecdot(a, b)
-
-
-def norm(a: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
-    """Length of vectors."""
-    return np.sqrt(dot(a, a))

@@ -1,38 +1,155 @@
-"""The seam behind which the dynamics are: all that transfers and proofs need to know of them."""
+"""Linear relative motion: what the rest asks of it, and the Clohessy-Wiltshire equations."""
 
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import AnyState, Scalar, Vector
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.reference import J2, R_EARTH, radius_at
+
+SERIES_BELOW = 0.1  # angle in rad under which θ - sin θ is taken from its series
 
 
 @runtime_checkable
 class Dynamics(Protocol):
     """Linear relative motion, the same in every interval of constant control.
 
-    States are x y z vx vy vz in m and m/s, controls in m/s². What holds for states and controls
-    of craft holds for differences of both, since the motion is linear.
+    States x y z vx vy vz in m and m/s, controls in m/s², of a craft or differences of two.
     """
 
     def __hash__(self) -> int:
-        """Dynamics are values, by which maps are kept."""
+        """Maps are cached by dynamics."""
         ...
 
     def step(
-        self, time: float | Float[Array, "*batch"]
+        self, time: float | Scalar
     ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
-        """A and B of s(t) = A s(0) + B u, so long after an interval's start, s: Eq. 2."""
+        """A and B of s(t) = A s(0) + B u at a time since an interval's start, s: Eq. 2."""
         ...
 
-    def most_acceleration(
-        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"], time: float
-    ) -> Float[Array, "*batch"]:
-        """A bound on ‖p̈‖ for so long after an interval's start, m/s²."""
+    def most_acceleration(self, start: AnyState, control: Vector, time: float) -> Scalar:
+        """Upper bound on ‖p̈‖ until a time since an interval's start, m/s²."""
         ...
 
-    def most_fourth_derivative(
-        self, start: Float[Array, "*batch 6"], control: Float[Array, "*batch 3"]
-    ) -> Float[Array, "*batch"]:
-        """A bound on ‖p⁗‖ for all times, m/s⁴: how far positions may be from a cubic."""
+    def most_fourth_derivative(self, start: AnyState, control: Vector) -> Scalar:
+        """Upper bound on ‖p⁗‖ at all times, m/s⁴: the error of a cubic interpolant."""
         ...
+
+
+@dataclass(frozen=True)
+class ClohessyWiltshire:
+    """Motion relative to a point on a circular orbit (Eq. 1) of a mean motion e, rad/s."""
+
+    mean_motion: float
+
+    def step(
+        self, time: float | Scalar
+    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
+        """A and B, Eq. 2."""
+        return cw_matrices(self.mean_motion, time)
+
+    def most_acceleration(self, start: AnyState, control: Vector, time: float) -> Scalar:
+        """Upper bound on ‖p̈‖, with ÿ = u - 2e ẋ."""
+        e = self.mean_motion
+        in_plane, cross = self._amplitudes(start, control)
+        along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
+        return np.sqrt(in_plane**2 + cross**2 + along**2)
+
+    def most_fourth_derivative(self, start: AnyState, control: Vector) -> Scalar:
+        """Upper bound on ‖p⁗‖: x⁗ = -e² ẍ, z⁗ = -e² z̈, ‖y⁗‖ ≤ 2e² times ẍ's amplitude."""
+        in_plane, cross = self._amplitudes(start, control)
+        return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)
+
+    def _amplitudes(self, start: AnyState, control: Vector) -> tuple[Scalar, Scalar]:
+        """Amplitudes of ẍ and z̈, which under constant control oscillate at e about 0 by Eq. 1."""
+        e, (x, _, z, vx, vy, vz) = self.mean_motion, (start[..., k] for k in range(6))
+        radial = 3 * e**2 * x + 2 * e * vy + control[..., 0]
+        in_plane = np.hypot(radial, 2 * control[..., 1] - e * vx)
+        return in_plane, np.hypot(control[..., 2] - e**2 * z, e * vz)
+
+
+def cw_matrices(
+    mean_motion: float, time_step: float | Scalar
+) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
+    """A and B of s[t+1] = A s[t] + B u[t] with u constant over the step (Eq. 2).
+
+    Closed form (Clohessy and Wiltshire 1960; Curtis, "Orbital Mechanics for Engineering
+    Students", section 7.4), written without divisions by the mean motion e (rad/s): it holds down
+    to the double integrator at e = 0. Steps in s, states in m and m/s, accelerations in m/s².
+    """
+    e, t = mean_motion, np.asarray(time_step, dtype=float)
+    theta = np.asarray(e * t)
+    sin, cos = np.sin(theta), np.cos(theta)
+    half = np.sinc(theta / (2 * np.pi))  # sin(θ/2) / (θ/2)
+    s = t * np.sinc(theta / np.pi)  # sin θ / e
+    c = 0.5 * (t * half) ** 2  # (1 - cos θ) / e²
+    d = t**3 * _cubic_remainder(theta)  # (θ - sin θ) / e³
+
+    A = np.zeros((*t.shape, 6, 6))
+    A[..., 0, 0] = 1 + 3 * e**2 * c
+    A[..., 0, 3] = A[..., 2, 5] = s
+    A[..., 0, 4] = 2 * e * c
+    A[..., 1, 0] = -6 * e**3 * d
+    A[..., 1, 1] = 1
+    A[..., 1, 3] = -2 * e * c
+    A[..., 1, 4] = 4 * s - 3 * t
+    A[..., 2, 2] = A[..., 3, 3] = A[..., 5, 5] = cos
+    A[..., 3, 0] = 3 * e**2 * s
+    A[..., 3, 4] = 2 * sin
+    A[..., 4, 0] = -6 * e**3 * c
+    A[..., 4, 3] = -2 * sin
+    A[..., 4, 4] = 4 * cos - 3
+    A[..., 5, 2] = -(e**2) * s
+
+    B = np.zeros((*t.shape, 6, 3))
+    B[..., 0, 0] = B[..., 2, 2] = c
+    B[..., 0, 1] = 2 * e * d
+    B[..., 1, 0] = -2 * e * d
+    B[..., 1, 1] = 4 * c - 1.5 * t**2
+    B[..., 3, 0] = B[..., 5, 2] = s
+    B[..., 3, 1] = 2 * e * c
+    B[..., 4, 0] = -2 * e * c
+    B[..., 4, 1] = 4 * s - 3 * t
+    return A, B
+
+
+def _cubic_remainder(theta: Scalar) -> Scalar:
+    """(θ - sin θ) / θ³, without cancellation near 0."""
+    x = theta**2
+    series = (1 - x / 20 * (1 - x / 42 * (1 - x / 72 * (1 - x / 110)))) / 6
+    small = np.abs(theta) < SERIES_BELOW
+    safe = np.where(small, 1.0, theta)
+    return np.where(small, series, (safe - np.sin(safe)) / safe**3)
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Estimated miss of a goal outside the linear model, on a circular orbit."""
+
+    reach: float  # largest distance of a craft from the origin, m
+    curvature: float  # miss by the terms of gravity that the model leaves out, m
+    oblateness: float  # miss by the Earth's J2, m
+
+    @property
+    def total(self) -> float:
+        """Both together, m."""
+        return self.curvature + self.oblateness
+
+
+def model_error(states: AnyState, mean_motion: float, duration: float) -> ModelError:
+    """Order of magnitude of the linear model's error over a transfer of so many seconds.
+
+    At a distance ρ the first neglected term of gravity is some (3/2) e² ρ²/r₀, and the pull of J2
+    differs by some 4 J2 (R/r₀)² e² ρ from that at the origin. Held for a time t, an acceleration a
+    moves a craft by a t²/2, and on relative orbits, from about half a revolution on, along-track
+    by 2 a t/e. `prolearn fly` integrates instead.
+    """
+    radius, angle = radius_at(mean_motion), mean_motion * duration
+    growth = min(angle**2 / 2, 2 * angle)
+    reach = float(norm(states[..., :3]).max())
+    curvature = 1.5 * reach**2 / radius * growth
+    return ModelError(reach, curvature, 4 * J2 * (R_EARTH / radius) ** 2 * reach * growth)

@@ -1,37 +1,25 @@
-"""Probabilities of Gaussian variables that a bound on the risk of a collision is made of."""
+"""Probabilities of Gaussian variables that bounds on the risk of a collision are made of."""
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr, owens_t
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import Values, Vectors
 from pipeline.orbit.bezier import norm
 
-TINY = 1e-100
-"""Stands for nothing, where one is divided by."""
-
+TINY = 1e-100  # divisor in place of 0
+# More than it takes to be near the likeliest point; any direction will do for a bound
 NEWTON_STEPS = 8
-"""More than it takes to be near the likeliest point; any direction will do for a bound."""
 
 
 def falls_below(
-    mean: Float[Array, "k"],
-    variance: Float[Array, "k"],
-    step: Float[Array, "k"],
-    mixed: Float[Array, "k"],
-    step_variance: Float[Array, "k"],
-) -> Float[Array, "k"]:
+    mean: Values, variance: Values, step: Values, mixed: Values, step_variance: Values
+) -> Values:
     """P(X ≥ 0, X + D < 0) of jointly Gaussian X and D, by Owen's T function.
 
-    Owen 1956, "Tables for computing bivariate normal probabilities". It is told of the step D and
-    not of X + D, which may be all but X itself.
-
-    Args:
-        mean: of X.
-        variance: of X.
-        step: mean of D.
-        mixed: covariance of X and D.
-        step_variance: of D.
+    Owen 1956, "Tables for computing bivariate normal probabilities". Means and variances are of X
+    and of the step D, since X + D may be all but X itself; ``mixed`` is their covariance.
     """
     after, variance_after = mean + step, np.maximum(variance + 2 * mixed + step_variance, 0.0)
     rest = step_variance - mixed**2 / np.maximum(variance, TINY)  # of D, given X
@@ -47,19 +35,13 @@ def falls_below(
     return np.maximum(chance + np.where((u > 0) == (v > 0), 0.0, 0.5), 0.0)
 
 
-def likeliest_direction(
-    mean: Float[Array, "k 3"], covariance: Float[Array, "k 3 3"], radius: float
-) -> Float[Array, "k 3"]:
-    """Directions of the points of a sphere about the origin that Gaussian points are likeliest at.
+def likeliest_direction(mean: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Vectors:
+    """Unit vectors to the points of a sphere at which Gaussian points outside it are likeliest.
 
     The plane through the likeliest point q of the sphere that is square to it is the one that the
     most standard deviations lie before (the first-order reliability method). Lagrange's rule gives
-    (1 + μ Σ) q = mean, with μ from ‖q‖ = radius by Newton's method on 1/‖q‖.
-
-    Args:
-        mean: of each point, outside the sphere, m.
-        covariance: of each point, m².
-        radius: of the sphere, m.
+    (1 + μ Σ) q = mean, with μ from ‖q‖ = radius by Newton's method on 1/‖q‖. Means and the radius
+    in m, covariances in m².
     """
     spread, axes = np.linalg.eigh(covariance)
     spread = np.maximum(spread / np.maximum(spread[:, -1:], TINY), 0.0)

@@ -1,4 +1,4 @@
-"""Between the LVLH frame of a reference orbit and an inertial one, exactly, whatever the orbit."""
+"""Inertial states: of the reference orbit by its elements, and of craft by its LVLH frame."""
 
 from dataclasses import dataclass
 
@@ -6,61 +6,81 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.orbit.arrays import AnyState, Scalar, Vector
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.reference import MU_EARTH
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Osculating elements of a two-body orbit about the Earth; angles in rad."""
+
+    semi_major_axis: float  # m
+    inclination: float = 0.0  # i
+    raan: float = 0.0  # Ω, right ascension of the ascending node
+    eccentricity: float = 0.0  # from 0 to below 1
+    argument_of_perigee: float = 0.0  # ω, from the ascending node; without meaning for a circle
+
+    def states(self, argument_of_latitude: Scalar) -> AnyState:
+        """Inertial states at u = ω + ν (rad), m and m/s.
+
+        The orbit equation and the velocity along the radius and across it (Curtis, "Orbital
+        Mechanics for Engineering Students", sections 2.4 and 4.6).
+        """
+        u, eccentricity = np.asarray(argument_of_latitude), self.eccentricity
+        anomaly = u - self.argument_of_perigee
+        parameter = self.semi_major_axis * (1 - eccentricity**2)
+        swing = 1 + eccentricity * np.cos(anomaly)
+        speed = np.sqrt(MU_EARTH / parameter)
+        i, raan = self.inclination, self.raan
+        node = np.array([np.cos(raan), np.sin(raan), 0.0])
+        ahead = np.array([-np.sin(raan) * np.cos(i), np.cos(raan) * np.cos(i), np.sin(i)])
+        cos, sin = np.cos(u)[..., None], np.sin(u)[..., None]
+        radial, along = cos * node + sin * ahead, cos * ahead - sin * node
+        position = (parameter / swing)[..., None] * radial
+        rising = (eccentricity * np.sin(anomaly))[..., None] * radial
+        return np.concatenate([position, speed * (rising + swing[..., None] * along)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """LVLH frames of an orbit at some times.
+    """LVLH frames of an orbit at some times."""
 
-    Attributes:
-        axes: the radial, along-track and cross-track unit vectors as columns, (*batch, 3, 3).
-        rate: angular velocity of the frame along these axes, (*batch, 3), rad/s.
-    """
-
-    axes: Float[Array, "*batch 3 3"]
-    rate: Float[Array, "*batch 3"]
+    axes: Float[Array, "*batch 3 3"]  # radial, along-track and cross-track unit vectors as columns
+    rate: Vector  # angular velocity of the frame along these axes, rad/s
 
     def to_inertial(self, states: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
-        """Inertial position and velocity less those of the frame's origin, m and m/s."""
+        """Inertial position and velocity relative to the frame's origin, m and m/s."""
         position, velocity = states[..., :3], states[..., 3:]
         moving = velocity + np.cross(self.rate, position)
-        return np.concatenate(
-            [np.matvec(self.axes, position), np.matvec(self.axes, moving)], axis=-1
-        )
+        both = np.matvec(self.axes, position), np.matvec(self.axes, moving)
+        return np.concatenate(both, axis=-1)
 
-    def from_inertial(self, apart: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
-        """The inverse of ``to_inertial``: x y z vx vy vz as the turning frame has them."""
+    def from_inertial(self, relative: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
+        """The inverse of ``to_inertial``."""
         turned = self.axes.swapaxes(-1, -2)
-        position, moving = np.matvec(turned, apart[..., :3]), np.matvec(turned, apart[..., 3:])
+        position, moving = (np.matvec(turned, v) for v in (relative[..., :3], relative[..., 3:]))
         return np.concatenate([position, moving - np.cross(self.rate, position)], axis=-1)
 
 
-def lvlh_axes(origin: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
-    """The axes of ``Frame``: along r, h × r and h = r × v of the origin's inertial state."""
+def lvlh_axes(origin: AnyState) -> Float[Array, "*batch 3 3"]:
+    """Unit vectors along r, h × r and h = r × v of the origin's inertial state, as columns."""
     position, velocity = origin[..., :3], origin[..., 3:]
     momentum = np.cross(position, velocity)
-    radial = position / _length(position)
-    cross = momentum / _length(momentum)
+    radial = position / norm(position)[..., None]
+    cross = momentum / norm(momentum)[..., None]
     return np.stack([radial, np.cross(cross, radial), cross], axis=-1)
 
 
-def lvlh_frame(origin: Float[Array, "*batch 6"], acceleration: Float[Array, "*batch 3"]) -> Frame:
-    """The LVLH frames of an orbit.
+def lvlh_frame(origin: AnyState, acceleration: Vector) -> Frame:
+    """LVLH frames of an orbit from the origin's inertial states and its acceleration, m/s².
 
     The frame turns about its cross-track axis at h/r², and where the orbital plane itself is
     turned, by an acceleration aₙ across it, about its radial axis at r aₙ/h (Alfriend and others,
     "Spacecraft Formation Flying", section 4.1).
-
-    Args:
-        origin: inertial states, m and m/s.
-        acceleration: of the origin, m/s²; what of it is in the orbital plane makes no difference.
     """
     axes = lvlh_axes(origin)
     position, velocity = origin[..., :3], origin[..., 3:]
-    r, h = _length(position)[..., 0], _length(np.cross(position, velocity))[..., 0]
+    r, h = norm(position), norm(np.cross(position, velocity))
     across = np.vecdot(axes[..., 2], acceleration)
     return Frame(axes, np.stack([r * across / h, np.zeros_like(r), h / r**2], axis=-1))
-
-
-def _length(vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 1"]:
-    return np.sqrt(np.vecdot(vectors, vectors))[..., None]

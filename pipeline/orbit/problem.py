@@ -1,38 +1,31 @@
-"""The transfer problem that all scenarios of a dataset share."""
+"""The transfer problem: orbit, time grid and limits that all scenarios of a dataset share."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.cw import ClohessyWiltshire
-from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
 
+# Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds
 RANGES = {
     "mean_motion": (1e-15, mean_motion_at(LOWEST)),
     "time_step": (1e-3, 1e6),
     "collision_radius": (1e-6, 1e6),
     "max_acceleration": (1e-12, 1e6),
 }
-"""Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds."""
 
-LIMIT_ROUNDING = 1e-6
-"""Share of the limit on the control that counts as rounding."""
-
+LIMIT_ROUNDING = 1e-6  # share of the limit on the control that counts as rounding
+# Fuel that counts as none, in controls that move a craft by the collision radius
 NEGLIGIBLE = 1e-10
-"""Fuel that counts as none, in controls that move a craft by the collision radius."""
-
-MOST_NODES = 1000
-"""Of which a plan of a few craft takes minutes and some GB."""
-
-MOST_TURNS = 1000
-"""Revolutions of the reference orbit that a transfer may take."""
+# Nodes of a transfer, and revolutions of the reference orbit that it may take
+MOST_NODES, MOST_TURNS = 1000, 1000
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Orbit, time grid and safety of a transfer; the defaults are the reference problem.
+    """Orbit, time grid and limits of a transfer; the defaults are the reference problem.
 
     The paper gives T = 11 and r_col = 15 m and leaves orbit and step open; with a 500 km
     circular orbit and 120 s the expert's fuel is of the size that the paper reports.
@@ -52,7 +45,7 @@ class Problem:
     max_acceleration: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no transfer can be planned with."""
+        """Refuse values out of range."""
         check_mean_motion(self.mean_motion)
         for name, (least, most) in RANGES.items():
             value = getattr(self, name)
@@ -74,7 +67,7 @@ class Problem:
 
     @property
     def dynamics(self) -> Dynamics:
-        """How craft move, and what bounds their motion."""
+        """Relative motion, and bounds on its derivatives."""
         return ClohessyWiltshire(self.mean_motion)
 
     @property

@@ -6,51 +6,32 @@ from math import pi, radians, sqrt
 
 from pipeline.errors import InputError, check_range
 
-MU_EARTH = 398600.4418e9
-"""Gravitational parameter of the Earth, m³/s²."""
-
-R_EARTH = 6378137.0
-"""Equatorial radius of the Earth, m."""
-
-J2 = 1.0826266836e-3
-"""Second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀."""
-
-LOWEST = 100e3
-"""Altitude in m under which air ends an orbit within a revolution."""
-
-HIGHEST = 1.5e9
-"""Of orbits about the Earth, altitude in m: about where the Sun's pull takes over."""
-
-GEOSTATIONARY = 35_786e3
-"""Altitude in m up to which a unit is guessed."""
+MU_EARTH = 398600.4418e9  # gravitational parameter of the Earth, m³/s²
+R_EARTH = 6378137.0  # equatorial radius of the Earth, m
+J2 = 1.0826266836e-3  # second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀
+# Altitudes in m: below, air ends an orbit within a revolution; above, the Sun's pull prevails
+LOWEST, HIGHEST = 100e3, 1.5e9
+GEOSTATIONARY = 35_786e3  # altitude in m up to which a unit is guessed
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Where and when the reference orbit is; its size follows from the mean motion.
+    """Epoch and attitude of the reference orbit; its size follows from the mean motion.
 
-    Angles are in degrees, as they are given, and refer to the Earth's mean equator and equinox of
-    J2000 (EME2000).
-
-    Attributes:
-        epoch: of the first node, UTC.
-        inclination_deg: i, deg.
-        raan_deg: Ω, right ascension of the ascending node, deg.
-        argument_of_latitude_deg: u, from the ascending node to the origin of the LVLH frame at
-            the epoch, deg.
+    Angles are in degrees and refer to the Earth's mean equator and equinox of J2000 (EME2000).
     """
 
-    epoch: datetime
-    inclination_deg: float
-    raan_deg: float
+    epoch: datetime  # of the first node, UTC
+    inclination_deg: float  # i, deg
+    raan_deg: float  # Ω, right ascension of the ascending node, deg
+    # u, from the ascending node to the origin of the LVLH frame at the epoch, deg
     argument_of_latitude_deg: float
 
 
 def mean_motion_at(altitude: float) -> float:
     """Mean motion in rad/s of the circular orbit at an altitude in m: e = √(μ/r₀³).
 
-    Raises:
-        InputError: for an altitude that no orbit about the Earth has.
+    An altitude that no orbit about the Earth has is an InputError.
     """
     if LOWEST / 1e3 <= altitude < LOWEST:
         raise InputError(
@@ -61,14 +42,13 @@ def mean_motion_at(altitude: float) -> float:
     return sqrt(MU_EARTH / (R_EARTH + altitude) ** 3)
 
 
+def radius_at(mean_motion: float) -> float:
+    """Radius in m of the circular orbit with a mean motion in rad/s: r₀ = ∛(μ/e²)."""
+    return float((MU_EARTH / mean_motion**2) ** (1 / 3))
+
+
 def check_mean_motion(mean_motion: float) -> None:
-    """Refuse a mean motion (rad/s) of orbits inside the Earth or its air.
-
-    No planet is denser than the Earth, so that none has faster orbits.
-
-    Raises:
-        InputError: with the value in rad/s, where it looks like deg/s or revolutions a day.
-    """
+    """Refuse a mean motion (rad/s) of orbits inside the Earth or its air with an InputError."""
     most = mean_motion_at(LOWEST)
     if not mean_motion > most:
         return
@@ -83,8 +63,3 @@ def check_mean_motion(mean_motion: float) -> None:
         f"mean_motion is {mean_motion:g} rad/s, that of an orbit inside the Earth or its air; "
         f"expected at most {most:.5g} rad/s{next(hints, '')}."
     )
-
-
-def radius_at(mean_motion: float) -> float:
-    """Radius in m of the circular orbit with a mean motion in rad/s: r₀ = ∛(μ/e²)."""
-    return float((MU_EARTH / mean_motion**2) ** (1 / 3))

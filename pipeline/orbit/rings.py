@@ -1,13 +1,13 @@
-"""Passive relative orbits (PROs): thrust-free closed motions about the reference orbit."""
+"""Passive relative orbits (PROs): closed motions about the reference orbit without thrust."""
 
 import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.arrays import AnyState, Formation, Scalar
+from pipeline.orbit.dynamics import cw_matrices
 
-DRIFT_FREE = 1e-6
-"""Relative misfit of Eq. 3 up to which states lie on passive relative orbits."""
+DRIFT_FREE = 1e-6  # relative misfit of Eq. 3 up to which states lie on passive relative orbits
 
 
 def pro_states(
@@ -17,8 +17,8 @@ def pro_states(
     cross_phase: float | Float[Array, "#n"],
     mean_motion: float,
     offset: float | Float[Array, "#n"] = 0.0,
-) -> Float[Array, "n 6"]:
-    """States of craft on 2:1 relative orbits, bounded since they satisfy Eq. 3.
+) -> Formation:
+    """LVLH states (m, m/s) of craft on 2:1 relative orbits, bounded since they satisfy Eq. 3.
 
     x = (a/2) cos θ, y = offset - a sin θ, z = (a/2) tan(i) cos(θ + φ), with θ growing at the
     mean motion.
@@ -30,9 +30,6 @@ def pro_states(
         cross_phase: φ, phase between cross-track and radial motion, rad.
         mean_motion: e, rad/s.
         offset: along-track distance of the ring's centre from the origin, m.
-
-    Returns:
-        States x y z vx vy vz in the LVLH frame, m and m/s.
     """
     a, e, theta = semi_major_axis, mean_motion, phase
     height = a / 2 * np.tan(tilt)
@@ -47,16 +44,15 @@ def pro_states(
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
-def energy_mismatch(states: Float[Array, "*batch 6"], mean_motion: float) -> Float[Array, "*batch"]:
-    """ẏ + 2e x in m/s, which Eq. 3 wants to be 0: otherwise the craft drifts along-track."""
+def energy_mismatch(states: AnyState, mean_motion: float) -> Scalar:
+    """ẏ + 2e x in m/s, which is 0 by Eq. 3: otherwise the craft drifts along-track."""
     return states[..., 4] + 2 * mean_motion * states[..., 0]
 
 
-def revolution(states: Float[Array, "n 6"], points: int) -> Float[Array, "n _ 3"] | None:
+def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
     """Positions in m over one revolution of free drift through states on PROs.
 
-    None where they lie on none: Eq. 3, ẏ = -2e x, must hold with one e for all, which is how the
-    mean motion is found.
+    None where they lie on none. The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.
     """
     x, vy = states[:, 0], states[:, 4]
     mean_motion = -float(vy @ x) / (2 * float(x @ x)) if x.any() else 0.0

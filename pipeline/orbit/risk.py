@@ -32,100 +32,73 @@ from scipy.special import gammainccinv, ndtr
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
+from pipeline.orbit.arrays import Controls, Indices, States, Values, Vectors
 from pipeline.orbit.bezier import dot, norm
-from pipeline.orbit.covariance import Dispersion, dispersion
+from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.uncertainty import Uncertainty
 
+# Probability, over all pairs, that deviations exceed the size up to which they are looked at
 FAR = 1e-12
-"""Probability, over all pairs, that deviations exceed the size up to which they are looked at."""
-
-ACCURACY = 0.02
-"""Share of the sum that margins may still make up, estimated from above."""
-
+ACCURACY = 0.02  # share of the sum that margins may still make up, estimated from above
+# Width of the bracket in which least separations of pairs that may be near are found, m
 COARSE = 1.0
-"""Width of the bracket in which least separations of pairs that may be near are found, m."""
-
+# Share of an interval under which panels are not halved: what is safe by rounding alone
 SHORTEST = 1e-9
-"""Share of an interval under which panels are not halved: what is safe by rounding alone."""
-
-MOST_PANELS = 200_000
-"""Which bounds the memory that it takes."""
-
-ROUNDING = 1e-15
-"""Of the probability of a panel."""
+MOST_PANELS = 200_000  # which bounds the memory that it takes
+ROUNDING = 1e-15  # of the probability of a panel
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionRisk:
-    """Bounds on the probability that pairs come within the collision radius.
+    """Bounds on the probability that pairs come within the collision radius."""
 
-    Attributes:
-        first: first craft of each pair that is ever near, the one with the lower index, (p,).
-        second: second craft, (p,).
-        of_pair: bound of each, (p,).
-        at_ends: of each the part that its first and last node have at least, whichever is more: as
-            craft must be there, no other plan changes it but by other errors, (p,).
-        total: bound on the probability that any pair of the swarm does, at any time.
-    """
-
+    # first craft of each pair that is ever near, the one with the lower index
     first: Int[Array, "p"]
-    second: Int[Array, "p"]
-    of_pair: Float[Array, "p"]
+    second: Int[Array, "p"]  # second craft
+    of_pair: Float[Array, "p"]  # bound of each
+    # of each the larger part of its first and last node, which no other plan changes but by other
+    # errors
     at_ends: Float[Array, "p"]
-    total: float
+    total: float  # bound on the probability that any pair of the swarm does, at any time
 
 
+# Linear in the state at an interval's start and in the control
 Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]
-"""Linear in the state at an interval's start and in the control."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Stretches:
-    """Pairs and intervals in which they may be near, by pair and interval.
+    """Intervals in which pairs may be near, by pair and interval."""
 
-    Attributes:
-        problem: dynamics, time step and collision radius.
-        pair: number of the pair.
-        interval: which.
-        state: mean difference of states at the interval's start, m and m/s.
-        push: mean difference of controls, m/s².
-        covariances: of both.
-        near: distance from which the pair is far, m.
-        bend: bound on the mean relative acceleration, m/s².
-        stray: bound on the relative acceleration along any direction, m/s².
-        normals: K.
-    """
+    problem: Problem  # dynamics, time step and collision radius
+    pair: Int[Array, "s"]  # number of the pair, in the order of ``pairs``
+    interval: Int[Array, "s"]  # which
+    state: Float[Array, "s 6"]  # mean difference of states at the interval's start, m and m/s
+    push: Float[Array, "s 3"]  # mean difference of controls, m/s²
+    covariances: tuple[Float[Array, "s 6 6"], Float[Array, "s 3 3"]]  # of both
+    near: Float[Array, "s"]  # distance from which the pair is far, m
+    bend: Float[Array, "s"]  # bound on the mean relative acceleration, m/s²
+    stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
+    normals: float  # K
 
-    problem: Problem
-    pair: Int[Array, "s"]
-    interval: Int[Array, "s"]
-    state: Float[Array, "s 6"]
-    push: Float[Array, "s 3"]
-    covariances: tuple[Float[Array, "s 6 6"], Float[Array, "s 3 3"]]
-    near: Float[Array, "s"]
-    bend: Float[Array, "s"]
-    stray: Float[Array, "s"]
-    normals: float
-
-    def maps(self, share: Float[Array, "k"]) -> Maps:
-        """To relative positions at shares of the interval."""
+    def maps(self, share: Values) -> Maps:
+        """Maps to relative positions at shares of the interval."""
         free, pushed = self.problem.dynamics.step(share * self.problem.time_step)
         return free[:, :3], pushed[:, :3]
 
-    def position(self, which: Int[Array, "k"], maps: Maps) -> Float[Array, "k 3"]:
-        """The mean, m."""
+    def position(self, which: Indices, maps: Maps) -> Vectors:
+        """Mean relative position, m."""
         return np.matvec(maps[0], self.state[which]) + np.matvec(maps[1], self.push[which])
 
-    def covariance(self, which: Int[Array, "k"], one: Maps, other: Maps) -> Float[Array, "k"]:
-        """Of two linear functionals of the errors."""
+    def covariance(self, which: Indices, one: Maps, other: Maps) -> Values:
+        """Covariance of two linear functionals of the errors."""
         state, push = self.covariances
         found = dot(np.vecmat(one[0], state[which]), other[0])
         return found + dot(np.vecmat(one[1], push[which]), other[1])
 
-    def directions(self, which: Int[Array, "k"], share: Float[Array, "k"]) -> Float[Array, "k 3"]:
-        """In which pairs are likeliest to meet, at shares of the interval."""
+    def directions(self, which: Indices, share: Values) -> Vectors:
+        """Directions in which pairs are likeliest to meet, at shares of the interval."""
         (free, pushed), (state, push) = self.maps(share), self.covariances
         spread = free @ state[which] @ free.mT + pushed @ push[which] @ pushed.mT
         mean = self.position(which, (free, pushed))
@@ -143,21 +116,13 @@ class _Stretches:
 
 @dataclass(frozen=True, eq=False)
 class _Panels:
-    """Times between two checks, by stretch and time.
+    """Times between two checks, by stretch and time."""
 
-    Attributes:
-        stretch: which.
-        begin: share of the interval at which each begins.
-        width: share of the interval that it is long.
-        first: direction of the check at its begin.
-        last: of the one at its end.
-    """
-
-    stretch: Int[Array, "q"]
-    begin: Float[Array, "q"]
-    width: Float[Array, "q"]
-    first: Float[Array, "q 3"]
-    last: Float[Array, "q 3"]
+    stretch: Int[Array, "q"]  # which
+    begin: Float[Array, "q"]  # when each begins, as a share of the interval
+    width: Float[Array, "q"]  # how long it is, as a share of the interval
+    first: Float[Array, "q 3"]  # direction of the check at its begin
+    last: Float[Array, "q 3"]  # of the one at its end
 
     def where(self, keep: Bool[Array, "q"] | Int[Array, "j"]) -> "_Panels":
         """Some of them."""
@@ -190,19 +155,9 @@ class _Panels:
 
 
 def collision_risk(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    uncertainty: Uncertainty,
+    states: States, controls: Controls, problem: Problem, uncertainty: Uncertainty
 ) -> CollisionRisk:
-    """The risk of flying controls in open loop, at any time from the first node to the last.
-
-    Args:
-        states: node states as planned, m and m/s.
-        controls: as planned, m/s².
-        problem: dynamics, time step and collision radius.
-        uncertainty: what is not known of the initial states, and not done as planned.
-    """
+    """The risk of flying planned states (m, m/s) and controls (m/s²) in open loop, at any time."""
     i, j = pairs(len(states))
     if len(i) == 0:
         return CollisionRisk(i, j, np.zeros(0), np.zeros(0), 0.0)
@@ -214,51 +169,43 @@ def collision_risk(
     total[broken] = 1.0
     shown = np.flatnonzero(total > FAR / len(total))
     i, j, each = i[shown], j[shown], np.minimum(total[shown], 1.0)
-    ends = [_at_node(node, i, j, states, spread, problem.collision_radius) for node in (0, -1)]
+    ends = [
+        _within(*_at_node(node, i, j, states, spread), problem.collision_radius) for node in (0, -1)
+    ]
     rounding = FAR + ROUNDING * len(chance)
     most = min(1.0, float(total.sum()) + rounding)
     return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most)
 
 
 def _at_node(
-    node: int,
-    first: Int[Array, "k"],
-    second: Int[Array, "k"],
-    states: Float[Array, "n T 6"],
-    spread: Dispersion,
-    radius: float,
-) -> Float[Array, "k"]:
-    """Bound on the probability that pairs are within a distance, m, at a node."""
-    gap = states[first, node, :3] - states[second, node, :3]
+    node: int, first: Indices, second: Indices, states: States, spread: Dispersion
+) -> tuple[Vectors, Float[Array, "k 3 3"]]:
+    """Mean and covariance of pairs' relative positions at a node, m and m²."""
     covariance = spread.state_covariance[first, node] + spread.state_covariance[second, node]
-    normal = likeliest_direction(gap, covariance[:, :3, :3], radius)
-    variance = dot(np.vecmat(normal, covariance[:, :3, :3]), normal)
+    return states[first, node, :3] - states[second, node, :3], covariance[:, :3, :3]
+
+
+def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:
+    """Bound on the probability that Gaussian relative positions are within a distance, m."""
+    normal = likeliest_direction(gap, covariance, radius)
+    variance = dot(np.vecmat(normal, covariance), normal)
     sigma = np.sqrt(np.maximum(variance, 0.0))
     return ndtr((radius - dot(normal, gap)) / np.maximum(sigma, TINY))
 
 
 def levels_at(
-    node: int,
-    first: Int[Array, "k"],
-    second: Int[Array, "k"],
-    states: Float[Array, "n T 6"],
-    spread: Dispersion,
-    distance: float,
-) -> Float[Array, "k"]:
+    node: int, first: Indices, second: Indices, states: States, spread: Dispersion, distance: float
+) -> Values:
     """How many standard deviations pairs are further apart than a distance, m, at a node."""
-    gap = states[first, node, :3] - states[second, node, :3]
+    gap, covariance = _at_node(node, first, second, states, spread)
     apart = norm(gap)
     normal = gap / np.maximum(apart, TINY)[:, None]
-    covariance = spread.state_covariance[first, node] + spread.state_covariance[second, node]
-    sigma = np.sqrt(dot(np.vecmat(normal, covariance[:, :3, :3]), normal))
+    sigma = np.sqrt(dot(np.vecmat(normal, covariance), normal))
     return (apart - distance) / np.maximum(sigma, TINY)
 
 
 def _stretches(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    spread: Dispersion,
+    states: States, controls: Controls, problem: Problem, spread: Dispersion
 ) -> tuple[_Stretches, Int[Array, "b"]]:
     """Where pairs may be near, and the pairs whose planned motion itself comes too close.
 
@@ -292,7 +239,7 @@ def _stretches(
     ), broken
 
 
-def _numbers(found: Approaches, n: int) -> Int[Array, "k"]:
+def _numbers(found: Approaches, n: int) -> Indices:
     """Of the pairs, in the order of ``pairs``."""
     i, j = found.first, found.second
     return i * (2 * n - i - 1) // 2 + j - i - 1

@@ -1,4 +1,4 @@
-"""How close craft come: at the nodes (Eq. 5) and, soundly, at any time between them."""
+"""Separation of craft: at the nodes (Eq. 5) and, proven, at any time between them."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,19 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import (
     FEW,
     TOLERANCE,
+    Closest,
     Swarms,
     close_approaches,
     least_of_each,
     pairs,
-    rounding,
     side_by_side,
 )
+from pipeline.orbit.arrays import Controls, Indices, States, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import free_drift
+
+ROUNDING = 1e-14  # share of the largest coordinate that a distance may be off by, with some room
 
 
 def node_distances(states: Float[Array, "*batch n T 6"]) -> Float[Array, "*batch p T"]:
@@ -39,7 +43,7 @@ def node_collisions(
 
 
 def swarm_node_collisions(
-    states: Float[Array, "n T 6"], collision_radius: float, swarms: Swarms
+    states: States, collision_radius: float, swarms: Swarms
 ) -> Int[Array, "swarms"]:
     """f_col of each of several swarms."""
     if not swarms.few:
@@ -52,86 +56,84 @@ def swarm_node_collisions(
 
 @dataclass(frozen=True)
 class Separation:
-    """The least separation of any pair at any time; infinite for a craft alone.
+    """The least separation of any pair at any time; infinite for a craft alone."""
 
-    Attributes:
-        distance: the separation attained, m.
-        bound: no pair is ever closer than this, m; at most a bracket below ``distance``.
-        pair: the two craft; None for a craft alone.
-        time: when, s since the start; None for a craft alone.
-    """
-
-    distance: float
-    bound: float
-    pair: tuple[int, int] | None
-    time: float | None
+    distance: float = np.inf  # the separation attained, m
+    bound: float = np.inf  # proven lower bound on it, m; at most a bracket below
+    pair: tuple[int, int] | None = None  # the two craft; a drifting one first
+    time: float | None = None  # when, s since the first node
+    node: int | None = None  # at which the first lost its thrust; the last: both are at their goals
 
 
-def least_separation(
-    states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
-) -> Separation:
-    """The least distance of any pair at any time of a flown trajectory."""
+def least_separation(states: States, controls: Controls, problem: Problem) -> Separation:
+    """The least distance of any pair of one swarm at any time of a flown trajectory."""
     return least_separations(states, controls, problem, side_by_side((len(states),)))[0]
 
 
 def least_separations(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
+    states: States,
+    controls: Controls,
     problem: Problem,
     swarms: Swarms,
     tolerance: float = TOLERANCE,
 ) -> list[Separation]:
     """The least distance of any pair of each swarm at any time, in brackets so wide, m.
 
-    The least at the nodes bounds it from above, so that no other pair and time needs to be looked
-    at; and where rounding hides that pair from the search as well, it is the least.
+    The least at the nodes bounds it from above, so that only closer pairs and times are searched;
+    and where rounding hides that pair from the search as well, it is the least.
     """
-    at_nodes = _least_at_nodes(states, swarms)
-    within = np.nan_to_num(at_nodes, posinf=0.0)  # where there is no pair, none is found
+    within = np.nan_to_num(_least_at_nodes(states, swarms), posinf=0.0)  # none without a pair
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
     times = found.interval * problem.time_step + found.offset
-    label, start = swarms.label[found.first], swarms.starts
-    bound = np.full(len(at_nodes), np.inf)
+    least = closer([Separation()] * len(within), found, found.first, found.second, times, swarms)
+    for swarm, (start, n) in enumerate(zip(swarms.starts, swarms.sizes, strict=True)):
+        if least[swarm].pair is None and n > 1:
+            part = states[start : start + n]
+            distance, node, pair = _closest_at_nodes(part)
+            bound = distance - ROUNDING * float(np.abs(part[..., :3]).max())
+            least[swarm] = Separation(distance, bound, pair, node * problem.time_step)
+    return least
+
+
+def closer(
+    least: list[Separation],
+    found: Closest,
+    first: Indices,
+    second: Indices,
+    time: Values,
+    swarms: Swarms,
+    node: Indices | None = None,
+) -> list[Separation]:
+    """The least separation of each swarm, replaced where an approach was found."""
+    label, start = swarms.label[first], swarms.starts
+    bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
-    closest = dict(np.transpose(least_of_each(found.distance, label)).tolist())
-    separations = []
-    for swarm, one in enumerate(bound.tolist()):
-        k = closest.get(swarm)
-        if k is None:
-            craft = slice(start[swarm], start[swarm] + swarms.sizes[swarm])
-            separations.append(_closest_at_nodes(states[craft], problem))
-            continue
-        pair = int(found.first[k] - start[swarm]), int(found.second[k] - start[swarm])
-        separations.append(Separation(float(found.distance[k]), one, pair, float(times[k])))
-    return separations
+    for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
+        pair = int(first[k] - start[swarm]), int(second[k] - start[swarm])
+        lost = None if node is None else int(node[k])
+        distance = float(found.distance[k])
+        least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
+    return least
 
 
-def _closest_at_nodes(states: Float[Array, "n T 6"], problem: Problem) -> Separation:
-    """The closest pair of a swarm at any node; its bound is lower by what rounding may hide."""
-    n, T, _ = states.shape
-    if n < 2:
-        return Separation(np.inf, np.inf, None, None)
-    if n <= FEW:
-        distances = node_distances(states)
-        k = int(distances.min(axis=1).argmin())
-        node, pair = int(distances[k].argmin()), [int(one[k]) for one in pairs(n)]
-        distance = float(distances[k, node])
-    else:
-        tree = _node_tree(states)
-        near, points = map(np.asarray, tree.query(tree.data, k=2))
-        point = int(near[:, 1].argmin())
-        distance, node = float(near[point, 1]), point % T
-        # The nearest is the craft itself, or one in the same place.
-        pair = sorted({point // T, *(points[point] // T).tolist()})
-    bound = distance - rounding(states)
-    return Separation(distance, bound, (pair[0], pair[1]), node * problem.time_step)
+def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[Array, "N"]:
+    """Lower bound on the separation of each formation's craft in an orbit of free drift, m."""
+    N, n, _ = states.shape
+    drift = free_drift(states.reshape(N * n, 6), problem)
+    return np.array([apart.bound for apart in least_separations(*drift, side_by_side((n,) * N))])
 
 
-def _least_at_nodes(states: Float[Array, "n T 6"], swarms: Swarms) -> Float[Array, "swarms"]:
+def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
+    """Pairs that come within r_col at any time, at nodes or between them."""
+    found = close_approaches(states, controls, problem, problem.collision_radius)
+    return len(np.unique(np.stack([found.first, found.second]), axis=1).T)
+
+
+def _least_at_nodes(states: States, swarms: Swarms) -> Float[Array, "swarms"]:
     """Distance of the closest pair of each swarm at any node, m; infinite without a pair."""
     if not swarms.few:
         parts = np.split(states, swarms.starts[1:])
-        return np.array([_nearest_at_nodes(part) for part in parts])
+        return np.array([_closest_at_nodes(part)[0] if len(part) > 1 else np.inf for part in parts])
     least = np.full(len(swarms.sizes), np.inf)
     i, j = swarms.pairs
     distance = norm(states[i, :, :3] - states[j, :, :3]).min(axis=1)
@@ -139,23 +141,24 @@ def _least_at_nodes(states: Float[Array, "n T 6"], swarms: Swarms) -> Float[Arra
     return least
 
 
-def _nearest_at_nodes(states: Float[Array, "n T 6"]) -> float:
+def _closest_at_nodes(states: States) -> tuple[float, int, tuple[int, int]]:
+    """Distance (m), node and craft of the closest pair of a swarm at any node."""
+    n, T, _ = states.shape
+    if n <= FEW:
+        apart = node_distances(states)
+        k, node = divmod(int(apart.argmin()), T)
+        i, j = (int(one[k]) for one in pairs(n))
+        return float(apart[k, node]), node, (i, j)
     tree = _node_tree(states)
-    distance = np.asarray(tree.query(tree.data, k=2)[0])  # the nearest is the craft itself
-    return float(distance[:, 1].min()) if len(states) > 1 else np.inf
+    near, points = map(np.asarray, tree.query(tree.data, k=2))
+    point = int(near[:, 1].argmin())  # the nearest is the craft itself, or one in its place
+    i, j = sorted({point // T, *(points[point] // T).tolist()})[:2]
+    return float(near[point, 1]), point % T, (i, j)
 
 
-def _node_tree(states: Float[Array, "n T 6"]) -> cKDTree:
+def _node_tree(states: States) -> cKDTree:
     """Positions at all nodes: as many planes of a fourth dimension, too far apart to meet."""
     positions = states[..., :3]
     size = 2 * float(np.ptp(positions, axis=(0, 1)).sum()) + 1.0
     plane = np.broadcast_to(size * np.arange(states.shape[1])[:, None], (*states.shape[:2], 1))
     return cKDTree(np.concatenate([positions, plane], axis=-1).reshape(-1, 4))
-
-
-def pair_conflicts(
-    states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"], problem: Problem
-) -> int:
-    """Pairs that come within r_col at any time, at nodes or between them."""
-    found = close_approaches(states, controls, problem, problem.collision_radius)
-    return len(np.unique(np.stack([found.first, found.second]), axis=1).T)

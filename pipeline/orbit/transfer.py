@@ -1,5 +1,6 @@
-"""Transfers as linear maps: states from controls, the cheapest by energy, the nearest flyable."""
+"""Transfers as linear maps: states from controls, least energy, projection, fuel, free drift."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -7,43 +8,44 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.arrays import (
+    AnyControls,
+    AnyState,
+    AnyStates,
+    Controls,
+    Formation,
+    Scalar,
+    States,
+)
+from pipeline.orbit.problem import MOST_NODES, Problem
 
+# Share of a craft's largest control under which a control is a solver's rounding, not a burn
 COAST = 1e-7
-"""Share of a craft's largest control under which a control is a solver's rounding, not a burn."""
-
+# Change of a final state that counts as none, m; of velocities, m/s over the mean motion
 UNCHANGED = 1e-9
-"""Change of a final state that is none, m; of velocities, m/s over the mean motion."""
-
-REGULAR = 1e9
-"""Condition up to which a map has an inverse, rounding considered."""
+REGULAR = 1e9  # condition number up to which a map has an inverse, rounding considered
+ORBIT_INTERVALS = 16  # intervals into which an orbit of free drift is cut
 
 
 @dataclass(frozen=True, eq=False)
 class TransferMaps:
-    """What is constant for a problem: s[t] = drift[t] s[1] + reach[t] u, u flattened by time.
+    """Constants of a problem: s[t] = drift[t] s[1] + reach[t] u, with u flattened by time."""
 
-    Attributes:
-        drift: powers of A, (T, 6, 6).
-        reach: effect of the flattened controls (T-1, 3) on each node's state, (T, 6, 3(T-1)).
-        to_goal: pseudo-inverse of reach[T]: the least-energy controls for a change of the
-            final state, (3(T-1), 6).
-        project: the controls that fit given node states best while leaving the final state
-            unchanged, (3(T-1), 6T).
-    """
-
-    drift: Float[Array, "T 6 6"]
+    drift: Float[Array, "T 6 6"]  # powers of A
+    # effect of the flattened controls on each node's state, m = 3(T-1)
     reach: Float[Array, "T 6 m"]
+    # pseudo-inverse of reach[T]: the least-energy controls for a change of the final state
     to_goal: Float[Array, "m 6"]
+    # the controls that fit given node states best while leaving the final state unchanged, (m, 6T)
     project: Float[Array, "m _"]
 
 
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
-    """The maps of a problem, made once."""
+    """The maps of a problem, computed once."""
     A, B = problem.dynamics.step(problem.time_step)
     T, m = problem.nodes, 3 * problem.intervals
-    drift = np.stack([np.linalg.matrix_power(A, t) for t in range(T)])
+    drift = _powers(problem)
     reach = np.zeros((T, 6, m))
     for t in range(1, T):
         reach[t] = A @ reach[t - 1]
@@ -57,10 +59,17 @@ def transfer_maps(problem: Problem) -> TransferMaps:
     return TransferMaps(drift, reach, to_goal, project)
 
 
-def has_one_plan(problem: Problem) -> bool:
-    """Whether any two states are joined by one sequence of controls alone.
+@lru_cache(maxsize=32)
+def _powers(problem: Problem) -> Float[Array, "T 6 6"]:
+    """Powers of A, to each node."""
+    A, _ = problem.dynamics.step(problem.time_step)
+    return np.stack([np.linalg.matrix_power(A, t) for t in range(problem.nodes)])
 
-    Two intervals have six components, as many as a state, and act alike at special steps only.
+
+def has_one_plan(problem: Problem) -> bool:
+    """Whether any two states are joined by exactly one sequence of controls.
+
+    Two intervals have six components, as many as a state; singular at special steps only.
     """
     reach = transfer_maps(problem).reach[-1] * _state_weight(problem)[:, None]
     return reach.shape == (6, 6) and float(np.linalg.cond(reach)) < REGULAR
@@ -71,11 +80,7 @@ def _state_weight(problem: Problem) -> Float[Array, "6"]:
     return np.repeat([1.0, 1.0 / problem.mean_motion], 3)
 
 
-def fly(
-    initial: Float[Array, "*batch 6"],
-    controls: Float[Array, "*batch intervals 3"],
-    problem: Problem,
-) -> Float[Array, "*batch T 6"]:
+def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates:
     """Node states (m, m/s) from initial states and controls (m/s²), by Eq. 2."""
     maps, m = transfer_maps(problem), 3 * problem.intervals
     # Row by row, since what a matrix product rounds depends on how many rows there are.
@@ -84,23 +89,49 @@ def fly(
     return (free + pushed).reshape(*initial.shape[:-1], problem.nodes, 6)
 
 
+def free_drift(
+    states: Formation, problem: Problem, orbits: float = 1.0
+) -> tuple[States, Controls, Problem]:
+    """Free drift over so many orbits: node states, zero controls and the problem they belong to."""
+    intervals = min(max(2, math.ceil(orbits * ORBIT_INTERVALS)), MOST_NODES - 1)
+    drift = Problem(
+        mean_motion=problem.mean_motion,
+        time_step=orbits * 2 * np.pi / problem.mean_motion / intervals,
+        nodes=intervals + 1,
+    )
+    idle = np.zeros((len(states), intervals, 3))
+    # To the bit what ``fly`` has, without its maps of controls, which take a minute for 999 nodes.
+    flown = np.matvec(_powers(drift).reshape(-1, 6), states)
+    return flown.reshape(len(states), drift.nodes, 6), idle, drift
+
+
 def dynamics_defect(
-    states: Float[Array, "*batch T 6"],
-    controls: Float[Array, "*batch intervals 3"],
-    problem: Problem,
+    states: AnyStates, controls: AnyControls, problem: Problem
 ) -> Float[Array, "*batch intervals 6"]:
-    """s[t+1] - A s[t] - B u[t] in m and m/s, which Eq. 2 wants to be 0."""
+    """Violation of Eq. 2: s[t+1] - A s[t] - B u[t], m and m/s."""
     maps = transfer_maps(problem)
     A, B = maps.drift[1], maps.reach[1, :, :3]
     return states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
 
 
+def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Scalar:
+    """f_fuel = Σₜ Σᵢ ‖uᵢ[t]‖₁ in m/s², Eq. 4, of controls in m/s²."""
+    return np.asarray(np.abs(controls).sum(axis=(-3, -2, -1)))
+
+
+def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
+    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s².
+
+    Exact where the states obey Eq. 2. Others, such as a network's raw output, can look cheaper
+    than any transfer that can be flown.
+    """
+    A, B = problem.dynamics.step(problem.time_step)
+    return (states[..., 1:, :] - states[..., :-1, :] @ A.T) @ np.linalg.pinv(B).T
+
+
 def meet_goal(
-    initial: Float[Array, "*batch 6"],
-    controls: Float[Array, "*batch intervals 3"],
-    goal: Float[Array, "*batch 6"],
-    problem: Problem,
-) -> Float[Array, "*batch intervals 3"]:
+    initial: AnyState, controls: AnyControls, goal: AnyState, problem: Problem
+) -> AnyControls:
     """The controls plus the least-energy correction after which the goal is met exactly."""
     maps = transfer_maps(problem)
     flat = controls.reshape(*controls.shape[:-2], 3 * problem.intervals)
@@ -108,46 +139,15 @@ def meet_goal(
     return controls + np.matvec(maps.to_goal, miss).reshape(controls.shape)
 
 
-def with_coasts(
-    controls: Float[Array, "n intervals 3"], problem: Problem
-) -> Float[Array, "n intervals 3"]:
-    """The controls with exact zeros where only rounding is left; final states stay as they are.
-
-    Where what is dropped moves a craft's final state, its other controls make up for it. Craft
-    whose others cannot keep what they have.
-    """
-    evasive = problem.collision_radius / problem.duration**2
-    largest = np.maximum(np.abs(controls).max(axis=(1, 2), keepdims=True), evasive)
-    burns = np.abs(controls) > COAST * largest
-    kept = np.where(burns, controls, 0.0)
-    reach, weight = transfer_maps(problem).reach[-1], _state_weight(problem)
-    dropped = (controls - kept).reshape(len(controls), -1)
-    change = weight * np.matvec(reach, dropped)
-    for k in np.flatnonzero(np.abs(change).max(axis=1) > UNCHANGED).tolist():
-        own = burns[k].ravel()
-        columns = weight[:, None] * reach[:, own]
-        added = np.linalg.lstsq(columns, change[k])[0]
-        if np.abs(columns @ added - change[k]).max() > UNCHANGED:
-            kept[k] = controls[k]
-        else:
-            kept[k][burns[k]] += added
-    return kept
-
-
-def minimum_energy(
-    initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], problem: Problem
-) -> Float[Array, "*batch intervals 3"]:
-    """Controls of least Σ‖u‖₂² that join two states, each craft on its own, in closed form."""
+def minimum_energy(initial: AnyState, goal: AnyState, problem: Problem) -> AnyControls:
+    """Controls of least Σ‖u‖₂² that join two states, decoupled, in closed form."""
     idle = np.zeros((*initial.shape[:-1], problem.intervals, 3))
     return meet_goal(initial, idle, goal, problem)
 
 
 def project_to_flyable(
-    states: Float[Array, "*batch T 6"],
-    initial: Float[Array, "*batch 6"],
-    goal: Float[Array, "*batch 6"],
-    problem: Problem,
-) -> Float[Array, "*batch intervals 3"]:
+    states: AnyStates, initial: AnyState, goal: AnyState, problem: Problem
+) -> AnyControls:
     """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly.
 
     Nearest in the sum of squares over all nodes, with velocities weighted by 1/e. The set of
@@ -159,23 +159,40 @@ def project_to_flyable(
     return meet_goal(initial, controls + flat.reshape(controls.shape), goal, problem)
 
 
-def straight_line(
-    initial: Float[Array, "*batch 6"], goal: Float[Array, "*batch 6"], nodes: int
-) -> Float[Array, "*batch T 6"]:
-    """Node states on the straight line from initial to goal state; it obeys no dynamics."""
+def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
+    """Node states on the straight line between two states; it obeys no dynamics."""
     share = np.linspace(0.0, 1.0, nodes)[:, None]
     return (1 - share) * initial[..., None, :] + share * goal[..., None, :]
 
 
+def with_coasts(controls: Controls, problem: Problem) -> Controls:
+    """The controls with exact zeros where only rounding is left; final states stay as they are.
+
+    Where what is dropped moves a craft's final state, its other controls make up for it; a craft
+    whose other controls cannot keeps what it has.
+    """
+    largest = np.abs(controls).max(axis=(1, 2), keepdims=True)
+    largest = np.maximum(largest, problem.evasive_control)
+    burns = np.abs(controls) > COAST * largest
+    kept = np.where(burns, controls, 0.0)
+    reach, weight = transfer_maps(problem).reach[-1], _state_weight(problem)
+    dropped = (controls - kept).reshape(len(controls), -1)
+    change = weight * np.matvec(reach, dropped)
+    for k in np.flatnonzero(np.abs(change).max(axis=1) > UNCHANGED).tolist():
+        columns = weight[:, None] * reach[:, burns[k].ravel()]
+        added = np.linalg.lstsq(columns, change[k])[0]
+        if np.abs(columns @ added - change[k]).max() > UNCHANGED:
+            kept[k] = controls[k]
+        else:
+            kept[k][burns[k]] += added
+    return kept
+
+
 def track(
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-    steps: int,
+    states: States, controls: Controls, problem: Problem, steps: int
 ) -> Float[Array, "n _ 3"]:
     """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
-    offsets = problem.time_step / steps * np.arange(steps)
-    A, B = problem.dynamics.step(offsets)
+    A, B = problem.dynamics.step(problem.time_step / steps * np.arange(steps))
     between = np.einsum("qij,ntj->ntqi", A[:, :3], states[:, :-1])
     between += np.einsum("qij,ntj->ntqi", B[:, :3], controls)
     n = len(states)

@@ -9,17 +9,67 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Swarms, side_by_side
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import collision_risk
-from pipeline.orbit.separation import least_separations, swarm_node_collisions
+from pipeline.orbit.separation import Separation, least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
-from pipeline.plan.passive_safety import PassiveSafety, passive_safety
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.plan.risk import Risk, RiskLimit
 from pipeline.scenario import Scenario, shared_problem
 
+# Width in m of the bracket of a least separation that is as good as the collision radius
 FINE = 1e-9
-"""Width in m of the bracket of a least separation that is as good as the collision radius."""
+
+
+@dataclass(frozen=True)
+class Risk:
+    """The collision risk of flying a plan in open loop, in the linear model.
+
+    Attributes:
+        bound: the probability that any pair comes within the collision radius, at any time from
+            the first node to the last, is at most this.
+        asked: what it was to be at most.
+        uncertainty: standard deviations of the Gaussian errors that are meant.
+        sigmas: standard deviations of each pair's separation that the plan was asked to keep
+            beyond the collision radius; 0 where the plan was safe enough without.
+        fuel_without: fuel of the planner's plan that keeps the collision radius alone, m/s²; None
+            where it found none, or plans without a view to the risk.
+    """
+
+    bound: float
+    asked: float
+    uncertainty: Uncertainty
+    sigmas: float
+    fuel_without: float | None
+
+    @property
+    def kept(self) -> bool:
+        """Whether the risk is at most what was asked for."""
+        return self.bound <= self.asked
+
+
+@dataclass(frozen=True)
+class PassiveSafety:
+    """How close a craft that has lost its thrust comes to another, whoever it is and whenever.
+
+    Attributes:
+        orbits: how long it drifts, from every node on; the others fly their plan and drift on.
+        min_separation: least distance of a drifting craft to another at any time, m; None without
+            a pair.
+        min_separation_bound: proven lower bound on it, m.
+        pair: the drifting craft and the other, or None.
+        node: at which the first of them loses its thrust, or None; at the last node it has none
+            left to lose, and both drift on from their goals.
+        time: when they are closest, s since the first node, or None.
+    """
+
+    orbits: float
+    min_separation: float | None = None
+    min_separation_bound: float | None = None
+    pair: tuple[int, int] | None = None
+    node: int | None = None
+    time: float | None = None
 
 
 @dataclass(frozen=True)
@@ -40,7 +90,7 @@ class Certificate:
         goal_velocity_error: largest miss of any component of a goal velocity, m/s.
         dynamics_error: largest violation of Eq. 2 in position between two nodes, m.
         fuel_lower_bound_proof: how the bound is proven, in words.
-        risk: what is claimed of errors in open loop, where that was asked for, or None.
+        risk: the risk in open loop, where a limit was asked for, or None.
         passive_safety: how close craft come after a loss of thrust, where that was asked for.
         craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s; they sum to delta_v. Thrusters along the
             three axes have to provide it. Earlier files have none.
@@ -73,46 +123,34 @@ def certify(
     bounds: Sequence[tuple[float, str]],
     requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Certificate]:
-    """The certificates of node states (m, m/s) and controls (m/s²), craft after craft.
+    """The certificates of scenarios of one problem, from states and controls of all their craft.
 
-    Args:
-        scenarios: of one problem.
-        states: of all their craft.
-        controls: of all their craft.
-        bounds: lower bound on the fuel of each scenario, m/s², and how it is proven.
-        requirements: what was asked; passive safety and risk are claimed only where they were.
+    Bounds are lower bounds on the fuel, m/s², and how they are proven. Passive safety and risk are
+    looked at only where they are required.
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
-    each = np.abs(controls).sum(axis=(1, 2))
-    used = np.add.reduceat(each, swarms.starts)
-    spent = [
-        np.split(problem.time_step * of, swarms.starts[1:])
-        for of in (each, norm(controls).sum(axis=1))
-    ]
-    closest = least_separations(states, controls, problem, swarms)
-    for k, apart in enumerate(closest):
-        if apart.bound <= problem.collision_radius < apart.distance:  # undecided
-            craft = np.flatnonzero(swarms.label == k)
-            alone = states[craft], controls[craft], problem, side_by_side((len(craft),))
-            closest[k] = least_separations(*alone, tolerance=FINE)[0]
+    starts, step = swarms.starts, problem.time_step
+    each, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
+    used = np.add.reduceat(each, starts).tolist()
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
-    misses = np.maximum.reduceat(miss, swarms.starts)
+    misses = np.maximum.reduceat(miss, starts)
     defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
-    defects = np.maximum.reduceat(defect, swarms.starts)
-    collisions = swarm_node_collisions(states, problem.collision_radius, swarms)
-    adrift: Sequence[PassiveSafety | None] = [None] * len(scenarios)
-    if requirements.passive_safety is not None:
-        adrift = passive_safety(states, controls, problem, requirements.passive_safety, swarms)
-    risks: Sequence[Risk | None] = [None] * len(scenarios)
-    if requirements.risk is not None:
-        risks = _risks(states, controls, problem, requirements.risk, swarms)
+    defects = np.maximum.reduceat(defect, starts)
+    columns = (
+        _least_separations(states, controls, problem, swarms),
+        swarm_node_collisions(states, problem.collision_radius, swarms).tolist(),
+        _passive_safety(states, controls, problem, requirements, swarms),
+        _risks(states, controls, problem, requirements, swarms),
+        np.split(step * each, starts[1:]),
+        np.split(step * turned, starts[1:]),
+    )
     return [
         Certificate(
-            fuel=float(used[k]),
-            delta_v=float(used[k]) * problem.time_step,
-            fuel_lower_bound=bound,
-            optimality_gap=gap_of(float(used[k]), bound, problem),
-            node_collisions=int(collisions[k]),
+            fuel=used[k],
+            delta_v=used[k] * step,
+            fuel_lower_bound=bounds[k][0],
+            optimality_gap=gap_of(used[k], bounds[k][0], problem),
+            node_collisions=collisions,
             min_separation=None if apart.pair is None else apart.distance,
             min_separation_pair=apart.pair,
             min_separation_time=apart.time,
@@ -120,28 +158,16 @@ def certify(
             goal_error=float(misses[k, :3].max()),
             goal_velocity_error=float(misses[k, 3:].max()),
             dynamics_error=float(defects[k]),
-            fuel_lower_bound_proof=proof,
-            risk=risks[k],
-            passive_safety=adrift[k],
-            craft_delta_v=tuple(spent[0][k].tolist()),
-            craft_delta_v_2norm=tuple(spent[1][k].tolist()),
+            fuel_lower_bound_proof=bounds[k][1],
+            risk=risk,
+            passive_safety=drifting,
+            craft_delta_v=tuple(spent.tolist()),
+            craft_delta_v_2norm=tuple(spent_turned.tolist()),
         )
-        for k, ((bound, proof), apart) in enumerate(zip(bounds, closest, strict=True))
+        for k, (apart, collisions, drifting, risk, spent, spent_turned) in enumerate(
+            zip(*columns, strict=True)
+        )
     ]
-
-
-def _risks(
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
-    problem: Problem,
-    limit: RiskLimit,
-    swarms: Swarms,
-) -> list[Risk]:
-    """The risk of flying each of several swarms in open loop."""
-    errors, ends = limit.uncertainty(problem), swarms.starts[1:]
-    parts = zip(np.split(states, ends), np.split(controls, ends), strict=True)
-    bounds = [collision_risk(*part, problem, errors).total for part in parts]
-    return [Risk(bound, limit.asked, errors, sigmas=0.0, fuel_without=None) for bound in bounds]
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:
@@ -149,3 +175,55 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
     if fuel_lower_bound > problem.negligible_fuel:
         return fuel_used / fuel_lower_bound - 1
     return 0.0 if fuel_used <= problem.negligible_fuel else float("inf")
+
+
+def _least_separations(
+    states: Float[Array, "N T 6"],
+    controls: Float[Array, "N intervals 3"],
+    problem: Problem,
+    swarms: Swarms,
+) -> list[Separation]:
+    """The least separation of each swarm, in a finer bracket where r_col is inside it."""
+    closest = least_separations(states, controls, problem, swarms)
+    for k, apart in enumerate(closest):
+        if apart.bound <= problem.collision_radius < apart.distance:
+            craft = np.flatnonzero(swarms.label == k)
+            alone = states[craft], controls[craft], problem, side_by_side((len(craft),))
+            closest[k] = least_separations(*alone, tolerance=FINE)[0]
+    return closest
+
+
+def _passive_safety(
+    states: Float[Array, "N T 6"],
+    controls: Float[Array, "N intervals 3"],
+    problem: Problem,
+    requirements: Requirements,
+    swarms: Swarms,
+) -> Sequence[PassiveSafety | None]:
+    """Of each swarm, where it was asked for."""
+    orbits = requirements.passive_safety
+    if orbits is None:
+        return [None] * len(swarms.sizes)
+    return [
+        PassiveSafety(orbits)
+        if least.pair is None
+        else PassiveSafety(orbits, least.distance, least.bound, least.pair, least.node, least.time)
+        for least in least_after_loss(states, controls, problem, orbits, swarms)
+    ]
+
+
+def _risks(
+    states: Float[Array, "N T 6"],
+    controls: Float[Array, "N intervals 3"],
+    problem: Problem,
+    requirements: Requirements,
+    swarms: Swarms,
+) -> Sequence[Risk | None]:
+    """The risk of flying each swarm in open loop, where a limit was asked for."""
+    limit = requirements.risk
+    if limit is None:
+        return [None] * len(swarms.sizes)
+    errors, ends = limit.uncertainty(problem), swarms.starts[1:]
+    parts = zip(np.split(states, ends), np.split(controls, ends), strict=True)
+    bounds = [collision_risk(*part, problem, errors).total for part in parts]
+    return [Risk(bound, limit.asked, errors, sigmas=0.0, fuel_without=None) for bound in bounds]

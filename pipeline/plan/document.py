@@ -1,7 +1,7 @@
 """plan.json (schema prolearn.plan/2): a plan with the scenario that it is for, written and read."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,17 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from pipeline.documents import DIALECT, read_document, write_document
 from pipeline.errors import InputError
-from pipeline.files import stem_of
-from pipeline.plan.assignment import Assignment
 from pipeline.plan.certificate import Certificate
-from pipeline.plan.plan import Plan
+from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import Separation
 from pipeline.scenario import Scenario
-from pipeline.scenario.document import ScenarioDocument, document_of
-from pipeline.scenario.ends import Number, State
+from pipeline.scenario.document import Number, ScenarioDocument, State, document_of
 
 SCHEMA = "prolearn.plan/2"
-
 WHAT = f"a plan file (schema {SCHEMA})"
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -93,26 +89,15 @@ class PlanDocument(BaseModel):
     @property
     def plan(self) -> Plan:
         """The plan that the fields describe."""
-        return Plan(
-            self.planner,
-            self.status,
-            np.array(self.states),
-            np.array(self.controls),
-            self.certificate,
-            self.convex_solves,
-            self.timing,
-            self.message,
-            self.assignment,
-            self.separation,
-        )
+        given: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(Plan)}
+        arrays = {name: np.array(given[name]) for name in ("states", "controls")}
+        return Plan(**given | arrays)
 
 
 def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
-    """The fields of a plan file; what is infinite or absent becomes null.
+    """The fields of a plan file for the scenario that it flies, its goals in assigned order.
 
-    Args:
-        plan: the plan.
-        scenario: what is flown; where the plan has an assignment, with the goals in that order.
+    What is infinite or absent becomes null.
     """
     problem = scenario.problem
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
@@ -148,19 +133,12 @@ def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
     document = read_document(path, PlanDocument, WHAT)
-    try:
-        asked = document.scenario
-        return document.plan, None if asked is None else asked.scenario(stem_of(path))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    asked = document.scenario
+    return document.plan, None if asked is None else asked.scenario_of(path)
 
 
 def read_whole_plan(path: Path) -> tuple[Plan, Scenario]:
-    """The plan in a file and its scenario.
-
-    Raises:
-        InputError: as ``read_plan``, or where the file does not hold the scenario.
-    """
+    """The plan in a file and its scenario; a file without one is an InputError."""
     plan, scenario = read_plan(path)
     if scenario is None:
         raise InputError(
@@ -180,8 +158,8 @@ def json_schema() -> dict[str, Any]:
     return made
 
 
+# Fields of a certificate that are there only where they were asked for
 OPTIONAL = ("risk", "passive_safety")
-"""Fields of a certificate that are there only where they were asked for."""
 
 
 def _certificate(certificate: Certificate) -> dict[str, Any]:

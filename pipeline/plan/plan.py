@@ -1,29 +1,54 @@
-"""A plan, and what can become of a scenario."""
+"""A plan, what can become of a scenario, and a plan's summary in a line."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
-from jaxtyping import Float
-
-from pipeline.arrays import Array
-from pipeline.plan.assignment import Assignment
+from pipeline.orbit.arrays import Controls, States
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.requirements import Requirements, Separation
 from pipeline.scenario import Scenario
 
-SOLVED = "solved"
-"""Dynamics, both ends in all six components, thrust limit and separation all hold."""
-
+SOLVED = "solved"  # dynamics, both ends in all six components, thrust limit and separation all hold
+# Flies to the goal, but does not satisfy all that is required; the message says what
 UNSAFE = "unsafe"
-"""Flies to the goal, but does not satisfy all that is required; the message says what."""
-
+# Proven: some craft cannot reach its goal, a pair is too close at an end, the only controls there
+# are bring craft together, or a craft is in the way of another after a loss of thrust, whatever is
+# planned; the message says which
 INFEASIBLE = "infeasible"
-"""Proven: some craft cannot reach its goal, a pair is too close at an end, the only controls there
-are bring craft together, or a craft is in the way of another after a loss of thrust, whatever is
-planned; the message says which."""
-
+# The planner has no safe plan and no proof that there is none; the message says why
 UNSOLVED = "unsolved"
-"""The planner has no safe plan and no proof that there is none; the message says why."""
+# Fields of the certificate that a summary has
+SUMMARY = (
+    *("fuel", "delta_v", "craft_delta_v", "craft_delta_v_2norm", "fuel_lower_bound"),
+    *("optimality_gap", "min_separation", "min_separation_pair", "min_separation_time"),
+    "min_separation_bound",
+)
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """The assignment of goals to craft, where the craft of a scenario are interchangeable.
+
+    The plan is for the scenario with its goals in the order of ``slots``; its certificate's lower
+    bound on the fuel holds for every order.
+
+    Attributes:
+        slots: of each craft, the row of the scenario's given goals that it takes.
+        rank: its place among all assignments by the sum of decoupled optima, from 1; None where the
+            given order was taken without being among those looked at.
+        tried: assignments that were planned.
+        given_fuel_lower_bound: what any plan for the given order burns at least, m/s²; None where
+            it is proven that some craft cannot reach its given goal within the thrust limit.
+        saving: share of that fuel which the plan saves, so at least as much against any plan for
+            the given order; None where there is no such bound or no plan to fly.
+    """
+
+    slots: tuple[int, ...]
+    rank: int | None
+    tried: int
+    given_fuel_lower_bound: float | None
+    saving: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +58,8 @@ class Plan:
     Attributes:
         planner: name of the planner.
         status: SOLVED, UNSAFE, INFEASIBLE or UNSOLVED.
-        states: node states (n, T, 6), m and m/s.
-        controls: accelerations held over each interval (n, T-1, 3), m/s².
+        states: node states, m and m/s.
+        controls: accelerations held over each interval, m/s².
         certificate: cost, bound and separation.
         convex_solves: joint convex programs that it took.
         timing: seconds by stage; "plan" is from scenario to controls.
@@ -46,8 +71,8 @@ class Plan:
 
     planner: str
     status: str
-    states: Float[Array, "n T 6"]
-    controls: Float[Array, "n intervals 3"]
+    states: States
+    controls: Controls
     certificate: Certificate
     convex_solves: int = 0
     timing: Mapping[str, float] = field(default_factory=dict)
@@ -57,14 +82,33 @@ class Plan:
 
     @property
     def requirements(self) -> Requirements:
-        """What was asked of its flight without errors; of a risk its certificate says what.
-
-        Raises:
-            InputError: for passive safety that is none, or together with separation at nodes only.
-        """
-        adrift = self.certificate.passive_safety
-        return Requirements(self.separation, None if adrift is None else adrift.orbits)
+        """What was asked of its flight without errors; the certificate has the limit of a risk."""
+        drifting = self.certificate.passive_safety
+        return Requirements(self.separation, None if drifting is None else drifting.orbits)
 
     def flown(self, scenario: Scenario) -> Scenario:
         """The scenario that it is for: the one given, its goals in the order of the assignment."""
         return scenario if self.assignment is None else scenario.taking(self.assignment.slots)
+
+
+def summary(plan: Plan) -> dict[str, Any]:
+    """A plan in a line: SI units; ``seconds`` is the time that plan and proof took.
+
+    Where it is proven that there is no plan, ``optimality_gap`` is None.
+    """
+    found = plan.certificate
+    claims = {name: getattr(found, name) for name in SUMMARY}
+    if plan.status == INFEASIBLE:
+        claims["optimality_gap"] = None
+    asked = found.passive_safety, found.risk, plan.assignment
+    passive_safety, risk, assignment = (one and asdict(one) for one in asked)
+    return {
+        "planner": plan.planner,
+        "status": plan.status,
+        "message": plan.message,
+        **claims,
+        "passive_safety": passive_safety,
+        "seconds": plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0),
+        "risk": risk,
+        "assignment": assignment,
+    }

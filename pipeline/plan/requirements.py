@@ -1,23 +1,64 @@
-"""What a plan must satisfy."""
+"""What a plan must satisfy besides dynamics, both ends and the limits of its problem."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-from pipeline.errors import InputError
-from pipeline.orbit.thrust_loss import check_orbits
-from pipeline.plan.risk import RiskLimit
+import numpy as np
 
+from pipeline.errors import InputError
+from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.passive_safety import check_orbits
+from pipeline.orbit.problem import Problem
+
+# When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)
 Separation = Literal["continuous", "nodes"]
-"""When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)."""
+
+LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
+
+
+@dataclass(frozen=True)
+class RiskLimit:
+    """The largest collision risk of a plan flown in open loop, and the errors it refers to.
+
+    Attributes:
+        asked: largest probability that any pair ever comes within the collision radius.
+        navigation_sigma: standard deviation of each component of an initial position, m.
+        thrust_sigma: of a burn's size, as a share of it, and of its direction, in rad.
+        velocity_sigma: of each component of an initial velocity, m/s; by default the mean motion
+            times ``navigation_sigma``, the velocity error that goes with such an error of position
+            along an orbit.
+    """
+
+    asked: float
+    navigation_sigma: float = 0.0
+    thrust_sigma: float = 0.0
+    velocity_sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse values out of range."""
+        if not LEAST <= self.asked < 1:
+            raise InputError(
+                f"risk is {self.asked:g}; expected a probability of at least {LEAST:g} and less "
+                "than 1, such as 0.001."
+            )
+        for name in ("navigation_sigma", "thrust_sigma", "velocity_sigma"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise InputError(f"{name} is {value:g}; expected a number of 0 or more.")
+
+    def uncertainty(self, problem: Problem) -> Uncertainty:
+        """The 1-σ errors of a problem's craft."""
+        velocity = self.velocity_sigma
+        if velocity is None:
+            velocity = problem.mean_motion * self.navigation_sigma
+        return Uncertainty(self.navigation_sigma, velocity, self.thrust_sigma, self.thrust_sigma)
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """What a plan must satisfy besides dynamics, both ends and the limits of its problem.
+    """What is asked of a plan; collision radius and thrust limit are the problem's.
 
-    The problem states the collision radius and the thrust limit, which bind every plan; here is
-    what may be asked of a plan for it. A planner takes it whole, and what a plan does not satisfy
-    its certificate shows and its status says.
+    The certificate shows what a plan does not satisfy, and its status says so.
 
     Attributes:
         separation: keep craft apart at all times or at the nodes only.
@@ -58,5 +99,4 @@ class Requirements:
         return replace(self, risk=None)
 
 
-AT_ALL_TIMES = Requirements()
-"""Craft apart at all times, and nothing besides."""
+AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides

@@ -1,1 +1,1 @@
-"""Planners: whatever turns scenarios into plans, one file each, and the names they go by."""
+"""Planners: whatever turns scenarios into plans, and the names they go by."""

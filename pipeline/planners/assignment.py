@@ -1,7 +1,7 @@
-"""The linear assignment problem of craft and goals: what each choice costs, the best, the next.
+"""The linear assignment problem of craft and goals: costs, best assignment, ranking.
 
-A craft's own optimum, the others ignored, bounds what it burns. So the least sum of own optima
-over all assignments bounds the fuel of every plan, whoever goes where.
+A craft's decoupled optimum bounds its fuel. So the least sum of decoupled optima over all
+assignments bounds the fuel of every plan, whoever goes where.
 """
 
 from collections.abc import Iterator
@@ -14,9 +14,9 @@ from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.arrays import Array
-from pipeline.expert import own_optima
-from pipeline.expert.own import PROGRAM, TABLE, control_limit, goal_miss
-from pipeline.orbit.least_fuel import least_fuel
+from pipeline.expert import decoupled_optima
+from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, goal_miss
+from pipeline.orbit.decoupled import least_fuel
 from pipeline.scenario import Scenario
 
 BOTH = f"{TABLE}, or {PROGRAM} where that breaks the thrust limit"
@@ -30,25 +30,21 @@ Slots = tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class OwnCosts:
-    """What every craft needs at least for every goal.
+class DecoupledCosts:
+    """Fuel that every craft needs at least for every goal."""
 
-    Attributes:
-        fuel: proven lower bounds, craft by goal, m/s²; infinite where it is proven that the craft
-            cannot reach the goal within the thrust limit. They are attained by the own optima of
-            the given order and of the assignment of least cost.
-        proof: of the bounds, in words.
-    """
-
+    # proven lower bounds, craft by goal, m/s²; infinite where it is proven that the craft cannot
+    # reach the goal within the thrust limit. They are attained by the decoupled optima of the given
+    # order and of the assignment of least cost
     fuel: Float[Array, "n n"]
-    proof: str
+    proof: str  # of the bounds, in words
 
     def of(self, slots: Slots) -> float:
-        """Sum of the own optima of an assignment, m/s²."""
+        """Cost of an assignment, m/s²."""
         return float(self.fuel[range(len(slots)), slots].sum())
 
 
-def own_costs(scenario: Scenario) -> OwnCosts:
+def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     """The costs of all craft and goals of a scenario.
 
     All come from the table at once. Where its optimum breaks the thrust limit, what it needs is
@@ -60,25 +56,22 @@ def own_costs(scenario: Scenario) -> OwnCosts:
     initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
     found = least_fuel(goal_miss(initial, goal, problem), problem)
     if found is None:  # no table
-        own = own_optima(initial, goal, problem)
-        return OwnCosts(np.where(own.impossible, np.inf, own.lower_bound).reshape(n, n), PROGRAM)
+        optima = decoupled_optima(initial, goal, problem)
+        bounds = np.where(optima.impossible, np.inf, optima.lower_bound)
+        return DecoupledCosts(bounds.reshape(n, n), PROGRAM)
     within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
     fuel, true = found.bound.reshape(n, n), (found.exact & within).reshape(n, n)
-    tabled = true.copy()
-
-    def settle(slots: Slots) -> None:
-        craft = np.flatnonzero(~true[range(n), slots])
-        if len(craft) == 0:
-            return
-        goals = np.array(slots)[craft]
-        own = own_optima(scenario.initial[craft], scenario.goal[goals], problem)
-        fuel[craft, goals] = np.where(own.impossible, np.inf, own.lower_bound)
-        true[craft, goals] = True
-
-    settle(tuple(range(n)))
-    while (slots := next(ranked(fuel), None)) and not true[range(n), slots].all():
-        settle(slots)
-    return OwnCosts(fuel, TABLE if (tabled == true).all() else BOTH)
+    proof, asked = TABLE, tuple(range(n))
+    while asked:
+        craft = np.flatnonzero(~true[range(n), asked])
+        if len(craft):
+            goals = np.array(asked)[craft]
+            optima = decoupled_optima(scenario.initial[craft], scenario.goal[goals], problem)
+            fuel[craft, goals] = np.where(optima.impossible, np.inf, optima.lower_bound)
+            true[craft, goals], proof = True, BOTH
+        best = next(ranked(fuel), ())
+        asked = () if true[range(len(best)), best].all() else best
+    return DecoupledCosts(fuel, proof)
 
 
 def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
@@ -112,16 +105,11 @@ def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Some of all assignments, in Murty's way.
+    """Some of all assignments, in Murty's way."""
 
-    Attributes:
-        slots: the best of the part, or of the one that it was split from.
-        kept: craft before this one keep their goals of ``slots``.
-        forbidden: goals that some of the others do not take, by craft and goal.
-    """
-
-    slots: Slots
-    kept: int
+    slots: Slots  # the best of the part, or of the one that it was split from
+    kept: int  # craft before this one keep their goals of ``slots``
+    # goals that some of the others do not take, by craft and goal
     forbidden: tuple[tuple[int, int], ...]
 
     def costs(self, costs: Float[Array, "n n"]) -> Float[Array, "_ _"]:
@@ -151,7 +139,7 @@ class _Part:
         own = np.arange(len(slots))
         chosen = left[own, slots]
         goal, step = np.zeros(left.shape[1]), left - chosen[:, None]
-        for _ in own:  # Bellman and Ford's method: prices of goals at which none wants another
+        for _ in own:  # Bellman and Ford's method: dual variables of goals
             lower = np.minimum(goal, (goal[slots, None] + step).min(axis=0))
             if (lower >= goal).all():
                 break

@@ -7,12 +7,11 @@ from pipeline.errors import InputError
 from pipeline.expert import EFFORTS
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.plan import AT_ALL_TIMES, Requirements
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.planners.planner import Planner
 
 if TYPE_CHECKING:
-    from pipeline.planners.network import Flown
+    from pipeline.planners.network import NetworkPlanner
 
 EXPERT = "expert"
 
@@ -30,7 +29,7 @@ def named_planner(
     effort: str | None = None,
     raw: bool = False,
 ) -> Planner | None:
-    """The planner of a name, or None where it is none of NAMES; what it is told holds for it.
+    """The planner of a name, or None where it is none of NAMES.
 
     Args:
         name: of the planner.
@@ -61,31 +60,26 @@ def named_planner(
 def _refiner(requirements: Requirements, effort: str | None, *, raw: bool) -> Planner:
     """The packaged refiner, alone or with the expert behind it."""
     from pipeline.networks.refiner.packaged import packaged
-    from pipeline.planners.network import Flown
+    from pipeline.planners.network import NetworkPlanner
 
     if raw:
         refuse_effort(effort)
-    flown = Flown(packaged(), REFINER, requirements)
-    return flown if raw else with_expert(flown, effort)
+    network = NetworkPlanner(packaged(), REFINER, requirements)
+    return network if raw else with_expert(network, effort)
 
 
-def with_expert(flown: "Flown", effort: str | None) -> Planner:
+def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
     """A network's plans made safe by the expert.
 
     Controls are a plan already, so that without an effort the expert comes after them only where
     they are not proven safe, and ends at its first safe plan. States are a seed, and so are
-    controls where the expert is to better them.
-
-    Args:
-        flown: the network.
-        effort: of the expert, of EFFORTS, or None.
+    controls where the expert is to better them. An effort is one of EFFORTS.
     """
-    from pipeline.planners.ladder import Ladder
-    from pipeline.planners.seeded import Seeded
+    from pipeline.planners.network import FallbackPlanner, Seeded
 
     settings = EFFORTS[effort or "first"]
-    as_it_is = flown.model.answers == "controls" and settings.stop == "first-safe"
-    return Ladder(flown, settings) if as_it_is else Seeded(flown, settings)
+    as_it_is = network.model.answers == "controls" and settings.stop == "first-safe"
+    return FallbackPlanner(network, settings) if as_it_is else Seeded(network, settings)
 
 
 def refuse_effort(effort: str | None) -> None:

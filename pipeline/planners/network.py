@@ -1,39 +1,43 @@
-"""A network as a planner: its answer flown, so that dynamics and both ends hold exactly."""
+"""Networks as planners: alone, as seeds of the expert, and with the expert as a fallback.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+A network's answer is flown, so that dynamics and both ends hold exactly.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from math import isclose
 
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.expert import FIRST_SAFE, Settings, all_within_risk, nominal_plans
+from pipeline.expert.batch import Batch
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
-from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.planners.certified import Ends, certified_answers
+from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
+from pipeline.planners.planner import Planner, certified, stacked_ends
 from pipeline.scenario import Scenario
 
 SAME = 1e-6
 """Relative difference in orbit or step under which two problems are the same to a network."""
 
+ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
+"""The expert, held to one round of convex programs linearized about the network's plan."""
+
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class NetworkPlanner:
     """A model's plans, which obey the dynamics and meet the goal whatever it answers.
 
     States are projected onto the transfers that can be flown; controls get the correction of
     least energy.
-
-    Attributes:
-        model: the network.
-        name: what tables and plans call it.
-        requirements: what its plans are judged by; the network knows the collision radius alone.
     """
 
     model: Model
-    name: str
+    name: str  # what tables and plans call it
+    # what its plans are judged by; the network knows the collision radius alone
     requirements: Requirements = AT_ALL_TIMES
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
@@ -46,32 +50,130 @@ class Flown:
             InputError: where the weights do not fit the scenarios' number of nodes.
         """
 
-        def answer(initial: Ends, goal: Ends) -> Float[Array, "b n _ 3"]:
-            problem = scenarios[0].problem
-            model = self.model if _fault(self.model, problem) is None else self.model.on(problem)
+        def answer(batch: Batch) -> Float[Array, "n _ 3"]:
+            (initial, goal), problem, model = stacked_ends(batch), batch.problem, self.model
+            if _other_field(model, problem) is not None:
+                model = model.on(problem)
             found = model.answer(initial, goal, problem.collision_radius)
             if model.answers == "states":
-                return project_to_flyable(found, initial, goal, problem)
-            return meet_goal(initial, found, goal, problem)
+                controls = project_to_flyable(found, initial, goal, problem)
+            else:
+                controls = meet_goal(initial, found, goal, problem)
+            return controls.reshape(-1, problem.intervals, 3)
 
-        return certified_answers(self.name, scenarios, answer, self.requirements)
+        return certified(self.name, scenarios, answer, self.requirements)
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """Another planner, whose plans seed the expert."""
+
+    planner: Planner  # where the seeds come from
+    settings: Settings = field(default_factory=lambda: Settings(stop="first-safe"))  # of the expert
+
+    @property
+    def name(self) -> str:
+        """Both planners."""
+        return f"{self.planner.name} + expert"
+
+    @property
+    def requirements(self) -> Requirements:
+        """As of the planner that the seeds come from."""
+        return self.planner.requirements
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario, safe wherever the expert finds one.
+
+        A plan is called by both planners, and by the expert alone where no craft were in conflict
+        on their decoupled optima: then the seed was not looked at.
+        """
+        seeds, asked = self.planner.plan(scenarios), self.requirements
+        plans = nominal_plans(scenarios, [seed.states for seed in seeds], self.settings, asked)
+        plans = [self._both(*pair) for pair in zip(seeds, plans, strict=True)]
+        return all_within_risk(scenarios, plans, asked, self.settings)
+
+    def _both(self, seed: Plan, plan: Plan) -> Plan:
+        stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
+        total = seed.timing["plan"] + plan.timing["plan"]
+        who = self.name if plan.convex_solves else plan.planner
+        return replace(plan, planner=who, timing={**stages, **plan.timing, "plan": total})
+
+
+@dataclass(frozen=True, eq=False)
+class FallbackPlanner:
+    """A network, the network and one convex solve, the expert: the first whose plan is safe.
+
+    Each is tried on the scenarios that the one before left without a proof of safety.
+
+    Attributes:
+        network: the network's own plans.
+        settings: of the expert where it comes to that.
+    """
+
+    network: NetworkPlanner
+    settings: Settings = FIRST_SAFE
+
+    @property
+    def name(self) -> str:
+        """The network's; its plans say who made them."""
+        return self.network.name
+
+    @property
+    def requirements(self) -> Requirements:
+        """As of the network."""
+        return self.network.requirements
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario, safe wherever the expert finds one.
+
+        A plan is called by the network, by the network and "one solve", or by the expert.
+        """
+        asked = self.requirements
+        plans = replace(self.network, requirements=asked.nominal).plan(scenarios)
+
+        def one_solve(left: Sequence[Scenario], seeds: Sequence[Plan]) -> list[Plan]:
+            return nominal_plans(left, [seed.states for seed in seeds], ONE_SOLVE, asked)
+
+        def search(left: Sequence[Scenario], _: Sequence[Plan]) -> list[Plan]:
+            return nominal_plans(left, None, self.settings, asked)
+
+        plans = _where_unsafe(scenarios, plans, one_solve, f"{self.name} + one solve")
+        plans = _where_unsafe(scenarios, plans, search, "expert")
+        return all_within_risk(scenarios, plans, asked, self.settings)
+
+
+def _where_unsafe(
+    scenarios: Sequence[Scenario],
+    plans: Sequence[Plan],
+    fallback: Callable[[Sequence[Scenario], Sequence[Plan]], list[Plan]],
+    name: str,
+) -> list[Plan]:
+    """The plans, and a fallback's where they are not proven safe, with the time of both."""
+    left = [k for k, plan in enumerate(plans) if plan.status != SOLVED]
+    found = list(plans)
+    if left:
+        tried = fallback([scenarios[k] for k in left], [plans[k] for k in left])
+        for k, plan in zip(left, tried, strict=True):
+            before = plans[k]
+            timing = {**plan.timing, "plan": before.timing["plan"] + plan.timing["plan"]}
+            solves = before.convex_solves + plan.convex_solves
+            # Where a craft has no decoupled optimum to fly, the expert looks at no seed.
+            who = name if plan.convex_solves else plan.planner
+            found[k] = replace(plan, planner=who, timing=timing, convex_solves=solves)
+    return found
 
 
 def check_problem(model: Model, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model was trained on.
 
     The collision radius and the limit on the control may differ: no network knows the limit,
-    one that reads the radius is told the scenario's, and the certificate judges by these.
-
-    Args:
-        model: the network.
-        problem: what it is to be tried on.
-        where: what has that problem, such as a dataset's folder.
+    one that reads the radius is told the scenario's, and the certificate judges by these. The
+    message says ``where`` the problem is from, such as a dataset's folder.
 
     Raises:
         InputError: with the field that differs.
     """
-    field = _fault(model, problem)
+    field = _other_field(model, problem)
     if field is not None:
         raise InputError(
             f"{where} has {field} {getattr(problem, field):.9g} and the network "
@@ -80,9 +182,9 @@ def check_problem(model: Model, problem: Problem, where: str) -> None:
         )
 
 
-def _fault(model: Model, problem: Problem) -> str | None:
+def _other_field(model: Model, problem: Problem) -> str | None:
     """The first field in which a problem differs from that of the training, as networks see it."""
-    for field in ("nodes", "time_step", "mean_motion"):
-        if not isclose(getattr(problem, field), getattr(model.problem, field), rel_tol=SAME):
-            return field
+    for name in ("nodes", "time_step", "mean_motion"):
+        if not isclose(getattr(problem, name), getattr(model.problem, name), rel_tol=SAME):
+            return name
     return None

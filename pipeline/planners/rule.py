@@ -1,4 +1,4 @@
-"""The refiner's rule as a planner: rounds of giving way by prices alone, with nothing learned."""
+"""The refiner's rounds as a planner without learning: message passing by dual variables alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,29 +6,24 @@ from dataclasses import dataclass
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.expert.batch import Batch
 from pipeline.networks.refiner.ablations import NULL_SPACE, RULE
 from pipeline.networks.refiner.null_space import LEAST_CHANGE
 from pipeline.networks.refiner.other_rounds import by_rule
 from pipeline.networks.refiner.program import LEAST_FUEL
 from pipeline.orbit.transfer import meet_goal
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.planners.certified import Ends, certified_answers
+from pipeline.planners.planner import certified, stacked_ends
 from pipeline.scenario import Scenario
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What the refiner does untrained: the cheapest safe iterate of some rounds, or else the last.
+    """The untrained refiner: the cheapest safe iterate of some rounds, or else the last."""
 
-    Attributes:
-        rounds: how many.
-        null_space: whether steps lie in the null space, instead of each craft's program.
-        requirements: what its plans are judged by.
-    """
-
-    rounds: int
-    null_space: bool = False
-    requirements: Requirements = AT_ALL_TIMES
+    rounds: int  # how many
+    null_space: bool = False  # whether steps lie in the null space, instead of each craft's program
+    requirements: Requirements = AT_ALL_TIMES  # what its plans are judged by
 
     @property
     def name(self) -> str:
@@ -39,9 +34,10 @@ class Rule:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
         program = LEAST_CHANGE if self.null_space else LEAST_FUEL
 
-        def answer(initial: Ends, goal: Ends) -> Float[Array, "b n _ 3"]:
-            problem = scenarios[0].problem
+        def answer(batch: Batch) -> Float[Array, "n _ 3"]:
+            (initial, goal), problem = stacked_ends(batch), batch.problem
             controls = by_rule(initial, goal, problem, self.rounds, program)
-            return meet_goal(initial, controls, goal, problem)
+            exact = meet_goal(initial, controls, goal, problem)
+            return exact.reshape(-1, problem.intervals, 3)
 
-        return certified_answers(self.name, scenarios, answer, self.requirements)
+        return certified(self.name, scenarios, answer, self.requirements)

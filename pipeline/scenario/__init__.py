@@ -2,15 +2,15 @@
 
 from pipeline.scenario.families import FAMILIES, SPLITS, draw
 from pipeline.scenario.scenario import Scenario, shared_problem
-from pipeline.scenario.soundness import Finding, check, findings
+from pipeline.scenario.validation import Diagnostic, check, diagnostics
 
 __all__ = [
     "FAMILIES",
     "SPLITS",
-    "Finding",
+    "Diagnostic",
     "Scenario",
     "check",
+    "diagnostics",
     "draw",
-    "findings",
     "shared_problem",
 ]

@@ -6,29 +6,50 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from jaxtyping import Float
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    FiniteFloat,
+    Tag,
     model_validator,
 )
 
+from pipeline.arrays import Array
 from pipeline.documents import DIALECT, document_from, read_document, write_document
 from pipeline.errors import InputError
 from pipeline.files import stem_of
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
-from pipeline.scenario.ends import End, Number, Positive, Whole, craft_of, end_states
-from pipeline.scenario.scenario import Scenario
-from pipeline.scenario.soundness import check
+from pipeline.orbit.rings import pro_states
+from pipeline.scenario.scenario import MOST_CRAFT, Scenario
+from pipeline.scenario.validation import check
 
 SCHEMA = "prolearn.scenario/1"
-
 WHAT = f"a scenario file (schema {SCHEMA})"
+YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
 
-YEARS = (1960, 2200)
-"""Of an epoch: since there is UTC, and no further than anyone plans."""
+
+def _strict(**one_of: str) -> ConfigDict:
+    """Unknown keys are refused; of some fields, by their types, exactly one is given."""
+    if not one_of:
+        return ConfigDict(extra="forbid", frozen=True)
+    forms: list[Any] = [
+        {"required": [name], "properties": {name: {"type": kind}}} for name, kind in one_of.items()
+    ]
+    return ConfigDict(extra="forbid", frozen=True, json_schema_extra={"oneOf": forms})
+
+
+def _number(given: Any) -> Any:
+    """Refuse what only looks like a number: a text in quotes, true and false."""
+    if isinstance(given, str | bool):
+        raise ValueError("expected a number, without quotes")
+    return given
 
 
 def _utc(given: Any) -> datetime:
@@ -42,13 +63,120 @@ def _utc(given: Any) -> datetime:
     return epoch.astimezone(UTC)
 
 
+Number = Annotated[FiniteFloat, Field(strict=True)]
+Whole = Annotated[int, BeforeValidator(_number)]
+Positive = Annotated[Number, Field(gt=0)]
+State = Annotated[list[Number], Field(min_length=6, max_length=6)]
+States = Annotated[
+    list[State],
+    Field(min_length=1, description="A state x y z vx vy vz of each craft, LVLH, m and m/s."),
+]
+
+
+class RingDocument(BaseModel):
+    """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself.
+
+    x = (size/2) cos θ, y = offset - size sin θ, z = (size/2) tan(tilt) cos(θ + cross phase), with
+    the phase θ growing at the mean motion.
+    """
+
+    model_config = _strict(craft="integer", phases_deg="array")
+
+    craft: Annotated[int, Field(ge=1, le=MOST_CRAFT), BeforeValidator(_number)] | None = Field(
+        None, description="Number of craft, equally spaced in phase."
+    )
+    first_phase_deg: Number = Field(
+        0.0, description="Phase θ of the first of them at the end's time, deg."
+    )
+    phases_deg: Annotated[list[Number], Field(min_length=1, max_length=MOST_CRAFT)] | None = Field(
+        None, description="Instead of both: phase θ of each craft, deg."
+    )
+    size: Positive = Field(
+        description="Semi-major axis: half the ring's along-track extent, its radial one, m."
+    )
+    tilt_deg: Number = Field(
+        0.0, gt=-90, lt=90, description="Tilt of the ring's plane against the orbital plane, deg."
+    )
+    cross_phase_deg: Number = Field(
+        0.0, description="Phase between cross-track and radial motion, deg."
+    )
+    offset: Number = Field(
+        0.0, description="Along-track distance of the ring's centre from the origin, m."
+    )
+
+    @model_validator(mode="after")
+    def _phases_once(self) -> "RingDocument":
+        if (self.craft is None) == (self.phases_deg is None):
+            raise ValueError("give one of craft (equally spaced) and phases_deg (of each craft)")
+        if self.phases_deg is not None and "first_phase_deg" in self.model_fields_set:
+            raise ValueError("first_phase_deg goes with craft; phases_deg has all phases")
+        return self
+
+    @property
+    def phase(self) -> Float[Array, "n"]:
+        """θ of each craft, rad."""
+        if self.phases_deg is not None:
+            return np.deg2rad(self.phases_deg)
+        n = self.craft or 1
+        return np.deg2rad(self.first_phase_deg) + 2 * np.pi * np.arange(n) / n
+
+    def states(self, mean_motion: float) -> Formation:
+        """LVLH states of its craft in m and m/s, mean motion in rad/s."""
+        tilt, cross = np.deg2rad([self.tilt_deg, self.cross_phase_deg]).tolist()
+        return pro_states(self.size, tilt, self.phase, cross, mean_motion, self.offset)
+
+
+class RingsDocument(BaseModel):
+    """Craft on one ring or several, numbered ring after ring."""
+
+    model_config = _strict()
+
+    rings: list[RingDocument] = Field(min_length=1, description="Rings, whose craft follow on.")
+
+    @model_validator(mode="after")
+    def _not_too_many(self) -> "RingsDocument":
+        if self.n > MOST_CRAFT:
+            raise ValueError(f"give rings of at most {MOST_CRAFT} craft together")
+        return self
+
+    @property
+    def n(self) -> int:
+        """Number of craft."""
+        return sum(len(ring.phase) for ring in self.rings)
+
+
+def _form(given: Any) -> str | None:
+    """Which of its forms an end has; parentheses keep it out of the paths in messages."""
+    if isinstance(given, list):
+        return "(states)"
+    return "(rings)" if isinstance(given, dict | RingsDocument) else None
+
+
+# Initial or goal states of a scenario file
+End = Annotated[
+    Annotated[States, Tag("(states)")] | Annotated[RingsDocument, Tag("(rings)")],
+    Discriminator(
+        _form,
+        custom_error_type="neither_states_nor_rings",
+        custom_error_message='give a list of states, or {"rings": [...]}',
+    ),
+]
+
+
+def _end_states(end: list[list[float]] | RingsDocument, mean_motion: float) -> Formation:
+    """The states of an end in m and m/s, whichever form it has; mean motion in rad/s."""
+    if isinstance(end, RingsDocument):
+        return np.concatenate([ring.states(mean_motion) for ring in end.rings])
+    return np.array(end, dtype=float)
+
+
 class ReferenceDocument(BaseModel):
     """Where and when the reference orbit is; its size follows from mean_motion or altitude.
 
     The orbit is circular. Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = _strict()
 
     epoch: Annotated[datetime, BeforeValidator(_utc)] = Field(
         description="Time of the first node by ISO 8601 with a zone, such as 2026-03-01T12:00:00Z."
@@ -67,16 +195,7 @@ class ScenarioDocument(BaseModel):
     z cross-track.
     """
 
-    model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
-        json_schema_extra={
-            "oneOf": [
-                {"required": [name], "properties": {name: {"type": "number"}}}
-                for name in ("mean_motion", "altitude")
-            ]
-        },
-    )
+    model_config = _strict(mean_motion="number", altitude="number")
 
     schema_name: Literal["prolearn.scenario/1"] = Field(
         alias="schema", description="Name and version of this format."
@@ -114,7 +233,8 @@ class ScenarioDocument(BaseModel):
     @property
     def n(self) -> int:
         """Number of spacecraft."""
-        return craft_of(self.initial)
+        end = self.initial
+        return end.n if isinstance(end, RingsDocument) else len(end)
 
     def scenario(self, name: str) -> Scenario:
         """The scenario that the fields describe."""
@@ -125,9 +245,16 @@ class ScenarioDocument(BaseModel):
             collision_radius=self.collision_radius,
             max_acceleration=self.max_acceleration,
         )
-        initial, goal = (end_states(end, problem.mean_motion) for end in (self.initial, self.goal))
+        initial, goal = (_end_states(end, problem.mean_motion) for end in (self.initial, self.goal))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         return Scenario(problem, initial, goal, name=name, reference=where)
+
+    def scenario_of(self, path: Path) -> Scenario:
+        """The scenario, whose InputErrors name the file."""
+        try:
+            return self.scenario(stem_of(path))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -136,19 +263,11 @@ def read_scenario(path: Path) -> Scenario:
     Raises:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
-    document = read_document(path, ScenarioDocument, WHAT)
-    try:
-        return document.scenario(stem_of(path))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return read_document(path, ScenarioDocument, WHAT).scenario_of(path)
 
 
 def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
-    """The scenario in a file, as ``read_scenario`` and ``check`` let it pass.
-
-    Raises:
-        InputError: as they do, with the file's name.
-    """
+    """The scenario in a file, read and checked; InputErrors have the file's name."""
     scenario = read_scenario(path)
     try:
         check(scenario, allow_drift=allow_drift)
@@ -165,21 +284,21 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
         "initial": scenario.initial.tolist(),
         "goal": scenario.goal.tolist(),
     }
-    return fields | _reference(scenario.reference)
+    if scenario.reference is None:
+        return fields
+    epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")
+    return fields | {"reference": asdict(scenario.reference) | {"epoch": epoch}}
 
 
-def _reference(reference: Reference | None) -> dict[str, Any]:
-    if reference is None:
-        return {}
-    epoch = reference.epoch.isoformat().replace("+00:00", "Z")
-    return {"reference": asdict(reference) | {"epoch": epoch}}
+def write_scenario(path: Path, scenario: Scenario) -> None:
+    """Write a scenario file, a line for each state."""
+    write_document(path, document_of(scenario))
 
 
 def write_by_hand(path: Path, fields: Mapping[str, Any]) -> Scenario:
-    """Write a scenario file of fields as a person gives them, and the scenario it is.
+    """Write a scenario file of fields as a person gives them, and return the scenario.
 
-    Raises:
-        InputError: where a field is missing or wrong, by its name; nothing is written then.
+    A missing or wrong field is an InputError with its name; nothing is written then.
     """
     document = document_from({"schema": SCHEMA, **fields}, ScenarioDocument)
     scenario = document.scenario(stem_of(path))
@@ -190,8 +309,3 @@ def write_by_hand(path: Path, fields: Mapping[str, Any]) -> Scenario:
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of scenario files."""
     return {"$schema": DIALECT, **ScenarioDocument.model_json_schema()}
-
-
-def write_scenario(path: Path, scenario: Scenario) -> None:
-    """Write a scenario file, a line for each state."""
-    write_document(path, document_of(scenario))

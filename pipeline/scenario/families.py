@@ -1,61 +1,44 @@
-"""Families of scenarios, each a function of (root seed, n, index, split) alone.
+"""Families of random scenarios, each a function of root seed, n, index and split alone.
 
-The split is part of what a scenario is drawn from, so no two datasets can disagree about it: what
-is a test scenario in one is a training scenario in none, whatever their seeds, sizes and shares.
-
-Both formations of every scenario are passively safe: drifting free for a whole orbit, no pair
-comes within the collision radius. Draws that are not are drawn again from the same stream.
+The split seeds the draw, so that a test scenario of one dataset is a training scenario of none,
+whatever their seeds, sizes and shares. Both formations of every scenario are passively safe: in
+free drift over a whole orbit no pair comes within the collision radius. Draws that are not are
+drawn again from the same stream.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
-from pipeline.orbit.drift import drift_separations, free_drift
+from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
+from pipeline.orbit.separation import drift_separations
+from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 
-SEMI_MAJOR_AXIS = (100.0, 300.0)
-"""Range of ring sizes a, m."""
-
-TILT = np.deg2rad(45.0)
-"""Largest ring tilt either way, rad."""
-
-DENSITY_N = 30
-"""Above this many craft the rings grow with n, so that the density stays."""
-
-REDRAWS = 2000
-"""Tries after which a formation is said not to fit."""
-
-SPLITS = ("train", "valid", "test")
-"""What scenarios are for; their order is part of what is drawn."""
-
+SEMI_MAJOR_AXIS = (100.0, 300.0)  # range of ring sizes a, m
+TILT = np.deg2rad(45.0)  # largest ring tilt either way, rad
+DENSITY_N = 30  # above this many craft the rings grow with n, so that the density stays
+REDRAWS = 2000  # tries after which a formation is said not to fit
+SPLITS = ("train", "valid", "test")  # their order seeds the draw
+# Root seeds, sizes and indices are below this: each is one word of the generator's entropy
 SEEDS = 2**32
-"""Root seeds, sizes and indices are below this: each is one word of the generator's entropy."""
-
-DENSE = 1.02
-"""Least separation of a dense formation in free drift, in collision radii."""
-
+DENSE = 1.02  # least separation of a dense formation in free drift, in collision radii
+# Largest half extent of a dense formation, in collision radii times the square root of n
 CROWDED = 1.75
-"""Largest half extent of a dense formation, in collision radii times the square root of n."""
 
-Rng = np.random.Generator
-Formation = Float[Array, "n 6"]
 Ends = tuple[Formation, Formation]
 
 
 def check_family(family: str) -> None:
-    """Refuse a name that is no family's.
-
-    Raises:
-        InputError: with those there are.
-    """
+    """Refuse an unknown family with an InputError."""
     if family not in FAMILIES:
         raise InputError(f"family is {family!r}; expected one of {', '.join(FAMILIES)}.")
 
@@ -63,15 +46,7 @@ def check_family(family: str) -> None:
 def draw(
     family: str, seed: int, n: int, index: int, problem: Problem, split: str = "train"
 ) -> Scenario:
-    """Scenario ``index`` of a split of a family; it depends on nothing but the arguments.
-
-    Args:
-        family: of FAMILIES.
-        seed: root seed.
-        n: number of spacecraft.
-        index: number of the scenario within its split.
-        problem: orbit, time grid and collision radius.
-        split: of SPLITS; no scenario of one is ever drawn for another.
+    """Draw scenario ``index`` of a split of a family, for n craft, from the arguments alone.
 
     Raises:
         InputError: for an unknown family or split, n, seed or index out of range, or where no
@@ -88,31 +63,73 @@ def draw(
             f"{SEEDS - 1}."
         )
     rng = np.random.default_rng([seed, n, index, SPLITS.index(split)])
-    initial, goal = FAMILIES[family](rng, n, problem)
+    initial, goal = FAMILIES[family](_Draw(rng, n, problem))
     return Scenario(problem, initial, goal, family, scenario_id(family, seed, n, index, split))
 
 
 def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
-    """The name of a scenario that ``draw`` gives."""
+    """The name of a drawn scenario."""
     return f"{family}-s{seed}-n{n}-{split}-{index:06d}"
 
 
-def passively_safe(
-    states: Formation, problem: Problem, *, added: Bool[Array, "n"] | None = None
-) -> bool:
-    """Whether free drift over a whole orbit keeps every pair further apart than r_col.
+@dataclass(frozen=True)
+class _Draw:
+    """A random stream, and the swarm that it draws formations of."""
 
-    Args:
-        states: a formation, m and m/s.
-        problem: mean motion and collision radius.
-        added: look at pairs with at least one of these only, where the others are known.
-    """
-    i, j = pairs(len(states))
-    if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= problem.collision_radius).any():
-        return False  # most unsafe draws are, from the start; the rest takes longer to see
-    drift = free_drift(states, problem)
-    found = close_approaches(*drift, within=problem.collision_radius, moved=added)
-    return len(found.first) == 0
+    rng: np.random.Generator
+    n: int
+    problem: Problem
+
+    @property
+    def growth(self) -> float:
+        """Factor of ring sizes."""
+        return max(1.0, self.n / DENSITY_N)
+
+    def angle(self) -> float:
+        """Any angle, rad."""
+        return float(self.rng.uniform(0, 2 * np.pi))
+
+    def slots(self, count: int) -> Float[Array, "count"]:
+        """Equally spaced phases from a random start, rad."""
+        return self.rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / max(count, 1)
+
+    def sizes(self, rings: int) -> list[int]:
+        """Numbers of craft of rings as equal as can be."""
+        return [self.n // rings + (k < self.n % rings) for k in range(rings)]
+
+    def ring_shape(self) -> tuple[float, float, float]:
+        """Semi-major axis (m), tilt and cross phase (rad) of a random ring."""
+        a = self.growth * self.rng.uniform(*SEMI_MAJOR_AXIS)
+        return a, self.rng.uniform(-TILT, TILT), self.angle()
+
+    def rings(self) -> Formation:
+        """One or two random rings, with equal probability."""
+        e, rings = self.problem.mean_motion, []
+        for count in self.sizes(int(self.rng.integers(1, 3))):
+            a, tilt, cross = self.ring_shape()
+            rings.append(pro_states(a, tilt, self.slots(count), cross, e))
+        return np.concatenate(rings)
+
+    def is_safe(self, states: Formation, added: Marked | None = None) -> bool:
+        """Whether every pair stays further apart than r_col in free drift over a whole orbit.
+
+        Where ``added`` marks craft, pairs of others are known to.
+        """
+        radius, (i, j) = self.problem.collision_radius, pairs(len(states))
+        if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= radius).any():
+            return False  # most unsafe draws are, from the start; the rest takes longer to see
+        found = close_approaches(*free_drift(states, self.problem), within=radius, moved=added)
+        return len(found.first) == 0
+
+    def ends(
+        self,
+        initial: Callable[[], Formation],
+        goal: Callable[[], Formation],
+        safe: Callable[[Formation], bool] | None = None,
+    ) -> Ends:
+        """Two formations, the goal's slots in random order."""
+        start = _redraw(initial, safe or self.is_safe)
+        return start, self.rng.permutation(_redraw(goal, safe or self.is_safe))
 
 
 def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) -> Formation:
@@ -126,129 +143,91 @@ def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) ->
     )
 
 
-def _growth(n: int) -> float:
-    return max(1.0, n / DENSITY_N)
-
-
-def _sizes(n: int, rings: int) -> list[int]:
-    """N craft divided evenly among rings, the first taking what is left over."""
-    return [n // rings + (k < n % rings) for k in range(rings)]
-
-
-def _slots(rng: Rng, count: int) -> Float[Array, "count"]:
-    """Equally spaced phases from a random start, rad."""
-    return rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / max(count, 1)
-
-
-def _angle(rng: Rng) -> float:
-    return float(rng.uniform(0, 2 * np.pi))
-
-
-def _rings_formation(rng: Rng, n: int, problem: Problem) -> Formation:
-    """One or two random rings, even odds."""
-    rings = []
-    for count in _sizes(n, int(rng.integers(1, 3))):
-        a = _growth(n) * rng.uniform(*SEMI_MAJOR_AXIS)
-        tilt = rng.uniform(-TILT, TILT)
-        cross = _angle(rng)
-        rings.append(pro_states(a, tilt, _slots(rng, count), cross, problem.mean_motion))
-    return np.concatenate(rings)
-
-
-def rings(rng: Rng, n: int, problem: Problem) -> Ends:
+def _rings(draw: _Draw) -> Ends:
     """One or two random rings at each end, goal slots in random order (the default)."""
-    safe = partial(passively_safe, problem=problem)
-    initial = _redraw(lambda: _rings_formation(rng, n, problem), safe)
-    goal = _redraw(lambda: _rings_formation(rng, n, problem), safe)
-    return initial, rng.permutation(goal)
+    return draw.ends(draw.rings, draw.rings)
 
 
-def dense(rng: Rng, n: int, problem: Problem) -> Ends:
+def _dense(draw: _Draw) -> Ends:
     """Rings as small as passive safety lets them be, goal slots in random order."""
+    radius = draw.problem.collision_radius
 
     def formation() -> Formation:
-        states = _rings_formation(rng, n, problem)
-        if n == 1:  # as small as any two would have to be
-            return states * problem.collision_radius / np.abs(states[:, :3]).max()
+        states = draw.rings()
+        if draw.n == 1:  # of the size of the collision radius
+            return states * radius / np.abs(states[:, :3]).max()
         # Free drift is linear, so separation grows and shrinks with the formation.
-        apart = float(drift_separations(states[None], problem)[0])
-        return states * DENSE * problem.collision_radius / max(apart, 1e-9)
+        apart = float(drift_separations(states[None], draw.problem)[0])
+        return states * DENSE * radius / max(apart, 1e-9)
 
     def safe(states: Formation) -> bool:
-        most = CROWDED * problem.collision_radius * np.sqrt(n)
-        return bool(np.abs(states[:, :3]).max() <= most) and passively_safe(states, problem)
+        most = CROWDED * radius * np.sqrt(draw.n)
+        return bool(np.abs(states[:, :3]).max() <= most) and draw.is_safe(states)
 
-    initial = _redraw(formation, safe)
-    return initial, rng.permutation(_redraw(formation, safe))
+    return draw.ends(formation, formation, safe)
 
 
-def _split(
-    rng: Rng, n: int, problem: Problem, sizes: tuple[float, float], tilts: tuple[float, float]
-) -> Ends:
+def _split(draw: _Draw, sizes: tuple[float, float], tilts: tuple[float, float]) -> Ends:
     """The paper's Figure 1: a flat 200 m ring to two rings of half the craft each."""
-    e, growth = problem.mean_motion, _growth(n)
+    e, growth = draw.problem.mean_motion, draw.growth
 
     def ring() -> Formation:
-        return pro_states(200.0 * growth, 0.0, _slots(rng, n), 0.0, e)
+        return pro_states(200.0 * growth, 0.0, draw.slots(draw.n), 0.0, e)
 
     def halves() -> Formation:
-        cross = _angle(rng)
-        both = zip(_sizes(n, 2), sizes, tilts, strict=True)
+        cross = draw.angle()
+        both = zip(draw.sizes(2), sizes, tilts, strict=True)
         return np.concatenate(
-            [pro_states(a * growth, tilt, _slots(rng, m), cross, e) for m, a, tilt in both]
+            [pro_states(a * growth, tilt, draw.slots(m), cross, e) for m, a, tilt in both]
         )
 
-    safe = partial(passively_safe, problem=problem)
-    initial = _redraw(ring, safe)
-    return initial, rng.permutation(_redraw(halves, safe))
+    return draw.ends(ring, halves)
 
 
-def coplanar_split(rng: Rng, n: int, problem: Problem) -> Ends:
+def _coplanar_split(draw: _Draw) -> Ends:
     """A 200 m ring to rings of 100 m and 300 m in the same plane (Figure 1, left)."""
-    return _split(rng, n, problem, (100.0, 300.0), (0.0, 0.0))
+    return _split(draw, (100.0, 300.0), (0.0, 0.0))
 
 
-def tilt_split(rng: Rng, n: int, problem: Problem) -> Ends:
+def _tilt_split(draw: _Draw) -> Ends:
     """A 200 m ring to two such rings slanted by ±45° (Figure 1, right)."""
-    return _split(rng, n, problem, (200.0, 200.0), (TILT, -TILT))
+    return _split(draw, (200.0, 200.0), (TILT, -TILT))
 
 
-def independent(rng: Rng, n: int, problem: Problem) -> Ends:
+def _independent(draw: _Draw) -> Ends:
     """Each craft on a random PRO of its own, with an along-track offset of its own."""
-    growth = _growth(n)
+    rng, e, growth = draw.rng, draw.problem.mean_motion, draw.growth
 
     def craft() -> Formation:
         a = growth * rng.uniform(*SEMI_MAJOR_AXIS)
         offset = growth * rng.uniform(-SEMI_MAJOR_AXIS[1], SEMI_MAJOR_AXIS[1])
-        tilt, phase = rng.uniform(-TILT, TILT), np.array([_angle(rng)])
-        return pro_states(a, tilt, phase, _angle(rng), problem.mean_motion, offset)
+        tilt, phase = rng.uniform(-TILT, TILT), np.array([draw.angle()])
+        return pro_states(a, tilt, phase, draw.angle(), e, offset)
 
     def formation() -> Formation:
         placed = craft()
-        while len(placed) < n:
-            clear = partial(_clear_of, placed=placed, problem=problem)
-            placed = np.concatenate([placed, _redraw(craft, clear)])
+        while len(placed) < draw.n:
+            placed = np.concatenate([placed, _redraw(craft, partial(clear_of, placed))])
         return placed
+
+    def clear_of(placed: Formation, one: Float[Array, "1 6"]) -> bool:
+        added = np.arange(len(placed) + 1) == len(placed)
+        return draw.is_safe(np.concatenate([placed, one]), added)
 
     return formation(), formation()
 
 
-def _clear_of(one: Float[Array, "1 6"], placed: Formation, problem: Problem) -> bool:
-    added = np.arange(len(placed) + 1) == len(placed)
-    return passively_safe(np.concatenate([placed, one]), problem, added=added)
-
-
-def rotation(rng: Rng, n: int, problem: Problem) -> Ends:
+def _rotation(draw: _Draw) -> Ends:
     """The same ring at both ends, with its slots shifted or in reversed order."""
+    rng, n = draw.rng, draw.n
 
     def ends() -> Formation:
-        a = _growth(n) * rng.uniform(*SEMI_MAJOR_AXIS)
-        tilt, cross = rng.uniform(-TILT, TILT), _angle(rng)
-        phases = np.concatenate([_slots(rng, n), _slots(rng, n)])
-        return pro_states(a, tilt, phases, cross, problem.mean_motion)
+        a, tilt, cross = draw.ring_shape()
+        phases = np.concatenate([draw.slots(n), draw.slots(n)])
+        return pro_states(a, tilt, phases, cross, draw.problem.mean_motion)
 
     def safe(both: Formation) -> bool:
-        return passively_safe(both[:n], problem) and passively_safe(both[n:], problem)
+        return draw.is_safe(both[:n]) and draw.is_safe(both[n:])
 
     initial, goal = np.split(_redraw(ends, safe), 2)
     if rng.random() < 0.5:
@@ -256,11 +235,12 @@ def rotation(rng: Rng, n: int, problem: Problem) -> Ends:
     return initial, goal[::-1].copy()
 
 
-FAMILIES: dict[str, Callable[[Rng, int, Problem], Ends]] = {
-    "rings": rings,
-    "coplanar-split": coplanar_split,
-    "tilt-split": tilt_split,
-    "dense": dense,
-    "independent": independent,
-    "rotation": rotation,
+# Whose docstrings dataset cards show
+FAMILIES: dict[str, Callable[[_Draw], Ends]] = {
+    "rings": _rings,
+    "coplanar-split": _coplanar_split,
+    "tilt-split": _tilt_split,
+    "dense": _dense,
+    "independent": _independent,
+    "rotation": _rotation,
 }

@@ -11,17 +11,11 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 
-MOST_CRAFT = 10_000
-"""Far more than plans are made for, and few enough for a list of all pairs."""
-
-MOST_STATES = 1_000_000
-"""Craft times nodes."""
-
+# Craft, few enough for a list of all pairs, and craft times nodes
+MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
+# Largest component of a position, m, and of a velocity, m/s, on any orbit
 FURTHEST, FASTEST = 1e9, 1e6
-"""Largest component of a position, m, and of a velocity, m/s, on any orbit."""
-
-RELATIVE = 0.1
-"""Share of the reference orbit's radius beyond which no motion is relative."""
+RELATIVE = 0.1  # share of the reference orbit's radius beyond which no motion is relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +27,8 @@ class Scenario:
         initial: states at the first node, (n, 6), m and m/s, LVLH; lists become arrays.
         goal: states at the last node, (n, 6).
         family: the family it was drawn from, or "custom".
-        name: what to call it in files and tables.
-        reference: where and when the reference orbit is, or None; planning has no use for it.
+        name: in files and tables.
+        reference: epoch and attitude of the reference orbit, or None; not used in planning.
     """
 
     problem: Problem
@@ -96,11 +90,7 @@ class Scenario:
 
 
 def shared_problem(scenarios: Sequence[Scenario]) -> Problem:
-    """The one problem of at least one scenario.
-
-    Raises:
-        InputError: where they have several.
-    """
+    """The one problem of at least one scenario; several are an InputError."""
     problem = scenarios[0].problem
     for k, scenario in enumerate(scenarios):
         if scenario.problem is not problem and scenario.problem != problem:

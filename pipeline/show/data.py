@@ -1,22 +1,39 @@
 """The numbers of a page, rounded for it: its script draws them, and computes none of them."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
+from pipeline.orbit.approaches import TOLERANCE, close_approaches
+from pipeline.orbit.arrays import Controls, Formation, States, Values
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import node_distances
+from pipeline.orbit.transfer import free_drift, track
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
-from pipeline.show.motion import orbits, positions_at, sample_times
-from pipeline.show.pairs import Pair, closest_pairs, nearest
 
-PADDING = 0.04
-"""Free space around what is drawn, as a share of its extent."""
-
+SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference problem's 20 minutes
+CROWD = 100  # craft beyond which a page would grow too large: each then has fewer samples
+ORBIT_STEPS = 4  # samples in each of the intervals into which an orbit of free drift is cut
+MOST = 6  # pairs whose separation is shown, each in a colour that can be told from the others
+PADDING = 0.04  # free space around what is drawn, as a share of its extent
+# Least extent of the box on any axis, as a share of the largest: axes need room for labels
 FLATTEST = 0.3
-"""Least extent of the box on any axis, as a share of the largest: axes need room for labels."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two craft at their closest."""
+
+    first: int  # the craft of lower index
+    second: int  # the other
+    distance: float  # their least separation at any time, m
+    time: float  # when, s since the start
 
 
 def page_data(plan: Plan, scenario: Scenario) -> tuple[dict[str, Any], list[Pair]]:
@@ -31,8 +48,14 @@ def page_data(plan: Plan, scenario: Scenario) -> tuple[dict[str, Any], list[Pair
         closest.append(found.min_separation_time)
     times = sample_times(scenario.n, problem, np.array(closest))
     positions = positions_at(times, plan.states, plan.controls, problem)
-    ends = {"initial": orbits(scenario.initial, problem), "goal": orbits(scenario.goal, problem)}
-    radius, limit = problem.collision_radius / 2, problem.max_acceleration
+    ends = {"initial": scenario.initial, "goal": scenario.goal}
+    drifts = {end: orbits(states, problem) for end, states in ends.items()}
+    apart = [norm(positions[pair.first] - positions[pair.second]) for pair in pairs]
+    nearest = None
+    if scenario.n > 1:
+        craft, distance = nearest_pair(positions)
+        nearest = {"pairs": craft.tolist(), "separations": _whole(1000 * distance)}
+    limit = problem.max_acceleration
     return {
         "times": times.tolist(),
         "nodes": (np.arange(problem.nodes) * problem.time_step).tolist(),
@@ -40,24 +63,74 @@ def page_data(plan: Plan, scenario: Scenario) -> tuple[dict[str, Any], list[Pair
         "bound": found.min_separation_bound,
         "closest": found.min_separation_time,
         "positions": _whole(100 * positions),
-        "orbits": {end: _whole(100 * drift) for end, drift in ends.items()},
-        "box": _box([positions, *ends.values()], radius),
+        "orbits": {end: _whole(100 * drift) for end, drift in drifts.items()},
+        "box": _box([positions, *drifts.values()], problem.collision_radius / 2),
         "controls": np.round(1000 * plan.controls, 5).tolist(),
         "limit": None if limit is None else 1000 * limit,
         "pairs": [[pair.first, pair.second] for pair in pairs],
-        "separations": [
-            _whole(1000 * norm(positions[p.first] - positions[p.second])) for p in pairs
-        ],
-        "nearest": _nearest(positions),
+        "separations": [_whole(1000 * one) for one in apart],
+        "nearest": nearest,
     }, pairs
 
 
-def _nearest(positions: Float[Array, "n S 3"]) -> dict[str, Any] | None:
-    """Who is closest to whom at each time, mm; nothing without a pair."""
-    if len(positions) < 2:
-        return None
-    craft, distance = nearest(positions)
-    return {"pairs": craft.tolist(), "separations": _whole(1000 * distance)}
+def steps_of(n: int, problem: Problem) -> int:
+    """Samples in each interval of a transfer of n craft, at least one."""
+    return max(1, round(SAMPLES * min(1.0, CROWD / n) / problem.intervals))
+
+
+def sample_times(n: int, problem: Problem, further: Values) -> Float[Array, "S"]:
+    """Times at which to show a transfer, s: evenly spaced with the nodes among them, and others."""
+    steps = steps_of(n, problem)
+    even = problem.time_step / steps * np.arange(problem.intervals * steps + 1)
+    return np.union1d(even, further)
+
+
+def positions_at(
+    times: Float[Array, "S"], states: States, controls: Controls, problem: Problem
+) -> Float[Array, "n S 3"]:
+    """Positions in m at any times of a transfer, s: Eq. 2 from the node before each."""
+    interval = np.clip(times // problem.time_step, 0, problem.intervals - 1).astype(int)
+    A, B = problem.dynamics.step(times - interval * problem.time_step)
+    free = np.einsum("sij,nsj->nsi", A[:, :3], states[:, interval])
+    return free + np.einsum("sij,nsj->nsi", B[:, :3], controls[:, interval])
+
+
+def orbits(states: Formation, problem: Problem) -> Float[Array, "n P 3"]:
+    """Positions in m along an orbit of free drift from each state (m, m/s)."""
+    steps = ORBIT_STEPS if len(states) <= CROWD else 1
+    return track(*free_drift(states, problem), steps)
+
+
+def closest_pairs(
+    states: States, controls: Controls, problem: Problem, most: int = MOST
+) -> list[Pair]:
+    """The pairs of least separation at any time, the closest first; all where there are few."""
+    n = len(states)
+    if n < 2:
+        return []
+    # As many pairs come within the last of the closest at nodes, and so the closest ones do; a
+    # little more, so that none of those is lost to rounding.
+    at_nodes = node_distances(states).min(axis=1)
+    last = min(most, len(at_nodes)) - 1
+    within = float(np.partition(at_nodes, last)[last]) + TOLERANCE
+    found = close_approaches(states, controls, problem, within)
+    order = np.argsort(found.distance, kind="stable")
+    _, first = np.unique((found.first * n + found.second)[order], return_index=True)
+    closest = order[np.sort(first)][:most]
+    times = found.interval * problem.time_step + found.offset
+    columns = (found.first, found.second, found.distance, times)
+    return [Pair(*row) for row in zip(*(c[closest].tolist() for c in columns), strict=True)]
+
+
+def nearest_pair(positions: Float[Array, "n S 3"]) -> tuple[Int[Array, "S 2"], Float[Array, "S"]]:
+    """The two craft that are closest at each time, and how far apart they are, m."""
+    found = [cKDTree(at).query(at, k=2) for at in positions.swapaxes(0, 1)]
+    distance = np.array([apart for apart, _ in found])[..., 1]
+    craft = distance.argmin(axis=1)
+    both = np.array([near for _, near in found])[np.arange(len(craft)), craft]
+    # Where two craft are in one place, either may be named first beside itself.
+    other = np.where(both[:, 0] == craft, both[:, 1], both[:, 0])
+    return np.sort(np.stack([craft, other], axis=1), axis=1), distance.min(axis=1)
 
 
 def _whole(values: Float[Array, "*shape"]) -> Any:

@@ -1,6 +1,10 @@
-"""The page of a plan: words, tables, numbers and the script that draws them, in one file."""
+"""The page of a plan: words, tables, numbers and the script that draws them, in one file.
+
+Plotly's 3-D bundle, which is not ours, lies unchanged in ``vendor``.
+"""
 
 import base64
+import gzip
 import hashlib
 from pathlib import Path
 
@@ -8,35 +12,25 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from pipeline.files import write_text
-from pipeline.plan import Plan
+from pipeline.plan import Plan, Rechecked, recheck
 from pipeline.scenario import Scenario
-from pipeline.show.data import page_data
-from pipeline.show.judged import Judged, judged
-from pipeline.show.motion import steps_of
-from pipeline.show.plotly import bundle, licence, packed
+from pipeline.show.data import page_data, steps_of
 from pipeline.show.tables import certificate_rows, planner_rows, scenario_rows, verdict
 from pipeline.templates import template
 
-SCRIPT = Path(__file__).with_name("page.js")
+HERE = Path(__file__).parent
 
 
-def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Judged]:
+def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Rechecked]:
     """The page of a plan, and what it says of it.
 
     It refers to nothing outside itself, and its policy lets it run no script but its own two.
-
-    Args:
-        claimed: the plan as read.
-        scenario: what it is for.
-        name: what to call it, such as the name of its file.
-
-    Raises:
-        InputError: where the controls lead nowhere that a number could say.
     """
-    shown = judged(claimed, scenario)
+    shown = recheck(claimed, scenario)
     data, pairs = page_data(shown.plan, scenario)
     found = shown.plan.certificate
-    script, plotly = SCRIPT.read_text(encoding="utf-8"), bundle()
+    script = (HERE / "page.js").read_text(encoding="utf-8")
+    plotly = (HERE / "vendor" / "plotly-gl3d.min.js").read_bytes()
     text = template("pipeline/show/page.html.jinja").render(
         name=name,
         planner=claimed.planner,
@@ -52,13 +46,13 @@ def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Judged]:
         hashes=[_hash(script.encode()), _hash(plotly)],
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
         script=Markup(script),  # ours, without user's words in it
-        plotly=packed(plotly),
-        licence=Markup(licence()),
+        plotly=base64.b64encode(gzip.compress(plotly, mtime=0)).decode(),
+        licence=Markup((HERE / "vendor" / "LICENSE").read_text(encoding="utf-8")),
     )
     return text, shown
 
 
-def write_page(path: Path, claimed: Plan, scenario: Scenario, name: str) -> Judged:
+def write_page(path: Path, claimed: Plan, scenario: Scenario, name: str) -> Rechecked:
     """Write the page of a plan, which appears whole, and return what it says of the plan."""
     text, shown = page(claimed, scenario, name)
     write_text(path, text)

@@ -1,4 +1,4 @@
-"""What a page says in words and numbers: verdict, certificate, scenario and planner."""
+"""Tables and verdict of a page, in words and numbers."""
 
 import math
 from dataclasses import dataclass
@@ -6,29 +6,22 @@ from dataclasses import dataclass
 from pipeline.figures.labels import MISSING, error, number
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, R_EARTH
-from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan
+from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan, Rechecked
 from pipeline.scenario import Scenario
-from pipeline.show.judged import Judged
 
 Rows = list[tuple[str, str]]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What stands at the top of a page.
+    """What stands at the top of a page."""
 
-    Attributes:
-        good: whether the plan is safe and nothing is wrong with it.
-        headline: the verdict in few words.
-        reasons: in sentences.
-    """
-
-    good: bool
-    headline: str
-    reasons: tuple[str, ...]
+    good: bool  # whether the plan is safe and nothing is wrong with it
+    headline: str  # the verdict in few words
+    reasons: tuple[str, ...]  # in sentences
 
 
-def verdict(shown: Judged, problem: Problem, claimed_status: str) -> Verdict:
+def verdict(shown: Rechecked, problem: Problem, claimed_status: str) -> Verdict:
     """Whether a plan can be flown; who comes closest, when, and what is proven."""
     found = shown.plan.certificate
     reasons = list(shown.faults)
@@ -53,7 +46,7 @@ def verdict(shown: Judged, problem: Problem, claimed_status: str) -> Verdict:
 
 
 def certificate_rows(found: Certificate, status: str) -> Rows:
-    """The certificate: what is measured, and the number with its unit."""
+    """The certificate: labels, and numbers with their units."""
     gap = f"at most {100 * found.optimality_gap:.2f} %"
     if status == INFEASIBLE:  # no plan keeps to the thrust limit: no optimum to be far from
         gap = MISSING
@@ -67,7 +60,7 @@ def certificate_rows(found: Certificate, status: str) -> Rows:
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_separation_rows(found),
         *_risk_rows(found),
-        *_adrift_rows(found),
+        *_passive_safety_rows(found),
         ("Goal missed by, position", f"{error(found.goal_error)} m"),
         ("Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"),
         ("Dynamics violated by, at most", f"{error(found.dynamics_error)} m"),
@@ -88,40 +81,41 @@ def _separation_rows(found: Certificate) -> Rows:
 
 
 def _risk_rows(found: Certificate) -> Rows:
-    """The risk where one was asked for, and what it is a risk of."""
+    """The risk where a limit was asked for, and the errors it refers to."""
     risk = found.risk
     if risk is None:
         return []
     errors = risk.uncertainty
+    sigmas = (
+        f"position {errors.position:g} m, velocity {errors.velocity:.3g} m/s, thrust "
+        f"{errors.magnitude:g} in size and {errors.direction:g} rad"
+    )
     without = MISSING if risk.fuel_without is None else f"{risk.fuel_without:.6g} m/s²"
     return [
         ("Risk of a pair within r_col in open loop, at most", f"{risk.bound:.3g}"),
         ("Asked for", f"{risk.asked:g}"),
-        (
-            "Standard deviations of errors",
-            f"position {errors.position:g} m, velocity {errors.velocity:.3g} m/s, thrust "
-            f"{errors.magnitude:g} in size and {errors.direction:g} rad",
-        ),
+        ("Standard deviations of errors", sigmas),
         ("Fuel without that", without),
     ]
 
 
-def _adrift_rows(found: Certificate) -> Rows:
+def _passive_safety_rows(found: Certificate) -> Rows:
     """What follows a loss of thrust, where the file says something of it."""
-    adrift = found.passive_safety
-    if adrift is None or adrift.pair is None or adrift.min_separation_bound is None:
+    drifting = found.passive_safety
+    if drifting is None or drifting.pair is None or drifting.min_separation_bound is None:
         return []
-    (i, j), orbits = adrift.pair, f"{adrift.orbits:g} orbits"
+    (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbits"
+    bound = _down(drifting.min_separation_bound)
     return [
-        (f"Least separation after a loss of thrust, {orbits}", f"{adrift.min_separation:.4f} m"),
-        ("Between", f"craft {i}, adrift from node {adrift.node}, and {j}"),
-        ("When", f"{adrift.time:.1f} s"),
-        ("Proven: no craft adrift is ever closer than", f"{_down(adrift.min_separation_bound)} m"),
+        (f"Least separation after a loss of thrust, {orbits}", f"{drifting.min_separation:.4f} m"),
+        ("Between", f"craft {i}, adrift from node {drifting.node}, and {j}"),
+        ("When", f"{drifting.time:.1f} s"),
+        ("Proven: no craft adrift is ever closer than", f"{bound} m"),
     ]
 
 
 def scenario_rows(scenario: Scenario) -> Rows:
-    """What was asked."""
+    """The scenario."""
     problem = scenario.problem
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
     most = problem.max_acceleration
@@ -139,7 +133,7 @@ def scenario_rows(scenario: Scenario) -> Rows:
 
 
 def planner_rows(plan: Plan, claimed_status: str) -> Rows:
-    """Who planned it, as the file has it."""
+    """The planner, as the file has it."""
     rows = [
         ("Planner", plan.planner),
         ("Status in the file", claimed_status),

@@ -58,7 +58,7 @@ def read_checked(folder: Folder, name: str) -> dict[str, Any]:
 
 
 @runtime_checkable
-class Manifest(Protocol):
+class ShardManifest(Protocol):
     """A frozen dataclass that lists the shards of a folder."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -71,7 +71,7 @@ class Manifest(Protocol):
         """Fields of its file, JSON-ready."""
 
 
-Kind = TypeVar("Kind", bound=Manifest)
+Kind = TypeVar("Kind", bound=ShardManifest)
 
 
 class Ledger(Generic[Kind]):
@@ -188,7 +188,7 @@ class NewShard:
 
 
 @runtime_checkable
-class Rows(Protocol):
+class RowsTask(Protocol):
     """A task for a worker: some rows of a table."""
 
     @property
@@ -196,7 +196,7 @@ class Rows(Protocol):
         """Their numbers."""
 
 
-Task = TypeVar("Task", bound=Rows)
+Task = TypeVar("Task", bound=RowsTask)
 
 
 def write_shards(

@@ -1,6 +1,5 @@
 """Fuel against transfer time: certified plans for several durations of one scenario."""
 
-from pipeline.tradeoff.curve import Point, arcs_between, tradeoff, with_arcs
-from pipeline.tradeoff.knee import knee
+from pipeline.tradeoff.curve import Point, arcs_between, knee, tradeoff, with_arcs
 
 __all__ = ["Point", "arcs_between", "knee", "tradeoff", "with_arcs"]

@@ -1,4 +1,4 @@
-"""The curve: one scenario planned for several transfer times.
+"""Fuel against transfer time: one scenario planned for several durations, and the curve's knee.
 
 The number of thrust arcs varies and their length, the scenario's time step, does not. An arc is how
 long a thruster holds one acceleration, and longer arcs waste fuel: for the same ten minutes ten
@@ -12,7 +12,9 @@ from math import ceil, floor
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
+from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
@@ -31,17 +33,19 @@ ROUNDING = 1e-9
 """Share of an arc by which a duration may miss a whole number of them."""
 
 
+BENT = 0.1
+"""Least distance of a knee below the chord of the normalised curve."""
+
+LESS = 0.5
+"""Most that a unit of time saves after a knee, of what one saves before it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A transfer time and the plan for it.
+    """A transfer time and the plan for it."""
 
-    Attributes:
-        scenario: as it is flown.
-        plan: with its certificate.
-    """
-
-    scenario: Scenario
-    plan: Plan
+    scenario: Scenario  # as it is flown
+    plan: Plan  # with its certificate
 
     @property
     def duration(self) -> float:
@@ -67,13 +71,7 @@ class Point:
 
 
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
-    """Numbers of arcs of durations spread evenly over a range.
-
-    Args:
-        first: shortest duration, s.
-        last: longest duration, s.
-        time_step: length of an arc, s.
-        steps: how many durations at most; there are no more than whole numbers of arcs.
+    """Numbers of arcs of at most so many durations, s, spread evenly over a range.
 
     Raises:
         InputError: where the range holds no whole number of arcs, or too short a transfer.
@@ -103,10 +101,7 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
 def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
     """The scenario with another number of thrust arcs of the same length.
 
-    Args:
-        scenario: as it was given.
-        arcs: how many.
-        goal: what is to be reached; a slot that moves drifts free, so on its passive orbit.
+    A goal that moves drifts free, so on its passive orbit.
     """
     problem = replace(scenario.problem, nodes=arcs + 1)
     if goal == "fixed":
@@ -122,15 +117,7 @@ def tradeoff(
     goal: Goal = "fixed",
     progress: Progress = SILENT,
 ) -> list[Point]:
-    """The plans for some numbers of arcs, in that order.
-
-    Args:
-        scenario: what the swarm is to do.
-        arcs: numbers of thrust arcs.
-        planner: who plans.
-        goal: what is to be reached at another time than the scenario's.
-        progress: told of each duration.
-    """
+    """The plans for some numbers of thrust arcs, in that order; progress is told of each."""
     progress.expect(len(arcs))
     points = []
     for number in arcs:
@@ -139,3 +126,30 @@ def tradeoff(
         points.append(Point(plan.flown(asked), plan))
         progress.done()
     return points
+
+
+def knee(time: Float[Array, "points"], cost: Float[Array, "points"]) -> int | None:
+    """The point furthest below the chord of the normalised curve, by its number, or None.
+
+    The criterion of Kneedle (V. Satopää, J. Albrecht, D. Irwin, B. Raghavan, "Finding a 'Kneedle'
+    in a Haystack", ICDCS Workshops 2011), without its smoothing: times and costs are scaled to
+    0..1, and the knee is where the curve is furthest from the line between its ends. Only points
+    that cost less than every faster one count, since the others are no trade-off.
+
+    Every curve has such a point, so one is called a knee only where it is a tenth below that line,
+    and where time saves at most half as much after it as before it, on average. A straight line
+    with a steep first step has none, nor has 1/t over a range of less than a factor of 2. Times
+    ascend.
+    """
+    faster = np.minimum.accumulate(np.concatenate([[np.inf], cost]))[:-1]
+    efficient = np.flatnonzero(cost < faster)
+    if len(efficient) < 3:  # none is between two others
+        return None
+    x, y = time[efficient], cost[efficient]
+    below = 1 - (x - x[0]) / (x[-1] - x[0]) - (y - y[-1]) / (y[0] - y[-1])
+    bend = int(below.argmax())
+    if below[bend] < BENT:
+        return None
+    before = (y[0] - y[bend]) / (x[bend] - x[0])
+    after = (y[bend] - y[-1]) / (x[-1] - x[bend])
+    return int(efficient[bend]) if after <= LESS * before else None

@@ -30,12 +30,9 @@ FOOT = 0.03
 
 @in_style
 def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> Figure:
-    """Plans and their lower bound; durations without a safe plan are marked at the foot.
+    """Plans by ascending duration and their lower bound, with the knee, if one is given.
 
-    Args:
-        points: by ascending duration.
-        bend: which of them is the knee.
-        title: above the axes.
+    Durations without a safe plan are marked at the foot.
     """
     figure = Figure(figsize=(PAGE_WIDTH, HEIGHT), layout="constrained")
     ax = figure.subplots()

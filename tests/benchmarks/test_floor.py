@@ -6,7 +6,7 @@ from scipy.optimize import linprog
 
 from benchmarks import floor
 from pipeline.expert.cuts import NO_CUTS, cuts_at
-from pipeline.expert.interior_point import new_solver
+from pipeline.expert.solvers import clarabel_solver
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 
@@ -63,7 +63,7 @@ def test_bound_is_the_optimum_of_highs_and_holds_for_any_multipliers():
                 b_eq=(sub.miss * sub.goal_scale).ravel(),
             ).fun
         )
-        z = np.asarray(new_solver(sub).solve().z)
+        z = np.asarray(clarabel_solver(sub).solve().z)
         assert floor.proven(sub, z) == pytest.approx(optimum, rel=1e-5)
         rng = np.random.default_rng(0)
         for size in (1e-3, 1e-1, 1.0):

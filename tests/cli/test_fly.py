@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from pipeline.expert import own_optima, solve
+from pipeline.expert import decoupled_optima, solve
 from pipeline.flight.conditions import Conditions
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
@@ -60,7 +60,7 @@ def test_the_scenarios_reference_orbit_is_flown_unless_options_say_otherwise(pro
 
 
 def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_path):
-    own = own_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
+    own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
     plan = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
     i, j = plan.certificate.min_separation_pair
     assert plan.certificate.min_separation < 14

@@ -18,10 +18,9 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, UNSAFE, Requirements, RiskLimit
-from pipeline.planners.interchangeable import Interchangeable
-from pipeline.planners.network import Flown
+from pipeline.planners.goal_assignment import GoalAssignment
+from pipeline.planners.network import NetworkPlanner, Seeded
 from pipeline.planners.rule import Rule
-from pipeline.planners.seeded import Seeded
 from pipeline.scenario import draw
 
 FOUR = draw("coplanar-split", 0, 4, 4, Problem(), "valid")
@@ -69,8 +68,8 @@ PLANNERS = {
     "refiner": named("refiner", raw=True),
     "refiner + expert": named("refiner"),
     "rule": lambda asked: Rule(4, requirements=asked),
-    "network": lambda asked: Flown(untrained("ff1"), "ff1", asked),
-    "network + expert": lambda asked: Seeded(Flown(untrained("ff1"), "ff1", asked)),
+    "network": lambda asked: NetworkPlanner(untrained("ff1"), "ff1", asked),
+    "network + expert": lambda asked: Seeded(NetworkPlanner(untrained("ff1"), "ff1", asked)),
 }
 ENDS_IN_EXPERT = [name for name in PLANNERS if "expert" in name]
 
@@ -90,7 +89,7 @@ def planned(planner, options, limited):
         found = PLANNERS[planner](Requirements(**told))
     except InputError as error:
         return None, str(error)
-    (plan,) = (Interchangeable(found) if OPTIMAL in options else found).plan([scenario])
+    (plan,) = (GoalAssignment(found) if OPTIMAL in options else found).plan([scenario])
     return plan.flown(scenario), plan
 
 

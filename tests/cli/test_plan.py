@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from judge import judge_plan
 
-from pipeline.expert import own_optima
+from pipeline.expert import decoupled_optima
 from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
@@ -158,7 +158,7 @@ def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(prolearn, tmp
 
 def passes_between(scenario):
     problem = scenario.problem
-    controls = own_optima(scenario.initial, scenario.goal, problem).controls
+    controls = decoupled_optima(scenario.initial, scenario.goal, problem).controls
     close = close_approaches(fly(scenario.initial, controls, problem), controls, problem, 14.0)
     states = fly(scenario.initial, controls, problem)
     return len(close.first) > 0 and not node_collisions(states, problem.collision_radius)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from pipeline.expert import own_optima, solve
+from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Made, planned
 from pipeline.plan.document import plan_document, write_plan
@@ -30,7 +30,7 @@ def test_a_page_is_written_beside_the_plan_or_where_one_says(prolearn, tmp_path)
 
 
 def test_an_unsafe_plan_is_shown_and_called_so(prolearn, tmp_path):
-    own = own_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
+    own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
     plan = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
     write_plan(tmp_path / "plan.json", plan, SCENARIO)
     done = prolearn("show", "plan.json")

@@ -25,7 +25,7 @@ from pipeline.networks.model import Model
 from pipeline.networks.refiner.ablations import NO_THIRD
 from pipeline.networks.refiner.other_rounds import with_rounds
 from pipeline.orbit.problem import Problem
-from pipeline.planners.network import Flown
+from pipeline.planners.network import NetworkPlanner
 from pipeline.scenario import Scenario, draw
 from pipeline.training.loop import Trained
 from registry.results import Done, latest, table_of
@@ -93,7 +93,10 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     each = table[table.planner == "refiner"].groupby(["family", "n", "recipe", "rounds"])
     assert len(each) == 2 * 5
     for (family, n, recipe, rounds), rows in each:
-        planner, asked = Flown(with_rounds(models[recipe], rounds), "refiner"), tried[family, n]
+        planner, asked = (
+            NetworkPlanner(with_rounds(models[recipe], rounds), "refiner"),
+            tried[family, n],
+        )
         reports = [judged(s, plan) for s, plan in zip(asked, planner.plan(asked), strict=True)]
         check_rows(rows, reports)
     own = table[table.planner == "own LP"]

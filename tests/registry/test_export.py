@@ -15,7 +15,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.networks.refiner.on_board.check import Files
 from pipeline.networks.refiner.on_board.steps import STEPS
 from pipeline.networks.refiner.on_board.swarm import fly_rounds
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.planners.named import named_planner
 from pipeline.scenario import draw

@@ -32,5 +32,5 @@ def solve(sub: Subproblem) -> Optimum:
     problem.solve(solver=cp.CLARABEL)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
         raise UnsolvableError(f"the convex solver stopped with {problem.status}")
-    price = sub.unit * apart[0].dual_value if k else np.zeros(0)
-    return Optimum(sub.unit * u.value, slack.value, price, sub.unit * float(fuel.value))
+    dual = sub.unit * apart[0].dual_value if k else np.zeros(0)
+    return Optimum(sub.unit * u.value, slack.value, dual)

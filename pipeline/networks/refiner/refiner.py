@@ -32,7 +32,7 @@ from pipeline.networks.refiner.bargain import Bargain
 from pipeline.networks.refiner.best import best_of, refined
 from pipeline.networks.refiner.rounds import WATCHED, State, Task, begin, play, start
 from pipeline.networks.swarms import Batch, Swarms
-from pipeline.orbit.drift import drift_separations
+from pipeline.orbit.separation import drift_separations
 
 CROWDED = 1.02
 """Separation in free drift that raised collision radii leave at least, in r_col."""

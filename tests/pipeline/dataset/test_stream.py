@@ -35,7 +35,9 @@ def write_dataset(folder, n, one, problem=None):
     """A dataset of minimum-energy transfers, one in ten of them without a plan."""
     problem = problem or Problem()
     rng = np.random.default_rng(0)
-    meta = metadata(problem, one.origin() | recorded(Settings(), AT_ALL_TIMES), {})
+    meta = metadata(
+        problem, {"seed": one.seed, "family": one.family} | recorded(Settings(), AT_ALL_TIMES), {}
+    )
     digests = {}
     for shard in range(one.shards):
         rows = one.rows(shard)

@@ -190,7 +190,7 @@ def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
     from pipeline.dataset.physics import row_faults
     from pipeline.dataset.reading import solved_rows
     from pipeline.dataset.samples import Sample
-    from pipeline.orbit.cw import cw_matrices
+    from pipeline.orbit.dynamics import cw_matrices
 
     sample(tmp_path, {10: Sample(count=8)}, Problem(), jobs=1)
     solve(tmp_path, Settings(), Requirements("nodes"), workers=ONE)

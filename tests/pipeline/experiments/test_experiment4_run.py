@@ -11,8 +11,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.records import NODES, TIME_STEP
 from pipeline.experiments.trials import EvaluatedPlanner, run_transfer_times, variations
 from pipeline.orbit.problem import Problem
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 
 PROBLEM = Problem()

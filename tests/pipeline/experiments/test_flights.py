@@ -22,8 +22,7 @@ from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, radius_at
 from pipeline.parallel.workers import Workers
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 
 PROBLEM = Problem(nodes=5, time_step=300.0)

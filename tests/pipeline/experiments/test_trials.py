@@ -10,12 +10,11 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.warmstart import run_warmstarts
-from pipeline.expert import own_optima
+from pipeline.expert import decoupled_optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 from pipeline.plan import AT_ALL_TIMES, Requirements
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 
 PROBLEM = Problem()
@@ -113,7 +112,7 @@ def test_the_straight_line_flown_is_the_flyable_trajectory_nearest_to_it():
 
 def test_the_bound_is_the_optimum_that_highs_finds_and_proves():
     for scenario in SCENARIOS:
-        own = own_optima(scenario.initial, scenario.goal, scenario.problem)
+        own = decoupled_optima(scenario.initial, scenario.goal, scenario.problem)
         bound = own.lower_bound.sum()
         problem = Case.of(document(scenario))
         found = least_fuel(problem, scenario.initial, scenario.goal)

@@ -7,10 +7,10 @@ import pytest
 from pipeline.experiments.warmstart import RULES, run_warmstarts
 from pipeline.expert import SEEDS
 from pipeline.expert.plain import PlainScp
-from pipeline.expert.seeds import own_seed
+from pipeline.expert.seeds import decoupled_seed
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
 
 SCENARIOS = [draw("rings", 0, 10, k, Problem()) for k in (1, 2, 3, 5)]
@@ -67,7 +67,7 @@ def test_the_plain_scp_starts_from_every_seed_and_from_the_own_lps(plain, table)
 def test_the_plain_scps_plans_are_solved_at_the_nodes_and_called_safe_only_where_they_are(plain):
     assert set(plain.status) == {"solved"}
     scp = PlainScp(10, Problem())
-    plans = [scp.solve(s, own_seed(s)) for s in SCENARIOS]
+    plans = [scp.solve(s, decoupled_seed(s)) for s in SCENARIOS]
     between = [bool(least_separation(p.states, p.controls, Problem()).distance > 15) for p in plans]
     assert plain[plain.seed == "own LP"].sort_values("trial").safe.tolist() == between
     assert not all(between)

@@ -8,19 +8,20 @@ import pytest
 import readable
 
 from pipeline.errors import InputError
-from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Settings, simplex, solve, solve_many
-from pipeline.expert.own import goal_miss
+from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Settings, solve, solve_many
+from pipeline.expert.decoupled import goal_miss
 from pipeline.expert.scp import Search
 from pipeline.expert.seeds import line_seed
+from pipeline.expert.solvers import SOLVERS, by_simplex
 from pipeline.expert.subproblem import UnsolvableError
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
 from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, SOLVED, UNSOLVED, Requirements
-from pipeline.planners.expert import Expert
-from pipeline.planners.seeded import Seeded
+from pipeline.planners.classical import Expert
+from pipeline.planners.network import Seeded
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 PROBLEM = Problem()
@@ -68,7 +69,7 @@ def test_all_solvers_lead_to_the_same_plan(monkeypatch):
     """The third is cvxpy's form of the subproblem."""
     scenarios = [draw("rings", 0, 8, index, PROBLEM) for index in range(3)]
     plans = [solve_many(scenarios, settings=Settings(solver=s)) for s in ("simplex", "clarabel")]
-    monkeypatch.setattr(simplex, "solve", readable.solve)
+    monkeypatch.setitem(SOLVERS, "simplex", readable.solve)
     plans.append(solve_many(scenarios))
     for each in zip(*plans, strict=True):
         fuel = [plan.certificate.fuel for plan in each]
@@ -196,7 +197,7 @@ def test_craft_that_no_program_keeps_apart_are_unsolved_and_named():
 
 def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch):
     """On their own optima craft 0 and 9 come too close, and so do 6 and 8."""
-    scenario, real = draw("rings", 0, 10, 28, PROBLEM), simplex.solve
+    scenario, real = draw("rings", 0, 10, 28, PROBLEM), by_simplex
     first = goal_miss(scenario.initial, scenario.goal, PROBLEM)[0]
 
     def fails_at_the_first(sub):
@@ -205,7 +206,7 @@ def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch
         return real(sub)
 
     assert solve(scenario).status == SOLVED
-    monkeypatch.setattr(simplex, "solve", fails_at_the_first)
+    monkeypatch.setitem(SOLVERS, "simplex", fails_at_the_first)
     plan = solve(scenario)
     assert plan.status == UNSOLVED
     assert "the convex solver stopped with NumericalError" in plan.message
@@ -222,8 +223,9 @@ def test_a_search_ends_with_the_cheapest_iterate_that_it_has_seen_safe(monkeypat
 
     def watched(self, clusters):
         judge(self, clusters)
-        if least_separation(self.states, self.controls, PROBLEM).bound > PROBLEM.collision_radius:
-            seen.append(np.abs(self.controls).sum())
+        flown = self.iterate.states, self.iterate.controls
+        if least_separation(*flown, PROBLEM).bound > PROBLEM.collision_radius:
+            seen.append(np.abs(self.iterate.controls).sum())
 
     monkeypatch.setattr(Search, "_judge", watched)
     settings = Settings(gap_tolerance=1e-9, improvement=0.0, margin=0.005)

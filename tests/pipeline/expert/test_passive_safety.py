@@ -9,15 +9,13 @@ from judge.adrift import distance_adrift
 
 from pipeline.errors import InputError
 from pipeline.expert import solve, solve_many
-from pipeline.expert.cuts import gaps, half_spaces_along
-from pipeline.expert.losses import loss_cuts
-from pipeline.expert.own import own_optima
+from pipeline.expert.cuts import gaps, half_spaces, passive_safety_cuts
+from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.orbit.thrust_loss import loss_encounters
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Made, Requirements, planned
-from pipeline.planners.baselines import BASELINES
+from pipeline.planners.classical import BASELINES
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 PROBLEM = Problem()
@@ -132,13 +130,13 @@ def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
     rng = np.random.default_rng(0)
     scenario = draw("dense", 1, 5, 0, PROBLEM)
     ends = scenario.initial, scenario.goal
-    own = own_optima(*ends, PROBLEM).controls
+    own = decoupled_optima(*ends, PROBLEM).controls
     states = fly(scenario.initial, own, PROBLEM)
     moved = np.ones(5, dtype=bool)
     found = loss_encounters(states, own, PROBLEM, 1.0, 30.0, moved=moved)
-    cuts = loss_cuts(found, states, PROBLEM)
+    cuts = passive_safety_cuts(found, states, PROBLEM)
     normal = rng.normal(size=(len(cuts), 3))
-    planes = half_spaces_along(cuts, normal, scenario.initial, PROBLEM, 0.0)
+    planes = half_spaces(cuts, normal, scenario.initial, PROBLEM, 0.0)
     kinds = {(k == 0, i >= 10) for k, i in zip(found.node, found.interval, strict=True)}
     assert kinds == {(False, False), (True, False), (False, True)}
     pushed = own + 1e-4 * rng.normal(size=own.shape)

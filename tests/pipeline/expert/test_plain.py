@@ -11,8 +11,8 @@ from benchmarks.peers import SwarmModel
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.expert.plain import MARGIN, UNIT, PlainScp
-from pipeline.expert.seeds import line_seed, own_seed
-from pipeline.orbit.cw import cw_matrices
+from pipeline.expert.seeds import decoupled_seed, line_seed
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan import Requirements
@@ -73,7 +73,7 @@ def first_program_by_highs(scenario, seed):
     return found.fun * unit
 
 
-@pytest.mark.parametrize("make", [own_seed, line_seed])
+@pytest.mark.parametrize("make", [decoupled_seed, line_seed])
 def test_its_first_program_has_the_optimum_that_highs_finds(scp, make, monkeypatch):
     scenario = SCENARIOS[1]
     monkeypatch.setattr("pipeline.expert.plain.MAX_ROUNDS", 1)
@@ -83,7 +83,7 @@ def test_its_first_program_has_the_optimum_that_highs_finds(scp, make, monkeypat
     assert plan.certificate.fuel == pytest.approx(exact, rel=1e-5)
 
 
-@pytest.mark.parametrize("make", [None, line_seed, own_seed])
+@pytest.mark.parametrize("make", [None, line_seed, decoupled_seed])
 def test_its_plans_obey_the_dynamics_reach_the_goal_and_are_clear_at_every_node(scp, make):
     for scenario in SCENARIOS:
         plan = scp.solve(scenario, make and make(scenario))
@@ -153,10 +153,10 @@ def test_a_limit_that_no_transfer_keeps_leaves_the_scenario_unsolved():
 
 def test_a_thrust_limit_is_kept():
     free, limited = (draw("rings", 0, 4, 0, Problem(max_acceleration=a)) for a in (None, 2e-3))
-    plan = PlainScp(4, limited.problem).solve(limited, own_seed(limited))
+    plan = PlainScp(4, limited.problem).solve(limited, decoupled_seed(limited))
     assert plan.status == "solved"
     assert np.abs(plan.controls).max() <= 2e-3
-    assert np.abs(PlainScp(4, Problem()).solve(free, own_seed(free)).controls).max() > 2e-3
+    assert np.abs(PlainScp(4, Problem()).solve(free, decoupled_seed(free)).controls).max() > 2e-3
 
 
 def test_one_craft_has_its_own_optimum():

@@ -1,6 +1,6 @@
 """The closed loop: what an undisturbed swarm pays, what replanning mends, what it does in need."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from pipeline.expert import solve
 from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import COLD_GAS, Errors, burns_made, draws, navigation_error
 from pipeline.flight.loops import default_margin, with_margin
-from pipeline.flight.trials import OpenLoop, fly_trials
+from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
@@ -19,9 +19,9 @@ from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan import Requirements
-from pipeline.planners.expert import Expert
+from pipeline.planners.classical import Expert
 from pipeline.planners.named import named_planner
-from pipeline.planners.network import Flown
+from pipeline.planners.network import NetworkPlanner
 from pipeline.scenario import Scenario, draw
 
 TRIALS = 20
@@ -60,10 +60,10 @@ def test_an_undisturbed_swarm_pays_no_more_than_its_plan_and_meets_the_goal(tigh
 def test_replanning_takes_most_of_the_error_at_the_goal_away(tight):
     scenario, plan = tight
     errors = replace(COLD_GAS, missed=0.0)
-    open_loop = flown(scenario, OpenLoop(plan.controls), errors)
+    as_planned = flown(scenario, open_loop(plan.controls), errors)
     guide = closed(scenario, plan)
     replanned = flown(scenario, guide, errors)
-    assert replanned.goal_error.max() < np.median(open_loop.goal_error) / 5
+    assert replanned.goal_error.max() < np.median(as_planned.goal_error) / 5
     assert np.isfinite(guide.seconds[:, 1:-2]).all()
     assert np.isnan(guide.seconds[:, [0, -2, -1]]).all()
 
@@ -72,16 +72,12 @@ def test_a_missed_burn_is_made_up_for(tight):
     """The burn that sets craft off is missed by all; without replanning none gets anywhere."""
     scenario, plan = tight
 
-    @dataclass
-    class FirstIsMissed:
-        guide: object
+    def first_is_missed(guide):
+        return lambda node, estimate: guide(node, estimate) * (node > 0)
 
-        def commanded(self, node, estimate):
-            controls = self.guide.commanded(node, estimate)
-            return controls if node else np.zeros_like(controls)
-
-    missed = flown(scenario, FirstIsMissed(OpenLoop(plan.controls)), Errors(), trials=1)
-    mended = flown(scenario, FirstIsMissed(closed(scenario, plan, trials=1)), Errors(), trials=1)
+    missed = flown(scenario, first_is_missed(open_loop(plan.controls)), Errors(), trials=1)
+    guide = closed(scenario, plan, trials=1)
+    mended = flown(scenario, first_is_missed(guide), Errors(), trials=1)
     assert missed.goal_error > 50
     assert mended.goal_error < 1e-6
 
@@ -148,7 +144,7 @@ def test_no_more_margin_is_asked_for_than_formations_allow(tight):
         wider = fly_trials(
             scenario,
             LinearWorld(scenario.problem.dynamics),
-            OpenLoop(controls),
+            open_loop(controls),
             draws(0, range(1), 12, 10),
             Errors(),
         )
@@ -171,7 +167,7 @@ def test_where_craft_are_too_close_already_the_least_unsafe_plan_flies_and_is_co
     assert (guide.unsafe >= 1).all()
     assert (guide.unsafe < problem.intervals).all()  # they do part
 
-    crossing = flown(scenario, OpenLoop(own.controls), Errors(), trials=1).nearest.distance
+    crossing = flown(scenario, open_loop(own.controls), Errors(), trials=1).nearest.distance
     replanned = flown(scenario, closed(scenario, own, trials=1), Errors(), trials=1)
     assert replanned.goal_error < 1e-6
     assert replanned.nearest.distance >= crossing
@@ -184,14 +180,12 @@ def test_controls_keep_to_the_thrust_limit(tight):
     guide = closed(bounded, plan)
     most = []
 
-    @dataclass
-    class Watched:
-        def commanded(self, node, estimate):
-            controls = guide.commanded(node, estimate)
-            most.append(np.abs(controls).max())
-            return controls
+    def watched(node, estimate):
+        controls = guide(node, estimate)
+        most.append(np.abs(controls).max())
+        return controls
 
-    flown(bounded, Watched(), replace(COLD_GAS, magnitude=0.2, missed=0.05))
+    flown(bounded, watched, replace(COLD_GAS, magnitude=0.2, missed=0.05))
     assert max(most) <= limit * (1 + 1e-9)
     assert guide.unsafe.any()  # so much goes wrong that the goal is not always within reach
 
@@ -200,13 +194,11 @@ def flown_undisturbed(scenario, plan, requirements):
     """The controls that are flown, (n, intervals, 3), and the Δv."""
     guide, commanded = closed(scenario, plan, Expert(requirements=requirements), trials=1), []
 
-    @dataclass
-    class Noted:
-        def commanded(self, node, estimate):
-            commanded.append(guide.commanded(node, estimate))
-            return commanded[-1]
+    def noted(node, estimate):
+        commanded.append(guide(node, estimate))
+        return commanded[-1]
 
-    found = flown(scenario, Noted(), Errors(), trials=1)
+    found = flown(scenario, noted, Errors(), trials=1)
     assert not guide.unsafe.any()
     return np.stack([one[0] for one in commanded], axis=1), found.delta_v[0]
 
@@ -246,4 +238,4 @@ def test_a_network_for_one_time_grid_alone_says_so():
     network = found.network(found.config, encoding, 0.0)
     model = Model("ff1", found.config, "t", encoding, network)
     with pytest.raises(InputError, match="nodes"):
-        flown(scenario, closed(scenario, plan, Flown(model, "ff1"), trials=1), trials=1)
+        flown(scenario, closed(scenario, plan, NetworkPlanner(model, "ff1"), trials=1), trials=1)

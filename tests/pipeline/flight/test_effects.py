@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import effects, fly_controls
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.rings import pro_states

@@ -18,13 +18,13 @@ from pipeline.expert import FIRST_SAFE, solve
 from pipeline.flight.errors import COLD_GAS, draws
 from pipeline.flight.loops import Loop
 from pipeline.flight.montecarlo import MonteCarlo, fly_all
-from pipeline.flight.trials import OpenLoop, fly_trials
+from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-from pipeline.planners.expert import Expert
-from pipeline.planners.identity import identity
+from pipeline.planners.classical import Expert
 from pipeline.planners.named import named_planner
+from pipeline.planners.planner import identity
 from pipeline.scenario import draw
 
 SCENARIO = draw("rings", 0, 3, 0, Problem(nodes=6), "test")
@@ -61,7 +61,7 @@ def test_two_workers_write_the_same_bytes_as_one(undisturbed, tmp_path):
 def test_a_row_is_what_its_trial_flown_alone_comes_to(undisturbed):
     row = undisturbed[1]["open"].slice(7, 1).to_pylist()[0]
     drawn = draws(5, range(7, 8), 3, 5)
-    alone = fly_trials(SCENARIO, WORLD, OpenLoop(PLAN.controls), drawn, COLD_GAS)
+    alone = fly_trials(SCENARIO, WORLD, open_loop(PLAN.controls), drawn, COLD_GAS)
     assert row["trial"] == 7
     assert row["goal_error"] == alone.goal_error[0]
     assert row["delta_v"] == alone.delta_v[0]
@@ -160,7 +160,7 @@ def test_other_settings_do_not_go_into_the_same_folder(undisturbed, other, named
     ("planner", "named"),
     [
         (Expert(FIRST_SAFE), r"planner\.settings\.\w+ = "),
-        (named_planner("refiner"), r"planner\.class = Expert, now it is Ladder"),
+        (named_planner("refiner"), r"planner\.class = Expert, now it is FallbackPlanner"),
     ],
     ids=["effort", "network"],
 )

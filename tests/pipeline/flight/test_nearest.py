@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import own_optima
+from pipeline.expert import decoupled_optima
 from pipeline.flight.effects import fly_controls
 from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import LinearWorld, NonlinearWorld
 from pipeline.orbit.approaches import TOLERANCE
-from pipeline.orbit.elements import Elements
+from pipeline.orbit.inertial import Elements
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import least_separation
@@ -24,7 +24,7 @@ WORLD = NonlinearWorld(Elements(radius_at(PROBLEM.mean_motion), 1.7, 0.2, 0.01, 
 def swarm(index, n=10):
     """Initial states and controls that avoid nobody."""
     scenario = draw("rings", 0, n, index, PROBLEM)
-    return scenario.initial, own_optima(scenario.initial, scenario.goal, PROBLEM).controls
+    return scenario.initial, decoupled_optima(scenario.initial, scenario.goal, PROBLEM).controls
 
 
 def sampled(states):

@@ -11,8 +11,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.flight.perturbations import Atmosphere, atmosphere_near
 from pipeline.flight.world import Drag, LinearWorld, NonlinearWorld, World
-from pipeline.orbit.elements import Elements
-from pipeline.orbit.inertial import Frame, lvlh_frame
+from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH, mean_motion_at, radius_at
 from pipeline.orbit.rings import pro_states

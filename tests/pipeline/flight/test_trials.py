@@ -9,7 +9,7 @@ from scipy.stats import chi, ncx2
 from pipeline.expert import solve
 from pipeline.figures.intervals import wilson
 from pipeline.flight.errors import Errors, draws
-from pipeline.flight.trials import OpenLoop, fly_trials
+from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import Scenario, draw
@@ -21,7 +21,7 @@ STRAIGHT = Problem(mean_motion=1e-12, time_step=100.0, nodes=5, collision_radius
 def flown(scenario, controls, errors, trials=4000, seed=1):
     drawn = draws(seed, range(trials), scenario.n, scenario.problem.intervals)
     world = LinearWorld(scenario.problem.dynamics)
-    return fly_trials(scenario, world, OpenLoop(controls), drawn, errors)
+    return fly_trials(scenario, world, open_loop(controls), drawn, errors)
 
 
 def inside(share, trials, exact):
@@ -126,7 +126,7 @@ def test_the_model_of_late_burns_shifts_the_end_by_the_delay_times_the_burns():
     scenario, controls = burning()
     drawn = draws(0, range(500), 1, 4)
     world = LinearWorld(STRAIGHT.dynamics)
-    found = fly_trials(scenario, world, OpenLoop(controls), drawn, Errors(timing=0.5))
+    found = fly_trials(scenario, world, open_loop(controls), drawn, Errors(timing=0.5))
     # Straight motion: each burn's whole effect comes τ later, so the end lacks Δv τ.
     lag = 0.5 * drawn.lag[:, [0, 2], 0]
     exact = np.linalg.norm(100 * lag @ controls[0, [0, 2]], axis=1)

@@ -8,7 +8,7 @@ from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
 from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.interior import INTERIORS
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 
 PROBLEM = Problem(nodes=5)

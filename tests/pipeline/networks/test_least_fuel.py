@@ -6,7 +6,7 @@ import torch
 
 from pipeline.errors import InputError
 from pipeline.networks.least_fuel import least_fuel
-from pipeline.orbit.least_fuel import least_fuel as on_arrays
+from pipeline.orbit.decoupled import least_fuel as on_arrays
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 

@@ -5,10 +5,9 @@ import pytest
 from judge import Case, fly
 from trials import Errors, drawn
 
-from pipeline.orbit.covariance import burn_deviation, deviation_along, dispersion
+from pipeline.orbit.covariance import Uncertainty, burn_deviation, deviation_along, dispersion
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly as flown
-from pipeline.orbit.uncertainty import Uncertainty
 
 FREE = Problem(mean_motion=1e-12, time_step=10.0, nodes=4)
 """As good as free space, where a push of 10 s moves a craft by hand's arithmetic."""

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.orbit.fuel import fuel, implied_controls
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, fuel, implied_controls
 
 
 def test_fuel_is_the_sum_of_absolute_components_over_craft_and_time():

@@ -7,10 +7,10 @@ from scipy.stats import ncx2, norm
 from trials import Errors, frequency, pairs_flown, wilson
 
 from pipeline.expert import solve
+from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import collision_risk
 from pipeline.orbit.transfer import fly
-from pipeline.orbit.uncertainty import Uncertainty
 from pipeline.scenario import draw
 
 FREE = Problem(mean_motion=1e-12, time_step=30.0, nodes=11)

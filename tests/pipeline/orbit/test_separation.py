@@ -11,7 +11,7 @@ from judge.separation import closest_approaches
 from scipy.optimize import minimize_scalar
 
 from pipeline.orbit.approaches import TOLERANCE, close_approaches, side_by_side
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import (
     least_separation,

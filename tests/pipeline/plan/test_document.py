@@ -11,8 +11,8 @@ from pipeline.expert import solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Made, Requirements, RiskLimit, planned
 from pipeline.plan.document import read_plan, write_plan
-from pipeline.planners.expert import Expert
-from pipeline.planners.interchangeable import Interchangeable
+from pipeline.planners.classical import Expert
+from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.scenario import draw
 
 SCENARIO = draw("rings", 3, 4, 0, Problem(time_step=100.0, nodes=9, max_acceleration=0.01))
@@ -48,7 +48,7 @@ def test_what_is_read_is_what_was_written_to_the_bit(written):
 
 
 def test_an_assignment_comes_back_with_the_scenario_that_is_flown(tmp_path):
-    (plan,) = Interchangeable(Expert()).plan([SCENARIO])
+    (plan,) = GoalAssignment(Expert()).plan([SCENARIO])
     slots = list(plan.assignment.slots)
     assert slots != [0, 1, 2, 3]
     write_plan(tmp_path / "plan.json", plan, SCENARIO.taking(slots))

@@ -12,7 +12,7 @@ from judged import document
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.orbit.problem import Problem
-from pipeline.planners.assignment import own_costs, ranked
+from pipeline.planners.assignment import decoupled_costs, ranked
 from pipeline.scenario import draw
 
 
@@ -30,7 +30,7 @@ def every_order(scenario):
 def test_the_first_assignment_is_the_cheapest_of_all_permutations(n, index, limit):
     scenario = draw("rings", 5, n, index, Problem(max_acceleration=limit), "valid")
     truth = every_order(scenario)
-    costs = own_costs(scenario)
+    costs = decoupled_costs(scenario)
     first = next(ranked(costs.fuel), None)
     if np.isinf(min(truth.values())):
         assert first is None
@@ -51,12 +51,12 @@ def test_a_thrust_limit_changes_who_goes_where():
         free = draw("independent", 5, 4, index, Problem(), "valid")
         limited = draw("independent", 5, 4, index, Problem(max_acceleration=8e-4), "valid")
         truth = every_order(limited)
-        first = next(ranked(own_costs(limited).fuel), None)
+        first = next(ranked(decoupled_costs(limited).fuel), None)
         if first is None:
             assert np.isinf(min(truth.values()))
             continue
         assert truth[first] == pytest.approx(min(truth.values()), rel=1e-6)
-        found += first != next(ranked(own_costs(free).fuel))
+        found += first != next(ranked(decoupled_costs(free).fuel))
     assert found
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.orbit.least_thrust import least_limits
+from pipeline.orbit.decoupled import least_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan import INFEASIBLE, SOLVED

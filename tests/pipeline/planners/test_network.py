@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.expert import own_optima
+from pipeline.expert import decoupled_optima
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.orbit.cw import cw_matrices
+from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan import SOLVED, UNSAFE, Requirements
-from pipeline.planners.network import Flown, check_problem
+from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.scenario import Scenario, draw
 
 PROBLEM = Problem()
@@ -33,7 +33,7 @@ def least_energy_model():
 
 
 def planner(model=None):
-    return Flown(model or least_energy_model(), "ff1 flown")
+    return NetworkPlanner(model or least_energy_model(), "ff1 flown")
 
 
 def drawn(n, count=3):
@@ -90,7 +90,7 @@ def test_a_craft_on_its_own_is_always_safe():
 def test_the_certificate_has_the_bound_of_each_craft_s_own_optimum():
     scenarios = drawn(3)
     for scenario, plan in zip(scenarios, planner().plan(scenarios), strict=True):
-        own = own_optima(scenario.initial, scenario.goal, PROBLEM)
+        own = decoupled_optima(scenario.initial, scenario.goal, PROBLEM)
         bound = np.abs(own.controls).sum()
         assert plan.certificate.fuel_lower_bound == pytest.approx(bound, rel=1e-6)
         assert plan.certificate.fuel == pytest.approx(np.abs(plan.controls).sum())

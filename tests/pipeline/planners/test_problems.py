@@ -7,12 +7,12 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.expert import solve_many
 from pipeline.orbit.problem import Problem
-from pipeline.planners.interchangeable import Interchangeable
+from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import NAMES, named_planner
 from pipeline.planners.rule import Rule
 from pipeline.scenario import draw
 
-PLANNERS = [*map(named_planner, NAMES), Interchangeable(named_planner("expert")), Rule(2)]
+PLANNERS = [*map(named_planner, NAMES), GoalAssignment(named_planner("expert")), Rule(2)]
 
 
 @pytest.mark.parametrize("planner", PLANNERS, ids=lambda one: type(one).__name__ + one.name)

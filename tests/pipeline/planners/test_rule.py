@@ -9,8 +9,8 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
 from pipeline.orbit.problem import Problem
-from pipeline.planners.baselines import BASELINES
-from pipeline.planners.network import Flown
+from pipeline.planners.classical import BASELINES
+from pipeline.planners.network import NetworkPlanner
 from pipeline.planners.rule import Rule
 from pipeline.scenario import draw
 
@@ -40,7 +40,7 @@ def test_an_untrained_refiner_burns_what_the_rule_does_after_as_many_rounds(roun
     assert (own_rounds(model), own_rounds(asked)) == (REFINER.config["rounds"], rounds)
     fuels = [
         [plan.certificate.fuel for plan in planner.plan(SCENARIOS)]
-        for planner in (Rule(rounds), Flown(asked, "refiner"))
+        for planner in (Rule(rounds), NetworkPlanner(asked, "refiner"))
     ]
     np.testing.assert_allclose(*fuels, rtol=1e-7)
 

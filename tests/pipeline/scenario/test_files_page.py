@@ -7,12 +7,11 @@ from pathlib import Path
 
 from pipeline.documents import document_from
 from pipeline.expert import solve
-from pipeline.orbit.uncertainty import Uncertainty
+from pipeline.orbit.covariance import Uncertainty
 from pipeline.plan import Certificate, Risk
 from pipeline.plan.document import PlanDocument
-from pipeline.scenario import findings
-from pipeline.scenario.document import ReferenceDocument, ScenarioDocument
-from pipeline.scenario.ends import RingDocument
+from pipeline.scenario import diagnostics
+from pipeline.scenario.document import ReferenceDocument, RingDocument, ScenarioDocument
 
 PAGE = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
 
@@ -20,7 +19,7 @@ PAGE = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf
 def test_the_scenario_on_the_page_is_fine_and_can_be_planned():
     shown = json.loads(re.search(r"```json\n(.*?)```", PAGE, re.DOTALL)[1])
     scenario = document_from(shown, ScenarioDocument).scenario("shown")
-    assert [one.text for one in findings(scenario) if not one.fine] == []
+    assert [one.text for one in diagnostics(scenario) if not one.fine] == []
     assert solve(scenario).status == "solved"
     assert scenario.reference is not None
 

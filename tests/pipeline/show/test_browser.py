@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from clohessy import position
 
-from pipeline.expert import own_optima, solve
+from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Made, planned
 from pipeline.scenario import draw
@@ -207,7 +207,7 @@ def test_few_craft_are_shown_on_a_phone_in_the_dark(browser, opened, n):
 def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, opened):
     hostile = "</script><script>document.title = 'taken'</script><b onclick='x'>"
     scenario = draw("rings", 0, 10, 3, Problem())
-    own = own_optima(scenario.initial, scenario.goal, scenario.problem)
+    own = decoupled_optima(scenario.initial, scenario.goal, scenario.problem)
     plan = planned("own LP", scenario, Made(own.controls, float(own.lower_bound.sum())))
     opened(replace(plan, planner=hostile), scenario, hostile, theme="dark")
     assert by(browser, "h1").text == f"Transfer of 10 craft, planned by {hostile}"

@@ -5,13 +5,19 @@ import pytest
 from clohessy import position
 from scipy.optimize import minimize_scalar
 
-from pipeline.expert import own_optima, solve
+from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
-from pipeline.show.data import page_data
-from pipeline.show.motion import orbits, positions_at, sample_times, steps_of
-from pipeline.show.pairs import closest_pairs, nearest
+from pipeline.show.data import (
+    closest_pairs,
+    nearest_pair,
+    orbits,
+    page_data,
+    positions_at,
+    sample_times,
+    steps_of,
+)
 
 PROBLEM = Problem()
 NONE = np.zeros(0)
@@ -20,7 +26,7 @@ NONE = np.zeros(0)
 def own(n, index=0, problem=PROBLEM):
     """States and controls of each craft's own optimum, which heed no other craft."""
     scenario = draw("rings", 0, n, index, problem)
-    controls = own_optima(scenario.initial, scenario.goal, problem).controls
+    controls = decoupled_optima(scenario.initial, scenario.goal, problem).controls
     return scenario, fly(scenario.initial, controls, problem), controls
 
 
@@ -99,7 +105,7 @@ def test_the_closest_pairs_are_those_of_a_search_by_the_exponential(n):
 def test_the_nearest_two_at_each_time_are_those_of_all_pairs():
     _, states, controls = own(12)
     at = positions_at(sample_times(12, PROBLEM, NONE), states, controls, PROBLEM)
-    pairs, distance = nearest(at)
+    pairs, distance = nearest_pair(at)
     apart = np.linalg.norm(at[:, None] - at[None], axis=-1)
     apart[np.arange(12), np.arange(12)] = np.inf
     np.testing.assert_allclose(distance, apart.min(axis=(0, 1)), atol=1e-9)
@@ -108,7 +114,7 @@ def test_the_nearest_two_at_each_time_are_those_of_all_pairs():
 
 
 def test_craft_in_one_place_are_two_craft():
-    pairs, distance = nearest(np.zeros((2, 3, 3)))
+    pairs, distance = nearest_pair(np.zeros((2, 3, 3)))
     assert pairs.tolist() == [[0, 1]] * 3
     assert distance.tolist() == [0.0] * 3
 

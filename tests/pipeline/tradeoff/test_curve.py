@@ -10,8 +10,8 @@ from judged import document
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch
-from pipeline.planners.expert import Expert
-from pipeline.planners.interchangeable import Interchangeable
+from pipeline.planners.classical import Expert
+from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.scenario import draw
 from pipeline.tradeoff import arcs_between, tradeoff, with_arcs
 
@@ -51,7 +51,7 @@ def test_a_moving_goal_is_where_free_drift_takes_it(arcs):
     assert np.array_equal(moved.initial, SCENARIO.initial)
 
 
-@pytest.mark.parametrize("planner", [Expert(), Interchangeable(Expert())], ids=["given", "optimal"])
+@pytest.mark.parametrize("planner", [Expert(), GoalAssignment(Expert())], ids=["given", "optimal"])
 @pytest.mark.parametrize("goal", ["fixed", "moving"])
 def test_every_plan_is_sound_for_its_own_duration(planner, goal):
     for point in tradeoff(SCENARIO, [4, 10, 21], planner, goal):

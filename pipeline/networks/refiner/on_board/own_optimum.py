@@ -13,7 +13,7 @@ from pipeline.networks.least_fuel import ROUNDING
 from pipeline.networks.refiner.grid import Grid
 from pipeline.networks.refiner.pivots import SMALL
 from pipeline.networks.refiner.program import Own
-from pipeline.orbit.least_fuel import Facets, facets_of
+from pipeline.orbit.decoupled import Facets, facets_of
 from pipeline.orbit.problem import Problem
 
 

@@ -1,0 +1,170 @@
+"""Conflict detection: where craft come closer than a plan's requirements allow.
+
+In flight, after a loss of thrust where passive safety is required, and with a back-off where
+craft err (a chance constraint).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pipeline.arrays import Array
+from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts
+from pipeline.orbit.approaches import PROVABLE, Swarms, close_approaches, side_by_side
+from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
+from pipeline.orbit.passive_safety import loss_encounters
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.risk import levels_at
+from pipeline.plan import AT_ALL_TIMES, Requirements
+
+Craft = Int[Array, "_"] | Bool[Array, "_"]
+"""Some craft, by their indices or a mask."""
+
+ENDS = 2 * PROVABLE
+"""What pairs have left beyond what is asked for at the ends, where no control can move them, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Motion of all craft."""
+
+    controls: Float[Array, "n intervals 3"]  # m/s²
+    states: Float[Array, "n T 6"]  # node states that the controls fly, m and m/s
+
+    def copy(self) -> "Trajectory":
+        """The same motion in arrays of its own."""
+        return Trajectory(self.controls.copy(), self.states.copy())
+
+    def of(self, craft: Craft) -> "Trajectory":
+        """Motion of some craft."""
+        return Trajectory(self.controls[craft], self.states[craft])
+
+    def set(self, craft: Craft, part: "Trajectory") -> None:
+        """Replace the motion of some craft."""
+        self.controls[craft], self.states[craft] = part.controls, part.states
+
+    def fuel(self, craft: Craft) -> float:
+        """Eq. 4 of some craft, m/s²."""
+        return float(np.abs(self.controls[craft]).sum())
+
+
+@dataclass(frozen=True)
+class BackOff:
+    """Back-off of the chance constraints: standard deviations kept beyond the collision radius.
+
+    No pair is asked for more of them than its own ends have: at the start throughout the first
+    interval, at the goal throughout the last.
+    """
+
+    uncertainty: Uncertainty  # 1-σ errors of navigation and of thrust execution
+    sigmas: float  # how many standard deviations, along the line between the two craft
+
+    def most(self, controls: Float[Array, "n intervals 3"], problem: Problem) -> float:
+        """No pair's back-off is larger than this, m."""
+        deviation = dispersion(controls, problem, self.uncertainty).most_deviation(problem)
+        return self.sigmas * 2**0.5 * float(deviation.max())
+
+    def of_cuts(
+        self, cuts: Cuts, flown: Trajectory, problem: Problem, margin: float
+    ) -> Float[Array, "k"]:
+        """What each cut asks for besides the collision radius and a margin, m.
+
+        The errors of the trajectory's burns are meant. A passive-safety cut asks for nothing.
+        """
+        if cuts.other is not None:
+            found, flying = np.zeros(len(cuts)), cuts.in_flight
+            both = replace(cuts.where(flying), other=None)
+            found[flying] = self.of_cuts(both, flown, problem, margin)
+            return found
+        errors = dispersion(flown.controls, problem, self.uncertainty)
+        i, j, k = cuts.first, cuts.second, cuts.interval
+        normal = normals(cuts, flown.states, flown.controls)
+        deviation = deviation_along(normal, (cuts.free, cuts.pushed), errors.of_pairs(i, j, k))
+        sigmas = np.full(len(cuts), self.sigmas)
+        kept = problem.collision_radius + margin + ENDS
+        for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):
+            at = np.flatnonzero(k == interval)
+            most = levels_at(node, i[at], j[at], flown.states, errors, kept)
+            sigmas[at] = np.clip(most, 0.0, sigmas[at])
+        return sigmas * deviation
+
+
+@dataclass(frozen=True, eq=False)
+class ConflictDetection:
+    """What craft are kept apart by."""
+
+    problem: Problem  # the problem
+    # say whether all times are looked at or the nodes only, and whether craft that have lost their
+    # thrust are
+    requirements: Requirements = AT_ALL_TIMES
+    swarms: Swarms | None = None  # which craft belong together; by default all of them
+    margin: float = 0.0  # asked for beyond the collision radius, m
+    back_off: BackOff | None = None  # asked for besides, because craft err
+
+    def conflicts(
+        self,
+        flown: Trajectory,
+        within: float,
+        moved: Bool[Array, "n"] | None = None,
+        beside: float = 0.0,
+    ) -> tuple[Cuts, Float[Array, "k"]]:
+        """Where craft come within a distance, and how close.
+
+        Args:
+            flown: a trajectory that meets both ends.
+            within: distance of interest besides the back-off, m.
+            moved: craft whose pairs are looked at; all by default.
+            beside: also cut so long before and after each closest approach, as a share of the
+                interval, since it moves; not at nodes only.
+
+        Returns:
+            A cut at each closest approach, and a lower bound on the separation there less the
+            back-off, m.
+        """
+        if moved is None:
+            moved = np.ones(len(flown.states), dtype=bool)
+        most = 0.0 if self.back_off is None else self.back_off.most(flown.controls, self.problem)
+        cuts, bound = self._in_flight(flown, within + most, moved, beside)
+        if self.back_off is not None:
+            bound = bound - self.back_off_of(cuts, flown)
+            near = bound <= within
+            cuts, bound = cuts.where(near), bound[near]
+        orbits = self.requirements.passive_safety
+        if orbits is None:
+            return cuts, bound
+        found = loss_encounters(
+            *(flown.states, flown.controls, self.problem, orbits, within),
+            swarms=self.swarms,
+            moved=moved,
+        )
+        drifting = passive_safety_cuts(found, flown.states, self.problem)
+        return cuts + drifting, np.concatenate([bound, found.bound])
+
+    def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Float[Array, "k"] | float:
+        """What a trajectory's errors ask of each cut besides radius and margin, m."""
+        if self.back_off is None:
+            return 0.0
+        return self.back_off.of_cuts(cuts, flown, self.problem, self.margin)
+
+    def _in_flight(
+        self, flown: Trajectory, within: float, moved: Bool[Array, "n"], beside: float
+    ) -> tuple[Cuts, Float[Array, "k"]]:
+        """Conflicts of craft that both fly their plans."""
+        problem, states = self.problem, flown.states
+        if self.requirements.at_nodes:
+            i, j = (self.swarms or side_by_side((len(states),))).pairs
+            touched = moved[i] | moved[j]
+            i, j = i[touched], j[touched]
+            distance = np.linalg.norm(states[i, :-1, :3] - states[j, :-1, :3], axis=-1)
+            row, node = np.nonzero(distance <= within)
+            return cuts_at(i[row], j[row], node, np.zeros(len(row)), problem), distance[row, node]
+        found = close_approaches(
+            states, flown.controls, problem, within, swarms=self.swarms, moved=moved
+        )
+        pairs = found.first, found.second, found.interval
+        cuts, bound, h = Cuts(*pairs, found.free, found.pushed), found.bound, problem.time_step
+        for way in (-beside, beside) if beside else ():
+            cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
+            bound = np.concatenate([bound, found.bound])
+        return cuts, bound

@@ -1,0 +1,93 @@
+"""Incumbents of a search: each scenario's cheapest safe iterate, or why there is none."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pipeline.arrays import Array
+from pipeline.expert.batch import Batch
+from pipeline.expert.cuts import Cuts
+
+SLACK_TOLERANCE = 1e-5
+"""Slack in m under which a half-space counts as met."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What the search of a scenario ended with."""
+
+    controls: Float[Array, "n intervals 3"]  # m/s²
+    convex_solves: int = 0  # rounds of programs, the clusters of a round counted as one
+    # pairs of craft that cuts were made for
+    joined: Int[Array, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
+    feasible: bool = False  # whether the controls were seen to be safe as a whole
+    obstacle: str = ""  # what stood in the way of a safe plan, or nothing
+    infeasible: bool = False  # whether it is proven to stand in the way of every plan
+
+
+class Incumbents:
+    """Cheapest safe iterate, rounds and failures of each scenario of a batch."""
+
+    def __init__(self, batch: Batch, controls: Float[Array, "n intervals 3"]) -> None:
+        self._batch, self._swarm = batch, batch.swarms.label
+        self._cheapest = np.full(len(batch.scenarios), np.inf)
+        self._best = controls.copy()
+        self._rounds = np.zeros(len(batch.scenarios), dtype=int)
+        self._failure: dict[int, str] = {}
+        self._slack: dict[int, tuple[float, int, int]] = {}
+
+    def begin_round(self, active: Bool[Array, "n"]) -> None:
+        """Count a round of the scenarios of some craft; slack of earlier rounds is dropped."""
+        self._rounds[np.unique(self._swarm[active])] += 1
+        self._slack = {}
+
+    def update(self, controls: Float[Array, "n intervals 3"], safe: Bool[Array, "swarms"]) -> None:
+        """Keep iterates that are safe as a whole and cheaper than any before."""
+        fuel = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), self._batch.swarms.starts)
+        better = safe & (fuel < self._cheapest)
+        self._cheapest[better] = fuel[better]
+        self._best[better[self._swarm]] = controls[better[self._swarm]]
+
+    def note_failure(self, craft: int, why: str) -> None:
+        """Note what the solver failed at."""
+        self._failure[int(self._swarm[craft])] = why
+
+    def note_slack(self, first: int, second: int, slack: float) -> None:
+        """Note a pair that a program leaves too close; the closest of a round counts."""
+        swarm = int(self._swarm[first])
+        self._slack[swarm] = max(self._slack.get(swarm, (0.0, 0, 0)), (slack, first, second))
+
+    def results(
+        self, controls: Float[Array, "n intervals 3"], cuts: Cuts, left: Bool[Array, "n"]
+    ) -> list[SearchResult]:
+        """Each scenario's incumbent, or else the newest controls, m/s², after all cuts made.
+
+        Craft that are ``left`` are neither done nor safe.
+        """
+        feasible, starts = np.isfinite(self._cheapest), self._batch.swarms.starts
+        ended = np.where(feasible[self._swarm, None, None], self._best, controls)
+        joined = np.array([cuts.first, cuts.second]).T
+        return [
+            SearchResult(
+                controls=part,
+                convex_solves=int(self._rounds[k]),
+                joined=joined[self._swarm[cuts.first] == k] - starts[k],
+                feasible=bool(feasible[k]),
+                obstacle="" if feasible[k] else self._obstacle(k, left=k in self._swarm[left]),
+            )
+            for k, part in enumerate(self._batch.split(ended))
+        ]
+
+    def _obstacle(self, swarm: int, *, left: bool) -> str:
+        """What the solver failed at, or the pair that no program could hold apart."""
+        if swarm in self._failure:
+            return self._failure[swarm]
+        slack, i, j = self._slack.get(swarm, (0.0, 0, 0))
+        if not left or slack < SLACK_TOLERANCE:
+            return ""
+        start, radius = self._batch.swarms.starts[swarm], self._batch.problem.collision_radius
+        return (
+            f"the last program could not keep craft {i - start} and {j - start} {radius:g} m "
+            f"apart, {slack:.3g} m are missing"
+        )

@@ -1,0 +1,214 @@
+"""Plans for flight without errors: searches of the SCP, each scenario's best, certified."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.expert.batch import Batch
+from pipeline.expert.conflicts import BackOff, Trajectory
+from pipeline.expert.incumbents import SearchResult
+from pipeline.expert.scp import SearchProblem, Seeds, cluster_labels
+from pipeline.expert.seeds import checked_seed
+from pipeline.expert.settings import Settings
+from pipeline.orbit.approaches import PROVABLE
+from pipeline.orbit.infeasibility import unavoidable
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
+from pipeline.plan import (
+    INFEASIBLE,
+    SOLVED,
+    UNSAFE,
+    UNSOLVED,
+    Made,
+    Plan,
+    Requirements,
+    gap_of,
+    planned_all,
+)
+from pipeline.scenario import Scenario
+
+
+def nominal_plans(
+    scenarios: Sequence[Scenario],
+    seeds: Sequence[Float[Array, "_ T 6"] | None] | None,
+    settings: Settings,
+    requirements: Requirements,
+    back_off: BackOff | None = None,
+) -> list[Plan]:
+    """The expert's plans for scenarios of one problem, flown without errors.
+
+    As in ``solve_many``, but for the risk, which is not looked at; ``back_off`` is what is asked
+    for beyond the collision radius because craft err.
+
+    Raises:
+        InputError: for a seed of another shape or with values that are not finite.
+    """
+    if not scenarios:
+        return []
+    batch, requirements = Batch(scenarios), requirements.nominal
+    asked = SearchProblem(batch, settings, requirements, back_off)
+    started = perf_counter()
+    controls = None if seeds is None else [*map(_flyable, scenarios, seeds)]
+    optima = batch.optima
+    searched = perf_counter()
+    results = _search(asked, controls)
+    done = perf_counter()
+    stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
+    timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
+    made = [
+        Made(result.controls, *optima.bound(craft), result.convex_solves, timing)
+        for result, craft in zip(results, batch.craft, strict=True)
+    ]
+    plans = planned_all("expert", scenarios, made, requirements)
+    both = zip(plans, results, strict=True)
+    return [_explained(plan, result, batch.problem, requirements) for plan, result in both]
+
+
+def _flyable(
+    scenario: Scenario, seed: Float[Array, "_ T 6"] | None
+) -> Float[Array, "n intervals 3"] | None:
+    """Controls of the trajectory nearest to a seed, m/s²."""
+    if seed is None:
+        return None
+    states = checked_seed(scenario, seed)
+    return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
+
+
+def _explained(
+    plan: Plan, result: SearchResult, problem: Problem, requirements: Requirements
+) -> Plan:
+    """The plan with its status and the reason, where it is none to fly."""
+    if result.infeasible:
+        return replace(plan, status=INFEASIBLE, message=result.obstacle)
+    if plan.status == UNSAFE and has_one_plan(problem) and _meet(plan, problem, requirements):
+        reason = f"no other controls reach the goals, and with these {plan.message}"
+        return replace(plan, status=INFEASIBLE, message=reason)
+    if plan.status != SOLVED:
+        tried = f"no safe plan after {result.convex_solves} convex solves"
+        reasons = [tried, *filter(None, (result.obstacle, plan.message))]
+        return replace(plan, status=UNSOLVED, message=": ".join(reasons))
+    return plan
+
+
+def _meet(plan: Plan, problem: Problem, requirements: Requirements) -> bool:
+    """Whether craft do come within the collision radius, beyond what cannot be disproven."""
+    found, radius = plan.certificate, problem.collision_radius
+    if requirements.at_nodes:
+        return found.node_collisions > 0
+    drifting = None if found.passive_safety is None else found.passive_safety.min_separation
+    return any(one is not None and one <= radius for one in (found.min_separation, drifting))
+
+
+def _search(asked: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
+    """Search where every craft has a decoupled optimum and nothing proves that there is no plan."""
+    results = _before_search(asked)
+    left = [k for k, result in enumerate(results) if not result.obstacle]
+    if not left:
+        return results
+    part = asked.part(left)
+    found = part.search(None if seeds is None else [seeds[k] for k in left])
+    if asked.requirements.passive_safety is not None:
+        found = _until_feasible(part, found)
+    for k, result in zip(left, _best_of_starts(part, found), strict=True):
+        results[k] = result
+    return results
+
+
+def _before_search(asked: SearchProblem) -> list[SearchResult]:
+    """The decoupled optima of each scenario, and what stands in the way of every plan or search."""
+    batch, orbits = asked.batch, asked.requirements.passive_safety
+    optima = batch.optima
+    parts = zip(
+        batch.scenarios,
+        batch.split(optima.controls),
+        batch.split(optima.feasible),
+        batch.infeasible(),
+        strict=True,
+    )
+    results = []
+    for scenario, controls, feasible, why in parts:
+        if not why and not feasible.all():
+            reason = f"the convex solver found no transfer of craft {feasible.argmin()} on its own"
+            results.append(SearchResult(controls, obstacle=reason))
+            continue
+        if not why and orbits is not None:
+            why = _unavoidable_encounter(scenario, orbits)
+        results.append(SearchResult(controls, obstacle=why, infeasible=bool(why)))
+    return results
+
+
+def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
+    """Why no plan is passively safe, where the ends alone prove it; else nothing."""
+    found = unavoidable(scenario.initial, scenario.goal, scenario.problem, orbits)
+    if found is None or found.pair is None:
+        return ""
+    (i, j), problem = found.pair, scenario.problem
+    whence = "its start" if found.node == 0 else "its goal"
+    return (
+        f"craft {i}, adrift from {whence}, comes within {found.distance:.6g} m of craft {j}, which "
+        f"drifts on from its goal, at {found.time:.6g} s, whatever is planned; collision_radius "
+        f"is {problem.collision_radius:g} m"
+    )
+
+
+def _until_feasible(asked: SearchProblem, first: Sequence[SearchResult]) -> list[SearchResult]:
+    """Results of first searches, and of ``settings.again`` more at most where those are unsafe.
+
+    Craft in one plane are first led apart in that plane, where there may be no way past one that
+    drifts; other sides lead out of it.
+    """
+    results = list(first)
+    for start in range(1, asked.settings.again + 1):
+        left = [k for k, result in enumerate(results) if not result.feasible]
+        if not left:
+            break
+        others = asked.part(left).search(start=start)
+        for k, other in zip(left, others, strict=True):
+            solves = results[k].convex_solves + other.convex_solves
+            best = other if other.feasible else results[k]
+            results[k] = replace(best, convex_solves=solves)
+    return results
+
+
+def _best_of_starts(asked: SearchProblem, first: Sequence[SearchResult]) -> list[SearchResult]:
+    """Results of first searches, bettered by ``settings.starts`` - 1 further ones.
+
+    The sides on which craft pass each other decide which local optimum a search ends in. Each
+    further start draws them anew, the same way every time.
+    """
+    results, batch = list(first), asked.batch
+    bounds = [float(part.sum()) for part in batch.split(batch.optima.lower_bound)]
+    for start in range(1, asked.settings.starts):
+        fuels = [float(np.abs(result.controls).sum()) for result in results]
+        gaps = [gap_of(*both, batch.problem) for both in zip(fuels, bounds, strict=True)]
+        left = [k for k, gap in enumerate(gaps) if gap > asked.settings.gap_tolerance]
+        if not left:
+            break
+        others = asked.part(left).search(start=start)
+        for k, other in zip(left, others, strict=True):
+            solves = results[k].convex_solves + other.convex_solves
+            better = _better(asked.part([k]), results[k], other)
+            results[k] = replace(better, convex_solves=solves)
+    return results
+
+
+def _better(asked: SearchProblem, best: SearchResult, other: SearchResult) -> SearchResult:
+    """The cheaper of both in every cluster, where that is safe; else the cheaper of both."""
+    if not (best.feasible and other.feasible):
+        return best if best.feasible else other
+    (scenario,) = asked.batch.scenarios
+    both = np.concatenate([best.joined, other.joined])
+    labels = cluster_labels(scenario.n, *both.T)
+    saved = np.abs(best.controls).sum(axis=(1, 2)) - np.abs(other.controls).sum(axis=(1, 2))
+    cheaper = (np.bincount(labels, saved, scenario.n) > 0)[labels]
+    controls = np.where(cheaper[:, None, None], other.controls, best.controls)
+    flown = Trajectory(controls, fly(scenario.initial, controls, scenario.problem))
+    radius = scenario.problem.collision_radius
+    conflicts, _ = asked.detection.conflicts(flown, radius + PROVABLE)
+    if len(conflicts) == 0:
+        return replace(best, controls=controls, joined=both)
+    return other if saved.sum() > 0 else best

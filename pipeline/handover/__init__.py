@@ -1,6 +1,0 @@
-"""Plans as files that other tools read: orbit ephemeris messages, and tables."""
-
-from pipeline.handover.ephemeris import write_ephemerides
-from pipeline.handover.tables import write_csv, write_parquet
-
-__all__ = ["write_csv", "write_ephemerides", "write_parquet"]

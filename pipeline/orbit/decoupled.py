@@ -1,0 +1,178 @@
+"""Decoupled optima of one craft: least fuel by a table of facets, least thrust limit by an LP.
+
+The fuel that brings about a change b of the final state is a linear program, min ‖u‖₁ subject to
+R u = b, and its value is the gauge of the convex hull of R's columns and their negatives: by how
+much the hull must grow until b is on it. What the ray to b meets is a facet, and a facet is all
+that a simplex method looks for:
+
+- its corners are the optimal basis: which thrusters burn in which intervals, in which direction;
+- the weights by which they give b are how much they burn, the primal solution;
+- its normal y, with yᵀp = 1 at the corners, is the dual one: |Rᵀy| ≤ 1, so no u needs less than
+  bᵀy (weak duality), and by the facet exactly that is needed.
+
+R is the same for all craft of a problem, so the facets are found once, by Qhull, and every craft
+is a product and a maximum. Where motions are decoupled, as in-plane and cross-track are, each has
+a hull of its own, of few dimensions.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+from pipeline.arrays import Array
+from pipeline.errors import ProlearnError
+from pipeline.orbit.arrays import Formation
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import minimum_energy, transfer_maps
+
+# Share of the largest entry of R under which one is 0, velocities times the duration
+NEGLIGIBLE = 1e-12
+FLAT = 1e10  # condition number from which a facet is flat; others cover what it would
+ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a primal exceed its dual
+SHORT = 1e-6  # share of a change of state that a transfer may leave undone by rounding
+MISSED = np.repeat([1e-6, 1e-9], 3)  # what a transfer may leave undone in any case, m and m/s
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """The hull of some decoupled components of the final state, F facets in d dimensions."""
+
+    component: Int[Array, "d"]  # components of the state
+    column: Int[Array, "F d"]  # control, flattened by time, at each corner of each facet
+    sign: Float[Array, "F d"]  # direction in which it acts there
+    weights: Float[Array, "F d d"]  # from a change of the components to the corners' weights
+    dual: Float[Array, "F d"]  # y of each facet, scaled so that |Rᵀy| ≤ 1 holds beyond rounding
+
+
+@dataclass(frozen=True, eq=False)
+class DecoupledOptima:
+    """Decoupled optima of N craft without a thrust limit."""
+
+    controls: Float[Array, "N intervals 3"]  # m/s²
+    bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, m/s²
+    dual: Float[Array, "N 6"]  # y that proves it: bound = missᵀy and |reachᵀy| ≤ 1
+    # basic variables: the number of a control, flattened by time, or 3(T-1) more where it acts in
+    # the negative direction
+    basis: Int[Array, "N 6"]
+    exact: Bool[Array, "N"]  # whether the controls need no more than the bound but for rounding
+
+
+def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima | None:
+    """Least-fuel controls for changes of the final state, m and m/s; the thrust limit is ignored.
+
+    None for a problem whose controls do not reach every state, so that there is no hull.
+    """
+    table = facets_of(problem)
+    if table is None:
+        return None
+    flat = np.zeros((len(miss), 3 * problem.intervals))
+    bound, dual = np.zeros(len(miss)), np.zeros(miss.shape)
+    basis = np.zeros(miss.shape, dtype=int)
+    for facets in table:
+        part = miss[:, facets.component]
+        value = np.matvec(facets.dual, part)
+        chosen = value.argmax(axis=1)
+        weight = np.matvec(facets.weights[chosen], part)
+        for k in np.flatnonzero(weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)):
+            chosen[k], weight[k] = _met(facets, part[k], value[k])
+        craft = np.arange(len(miss))[:, None]
+        column, sign = facets.column[chosen], facets.sign[chosen]
+        flat[craft, column] = weight * sign
+        basis[:, facets.component] = column + (sign < 0) * flat.shape[1]
+        bound += np.take_along_axis(value, chosen[:, None], axis=1)[:, 0]
+        dual[:, facets.component] = facets.dual[chosen]
+    bound = np.maximum(bound, 0.0)
+    exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
+    return DecoupledOptima(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
+
+
+def _met(
+    facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
+) -> tuple[int, Float[Array, "d"]]:
+    """Of facets that share a plane, the one that the ray meets: whose weights are not negative."""
+    near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
+    weights = np.matvec(facets.weights[near], part)
+    k = int(weights.min(axis=1).argmax())
+    return int(near[k]), weights[k]
+
+
+@lru_cache(maxsize=32)
+def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
+    """The hulls of a problem, computed once; None where some state is out of reach."""
+    scale = _scale(problem)
+    reach = transfer_maps(problem).reach[-1] * scale[:, None]
+    acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
+    _, label = connected_components(csr_array(acts @ acts.T), directed=False)
+    parts = [np.flatnonzero(label == k) for k in np.unique(label)]
+    try:
+        return tuple(_facets(reach, acts, component, scale[component]) for component in parts)
+    except (QhullError, ValueError):  # flat, or nothing but a point
+        return None
+
+
+def _scale(problem: Problem) -> Float[Array, "6"]:
+    """Turns changes of a state into m/s², all of order one."""
+    return np.repeat([1.0, problem.duration], 3) / problem.duration**2
+
+
+def _facets(
+    reach: Float[Array, "6 m"],
+    acts: Bool[Array, "6 m"],
+    component: Int[Array, "d"],
+    scale: Float[Array, "d"],
+) -> Facets:
+    """The hull of some components, from their scaled reach."""
+    used = np.flatnonzero(acts[component].any(axis=0))
+    columns = reach[np.ix_(component, used)]
+    points = np.concatenate([columns.T, -columns.T])
+    corner = ConvexHull(points).simplices
+    corner = corner[np.linalg.cond(points[corner]) < FLAT]
+    inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
+    dual = inverse.sum(axis=2)  # solves corners · y = 1
+    dual /= np.maximum(np.abs(dual @ points.T).max(axis=1, keepdims=True), 1.0)
+    weights = inverse.transpose(0, 2, 1) * scale
+    sign = np.where(corner < len(used), 1.0, -1.0)
+    return Facets(component, used[corner % len(used)], sign, weights, dual * scale)
+
+
+def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
+    """Min max|u| over all controls u that join the two states of each craft, m/s².
+
+    A linear program for each craft: with every component of w within ±1, how many times s the
+    change b of the final state can R w = s b be? A limit of 1/s is what it takes. All are solved
+    in one call, scaled by the minimum-energy transfers, which no limit needs to exceed. The
+    problem's own limit is ignored; infinite where no thrust reaches the goal.
+    """
+    from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
+
+    maps, scale = transfer_maps(problem), _scale(problem)
+    reach = maps.reach[-1] * scale[:, None]
+    miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
+    controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
+    left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
+    short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), MISSED * scale)
+    missed = (left > short).any(axis=1)
+    limits = np.where(missed, np.inf, 0.0)
+    moving = np.flatnonzero((enough > 0) & ~missed)  # the others arrive without thrust
+    if len(moving) == 0:
+        return limits
+    wanted = csr_array(block_diag(list((miss[moving] / enough[moving, None])[..., None])))
+    n, m = len(moving), reach.shape[1]
+    balance: Any = hstack([kron(eye_array(n), csr_array(reach)), -wanted], format="csr")
+    found = linprog(
+        np.repeat([0.0, -1.0], [n * m, n]),
+        A_eq=balance,
+        b_eq=np.zeros(6 * n),
+        bounds=[(-1.0, 1.0)] * (n * m) + [(0.0, np.inf)] * n,
+        method="highs",
+    )
+    if found.x is None:
+        raise ProlearnError(f"the least thrust limit was not found: {found.message}")
+    limits[moving] = enough[moving] / found.x[n * m :]
+    return limits

@@ -1,0 +1,78 @@
+"""Proofs by the ends alone that no plan is passively safe.
+
+A craft that loses its thrust at the first node drifts on from its start, and after the plan the
+others drift on from their goals, whatever the plan is; after the last node all drift on from
+their goals.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool
+
+from pipeline.arrays import Array
+from pipeline.orbit.approaches import close_approaches
+from pipeline.orbit.arrays import Formation
+from pipeline.orbit.problem import RANGES, Problem
+from pipeline.orbit.separation import Separation
+from pipeline.orbit.transfer import free_drift
+
+# Drift in s below which nothing is proven of the ends alone; plans are held to it all the same
+SHORTEST = 2 * RANGES["time_step"][0]
+
+
+Encounters = Iterator[tuple[int, int, Separation]]  # craft or their goals, and how close they come
+
+
+def unavoidable(
+    initial: Formation, goal: Formation, problem: Problem, orbits: float
+) -> Separation | None:
+    """The closest encounter within the collision radius that follows from the ends, or None."""
+    met = [one for _, _, one in _encounters(goal, problem, orbits, problem.nodes - 1)]
+    starts = _starts_with_goals(initial, goal, problem, orbits)
+    met += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
+    return min(met, key=lambda one: one.distance, default=None)
+
+
+def forced_goals(
+    initial: Formation, goal: Formation, problem: Problem, orbits: float
+) -> Bool[Array, "n n"]:
+    """Which goals craft may take, by craft and goal, where goals are not assigned yet.
+
+    Who drifts from its start into one that drifts on from some goal must take that goal itself;
+    none may take any where two goals drift into each other.
+    """
+    n = len(goal)
+    allowed = np.ones((n, n), dtype=bool)
+    if list(_encounters(goal, problem, orbits, problem.nodes - 1)):
+        return ~allowed
+    for craft, taken, _ in _starts_with_goals(initial, goal, problem, orbits):
+        allowed[craft] &= np.arange(n) == taken
+    return allowed
+
+
+def _starts_with_goals(
+    initial: Formation, goal: Formation, problem: Problem, orbits: float
+) -> Encounters:
+    """After the plan, of craft that drift from their starts and others on goals' orbits."""
+    n = len(goal)
+    A, _ = problem.dynamics.step(problem.duration)
+    both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
+    longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
+    for first, second, one in _encounters(both, problem, longer, 0):
+        if first < n <= second:
+            yield first, second - n, replace(one, pair=(first, second - n))
+
+
+def _encounters(states: Formation, problem: Problem, orbits: float, node: int) -> Encounters:
+    """Within the collision radius in free drift from the plan's end on."""
+    if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
+        return
+    flown, idle, drift = free_drift(states, problem, orbits)
+    found = close_approaches(flown, idle, drift, problem.collision_radius)
+    time = problem.duration + found.interval * drift.time_step + found.offset
+    for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
+        i, j = int(found.first[k]), int(found.second[k])
+        distance, bound = float(found.distance[k]), float(found.bound[k])
+        yield i, j, Separation(distance, bound, (i, j), float(time[k]), node)

@@ -1,0 +1,244 @@
+"""Passive safety: closest approaches of a craft that has lost its thrust at a node.
+
+One craft drifts on from that node; the others fly their plan to its end and then drift on from
+their goals. All of it is linear motion under controls that are constant over intervals, so the
+search is that of craft in flight, with proven bounds.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import (
+    NOTHING,
+    Closest,
+    Swarms,
+    closest_to_origin,
+    least_of_each,
+    side_by_side,
+)
+from pipeline.orbit.arrays import AnyState, Controls, Indices, Marked, Scalar, States, Vector
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import ROUNDING, Separation, closer
+
+MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
+AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
+NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
+
+_NONE = np.zeros(0, dtype=int)
+
+
+def check_orbits(orbits: float) -> None:
+    """Refuse lengths of a drift out of range with an InputError."""
+    if not 0 < orbits <= MOST_ORBITS:  # nor what is no number
+        raise InputError(
+            f"passive safety is asked for over {orbits:g} orbits; expected a number above 0 and at "
+            f"most {MOST_ORBITS:g}."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LossEncounters(Closest):
+    """Closest approaches of a drifting craft and one that flies on, within an interval."""
+
+    lost: Indices  # the drifting craft
+    node: Indices  # at which it lost its thrust; the last one, where it has none left to lose
+    other: Indices  # the craft that flies on
+    interval: Indices  # which interval, counted from the first node, and on beyond the last one
+
+
+NO_ENCOUNTERS = LossEncounters(**vars(NOTHING), lost=_NONE, node=_NONE, other=_NONE, interval=_NONE)
+
+
+def loss_encounters(
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    orbits: float,
+    within: float | Float[Array, "swarms"],
+    *,
+    swarms: Swarms | None = None,
+    moved: Marked | None = None,
+) -> LossEncounters:
+    """All encounters of drifting craft and others that may come within a distance.
+
+    A craft drifts for so many orbits from every node on. The distance ``within``, m, is of all
+    swarms or of each; by default there is one swarm. Encounters that do not depend on the controls
+    of ``moved`` craft are skipped.
+    """
+    swarms = swarms or side_by_side((len(states),))
+    reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
+    paths = _Paths.of(states, controls, problem, orbits)
+    found = []
+    for length, since in paths.pieces:
+        near = list(_candidates(paths, length, since, reach, swarms, moved))
+        if near:
+            which = tuple(map(np.concatenate, zip(*near, strict=True)))
+            found.append(_closest(paths, length, reach, *which))
+    if not found:
+        return NO_ENCOUNTERS
+    columns = zip(*(vars(one).values() for one in found), strict=True)
+    return LossEncounters(*map(np.concatenate, columns))
+
+
+def least_after_loss(
+    states: States, controls: Controls, problem: Problem, orbits: float, swarms: Swarms
+) -> list[Separation]:
+    """The least distance of a drifting craft to another, of each swarm.
+
+    As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
+    is the least where rounding hides it from the search.
+    """
+    least = _closest_at_steps(_Paths.of(states, controls, problem, orbits), swarms)
+    within = np.nan_to_num([one.distance for one in least], posinf=0.0)  # none without a pair
+    found = loss_encounters(states, controls, problem, orbits, within, swarms=swarms)
+    times = found.interval * problem.time_step + found.offset
+    return closer(least, found, found.lost, found.other, times, swarms, found.node)
+
+
+@dataclass(frozen=True, eq=False)
+class _Paths:
+    """A plan flown to its end, with the drift from the goals that follows."""
+
+    # at nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s
+    states: Float[Array, "n _ 6"]
+    controls: Float[Array, "n _ 3"]  # zero after the plan, (n, T + M, 3), m/s²
+    problem: Problem  # the plan's
+    drift: Float[Array, "_ 6 6"]  # powers of A, (M + 1, 6, 6)
+    rest: float  # what is left of a drift after M time steps, s
+
+    @classmethod
+    def of(cls, states: States, controls: Controls, problem: Problem, orbits: float) -> "_Paths":
+        """The paths of which every drift takes so many orbits."""
+        h = problem.time_step
+        steps = orbits * 2 * np.pi / problem.mean_motion / h
+        whole = int(steps + NO_LENGTH)
+        drift, _ = problem.dynamics.step(h * np.arange(whole + 1))
+        after = np.matvec(drift[1:], states[:, -1:])
+        idle = np.zeros((len(states), whole + 1, 3))
+        return cls(
+            np.concatenate([states, after], axis=1),
+            np.concatenate([controls, idle], axis=1),
+            problem,
+            drift,
+            rest=max(0.0, (steps - whole) * h),
+        )
+
+    @property
+    def last(self) -> int:
+        """The last node of the plan, or of what is left of it."""
+        return self.states.shape[1] - len(self.drift)
+
+    @property
+    def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
+        """Intervals of one length, s, and how many time steps after the loss they begin."""
+        whole = len(self.drift) - 1
+        if whole:
+            yield self.problem.time_step, np.arange(whole)
+        if self.rest > NO_LENGTH * self.problem.time_step or not whole:
+            yield self.rest, np.array([whole])
+
+
+def _candidates(
+    paths: _Paths,
+    length: float,
+    since: Int[Array, "steps"],
+    reach: Float[Array, "n"],
+    swarms: Swarms,
+    moved: Marked | None,
+) -> Iterator[tuple[Array, ...]]:
+    """Drifting craft, node, other craft and interval whose balls are within a distance."""
+    dynamics = paths.problem.dynamics
+    middle, radius = _balls(paths.states, paths.controls, dynamics, length)
+    for node in range(paths.last + 1):
+        drifting = np.matvec(paths.drift[since], paths.states[:, node, None])
+        idle = np.zeros((*drifting.shape[:2], 3))
+        centre, size = _balls(drifting, idle, dynamics, length)
+        for i, j, steps in _searched(node, paths.last, since, swarms, moved):
+            at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
+            apart = norm(centre[i, steps] - middle[j, at])
+            pair, step = np.nonzero(apart <= size[i, steps] + radius[j, at] + reach[i, None])
+            yield i[pair], np.full(len(pair), node), j[pair], at.start + step
+
+
+def _balls(
+    start: AnyState, controls: Vector, dynamics: Dynamics, h: float
+) -> tuple[Vector, Scalar]:
+    """Middle and radius of a ball that each craft stays in over an interval of h s, m."""
+    A, B = dynamics.step(h)
+    begin, end = start[..., :3], start @ A[:3].T + controls @ B[:3].T
+    sag = dynamics.most_acceleration(start, controls, h) * h**2 / 8
+    return (begin + end) / 2, norm(end - begin) / 2 + sag
+
+
+def _searched(
+    node: int, last: int, since: Int[Array, "steps"], swarms: Swarms, moved: Marked | None
+) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
+    """Drifting craft, others, and steps of a drift from a node, not too many at once.
+
+    All of them, or those that depend on the controls of moved craft.
+    """
+    one, other = swarms.pairs
+    lost, met = np.concatenate([one, other]), np.concatenate([other, one])
+    count = len(since)
+    if moved is None:
+        windows = [(np.ones(len(lost), dtype=bool), 0, count)]
+    else:  # from the first node and the last a drift is fixed, and so is one from a goal
+        flying = int(np.clip(last - node - since[0], 0, count))
+        lost_moved = moved[lost] & (0 < node < last)
+        windows = [(lost_moved | moved[met], 0, flying), (lost_moved, flying, count)]
+    for wanted, begin, end in windows:
+        chosen = np.flatnonzero(wanted)
+        if begin == end or len(chosen) == 0:
+            continue
+        for part in np.array_split(chosen, 1 + len(chosen) * (end - begin) // AT_ONCE):
+            yield lost[part], met[part], slice(begin, end)
+
+
+def _closest(
+    paths: _Paths,
+    length: float,
+    reach: Float[Array, "n"],
+    lost: Int[Array, "c"],
+    node: Int[Array, "c"],
+    other: Int[Array, "c"],
+    interval: Int[Array, "c"],
+) -> LossEncounters:
+    """The encounters among candidates."""
+    dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
+    drifting = np.matvec(paths.drift[interval - node], paths.states[lost, node])
+    start = drifting - paths.states[other, interval]
+    A, B = dynamics.step(length)
+    end = np.matvec(A, start) - np.matvec(B, held)
+    near, found = closest_to_origin(start, end, -held, dynamics, length, reach[lost])
+    return LossEncounters(
+        **vars(found), lost=lost[near], node=node[near], other=other[near], interval=interval[near]
+    )
+
+
+def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
+    """The closest that a drifting craft is to another at any time step, of each swarm.
+
+    The bound is lower by what rounding may hide.
+    """
+    closest = [Separation()] * len(swarms.sizes)
+    since, step = np.arange(len(paths.drift)), paths.problem.time_step
+    slack = ROUNDING * float(np.abs(paths.states[..., :3]).max())
+    for node in range(paths.last + 1):
+        drifting = np.matvec(paths.drift, paths.states[:, node, None])[..., :3]
+        for i, j, _ in _searched(node, paths.last, since, swarms, None):
+            apart = norm(drifting[i] - paths.states[j, node : node + len(since), :3])
+            least, label = apart.min(axis=1), swarms.label[i]
+            for swarm, k in np.transpose(least_of_each(least, label)).tolist():
+                distance, best, begin = float(least[k]), closest[swarm], swarms.starts[swarm]
+                if not best.distance <= distance:
+                    pair = int(i[k] - begin), int(j[k] - begin)
+                    time = float(node + apart[k].argmin()) * step
+                    closest[swarm] = Separation(distance, distance - slack, pair, time, node)
+    return closest

@@ -1,0 +1,111 @@
+"""A plan as read from a file, flown, certified and judged anew: no claim of it is believed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.risk import FAR, collision_risk
+from pipeline.plan.certificate import Certificate
+from pipeline.plan.judge import POSITION_TOLERANCE, Made, planned, violations
+from pipeline.plan.plan import SOLVED, Plan
+from pipeline.scenario import Scenario
+from pipeline.scenario.scenario import FURTHEST
+
+RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
+# Share by which a claimed risk may be below the one found anew: its quadrature is so exact
+SAME = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Rechecked:
+    """A plan as its controls fly it."""
+
+    # states, certificate and status found anew from the scenario and the controls; the lower bound
+    # on the fuel and how it was proven are as the file has them
+    plan: Plan
+    # whether no pair comes within r_col, at any time or at the nodes, whichever was asked, nor
+    # after a loss of thrust where that is claimed
+    safe: bool
+    faults: tuple[str, ...]  # what is wrong with it, in sentences; empty where it is solved
+
+
+def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
+    """Fly a plan's controls from its scenario's initial states and certify the outcome.
+
+    Controls too large for numbers are an InputError, and so is passive safety that is claimed for
+    no length of a drift or with separation at the nodes only.
+    """
+    _refuse_overflow(claimed, scenario)
+    problem, said, asked = scenario.problem, claimed.certificate, claimed.requirements
+    made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
+    made = replace(made, convex_solves=claimed.convex_solves)
+    flown = planned(claimed.planner, scenario, made, asked)
+    faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
+    if flown.status != SOLVED and flown.message != claimed.message:
+        faults.append(flown.message[0].upper() + flown.message[1:])
+    off = float(np.abs(claimed.states - flown.states)[..., :3].max())
+    if not off <= POSITION_TOLERANCE:
+        faults.append(
+            f"The file's states are up to {off:.3g} m from where its controls lead; shown is "
+            "where they lead"
+        )
+    found = flown.certificate
+    unsafe = violations(found, flown.controls, problem, asked).keys() & {
+        "separation",
+        "passive safety",
+    }
+    if said.risk is not None:  # by the errors that the file says
+        risk = collision_risk(flown.states, flown.controls, problem, said.risk.uncertainty)
+        found = replace(found, risk=replace(said.risk, bound=risk.total))
+    faults += [
+        f"The file claims {name} {theirs:.6g}{unit.removesuffix(' at most')}, its controls give "
+        f"{ours:.6g}{unit}"
+        for name, theirs, ours, unit in _false_claims(said, found, problem)
+    ]
+    plan = replace(flown, certificate=found, timing=claimed.timing, message=claimed.message)
+    return Rechecked(plan, not unsafe, tuple(fault.rstrip(".") + "." for fault in faults))
+
+
+def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
+    """Controls so large that arithmetic on them has no meaning."""
+    most = float(np.abs(claimed.controls).max())
+    if not most * scenario.problem.duration**2 <= FURTHEST:
+        raise InputError(
+            f"the controls reach {most:.3g} m/s², which leads beyond "
+            f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
+        )
+
+
+def _false_claims(
+    said: Certificate, found: Certificate, problem: Problem
+) -> Iterator[tuple[str, float, float, str]]:
+    """Fields that a file claims more of than its controls give, with both values and the unit.
+
+    NaN is a false claim.
+    """
+    for name, unit in (("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")):
+        theirs, ours = getattr(said, name), getattr(found, name)
+        if not abs(theirs - ours) <= RELATIVE * abs(ours):
+            yield name, theirs, ours, unit
+    for name in ("craft_delta_v", "craft_delta_v_2norm"):
+        both = zip(getattr(said, name), getattr(found, name), strict=False)
+        for k, (theirs, ours) in enumerate(both):
+            if not abs(theirs - ours) <= RELATIVE * found.delta_v:
+                yield f"{name}[{k}]", theirs, ours, " m/s"
+                break
+    parts = (("", said, found), ("passive_safety.", said.passive_safety, found.passive_safety))
+    for prefix, claim, truth in parts:
+        for name in ("min_separation", "min_separation_bound"):
+            theirs, ours = getattr(claim, name, None), getattr(truth, name, None)
+            if theirs is None or ours is None:
+                continue
+            if not theirs <= ours + 2 * TOLERANCE:
+                yield prefix + name, theirs, ours, " m"
+    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
+        yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
+    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
+        yield "risk.bound", said.risk.bound, found.risk.bound, ""

@@ -1,0 +1,65 @@
+"""Planners without a network: the expert, and baselines that plan each craft without the others."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.expert import Settings, solve_many
+from pipeline.expert.batch import Batch
+from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
+from pipeline.planners.planner import certified
+from pipeline.scenario import Scenario
+
+Controls = Float[Array, "n intervals 3"]
+
+
+@dataclass(frozen=True)
+class Expert:
+    """Sequential convex programming on all scenarios at once."""
+
+    settings: Settings = field(default_factory=Settings)  # how to work
+    name: str = "expert"  # what tables call it
+    requirements: Requirements = AT_ALL_TIMES  # what its plans must satisfy
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario."""
+        plans = solve_many(scenarios, settings=self.settings, requirements=self.requirements)
+        return [replace(plan, planner=self.name) for plan in plans]
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A planner that plans each craft without the others."""
+
+    name: str  # what tables call it
+    controls: Callable[[Batch], Controls]  # that meet the goals, m/s²
+    requirements: Requirements = AT_ALL_TIMES  # what its plans are judged by
+
+    def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
+        """One plan for each scenario."""
+        return certified(self.name, scenarios, self.controls, self.requirements)
+
+
+def _straight_line(batch: Batch) -> Controls:
+    """The straight line made flyable."""
+    states = straight_line(batch.initial, batch.goal, batch.problem.nodes)
+    return project_to_flyable(states, batch.initial, batch.goal, batch.problem)
+
+
+def _minimum_energy(batch: Batch) -> Controls:
+    return minimum_energy(batch.initial, batch.goal, batch.problem)
+
+
+def _decoupled(batch: Batch) -> Controls:
+    return batch.optima.controls
+
+
+BASELINES = (
+    Baseline("straight line", _straight_line),
+    Baseline("minimum energy", _minimum_energy),
+    Baseline("own LP", _decoupled),
+)
+"""They belong in every table."""

@@ -1,0 +1,215 @@
+"""Validation of a scenario: every fault with its size, and what is fine, in words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import ceil, floor, log10
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.arrays import Formation
+from pipeline.orbit.decoupled import least_limits
+from pipeline.orbit.dynamics import model_error
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import energy_mismatch
+from pipeline.orbit.separation import least_separation
+from pipeline.orbit.transfer import free_drift
+from pipeline.scenario.scenario import Scenario
+
+# Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit
+ENERGY_TOLERANCE = 1e-5
+APART, MATCHED = "craft apart", "energy-matched"
+PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault."""
+
+    craft: tuple[int, ...]  # whose it is
+    text: str  # what is wrong, and by how much
+    numbers: Mapping[str, float] = field(default_factory=dict)  # what the text says, in SI units
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """Outcome of a rule at one end, or for the transfer."""
+
+    rule: str  # what was looked at
+    end: str  # "initial", "goal" or "transfer"
+    text: str  # what was found, in words
+    cases: tuple[Case, ...] = ()  # faults, worst first; none where all is well
+    cure: str = ""  # what to do about them
+
+    @property
+    def fine(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.cases
+
+
+def diagnostics(scenario: Scenario) -> list[Diagnostic]:
+    """All that is wrong with a scenario, and what is fine."""
+    ends = {"initial": scenario.initial, "goal": scenario.goal}
+    rules = (_apart, _matched, _passive)
+    found = [rule(end, states, scenario.problem) for end, states in ends.items() for rule in rules]
+    return [*found, _reachable(scenario), _linear(scenario)]
+
+
+def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
+    """Refuse formations that no transfer can start from or end in safely.
+
+    Raises:
+        InputError: where a pair is within the collision radius at either end or, unless
+            ``allow_drift``, a state is not energy-matched (Eq. 3).
+    """
+    problem = scenario.problem
+    for end, states in {"initial": scenario.initial, "goal": scenario.goal}.items():
+        close = _apart(end, states, problem)
+        for case in close.cases:
+            raise InputError(
+                f"{case.text}; expected every pair further apart than collision_radius, "
+                f"{problem.collision_radius:g} m: {close.cure}."
+            )
+        for case in () if allow_drift else _matched(end, states, problem).cases:
+            raise InputError(
+                f"{case.text}; expected 0 within {ENERGY_TOLERANCE:g} m/s (energy matching): "
+                f"set vy to {case.numbers['vy_wanted']:.9g}, or give --allow-drift."
+            )
+
+
+def _apart(end: str, states: Formation, problem: Problem) -> Diagnostic:
+    """Whether every pair is further apart than the collision radius at this end."""
+    i, j = pairs(len(states))
+    distance = np.linalg.norm(states[i, :3] - states[j, :3], axis=1)
+    close = np.flatnonzero(distance <= problem.collision_radius)
+    cases = tuple(
+        Case(
+            (int(i[k]), int(j[k])),
+            f"{end}[{i[k]}] and {end}[{j[k]}] are {distance[k]:.6g} m apart",
+            {"distance": float(distance[k])},
+        )
+        for k in close[distance[close].argsort(kind="stable")]
+    )
+    if cases:
+        text = f"pairs within collision_radius, {problem.collision_radius:g} m: {len(cases)}"
+        return Diagnostic(APART, end, text, cases, "move one of them or lower collision_radius")
+    if len(distance) == 0:
+        return Diagnostic(APART, end, "one craft alone")
+    k = int(distance.argmin())
+    text = f"the closest, craft {i[k]} and {j[k]}, are {distance[k]:.4g} m apart"
+    return Diagnostic(APART, end, text)
+
+
+def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
+    """Whether Eq. 3 holds, so that no craft drifts along-track.
+
+    A craft that drifts does so by -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch.
+    """
+    e = problem.mean_motion
+    mismatch = energy_mismatch(states, e)
+    off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
+    drift, wanted = -6 * np.pi / e * mismatch, -2 * e * states[:, 0]
+    numbers = [
+        {"mismatch": float(m), "drift_per_orbit": float(d), "vy_wanted": float(v)}
+        for m, d, v in zip(mismatch, drift, wanted, strict=True)
+    ]
+    cases = tuple(
+        Case(
+            (int(k),),
+            f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit: vy + 2·mean_motion·x is "
+            f"{mismatch[k]:.3g} m/s, and 0 with a vy of {wanted[k]:.9g}",
+            numbers[k],
+        )
+        for k in off[np.abs(mismatch[off]).argsort(kind="stable")[::-1]]
+    )
+    if cases:
+        text = f"craft that drift along-track: {len(cases)}"
+        cure = "give them that vy, or plan with --allow-drift"
+        return Diagnostic(MATCHED, end, text, cases, cure)
+    text = f"no craft drifts by more than {np.abs(drift).max():.3f} m an orbit"
+    return Diagnostic(MATCHED, end, text)
+
+
+def _passive(end: str, states: Formation, problem: Problem) -> Diagnostic:
+    """Whether every pair stays further apart than the collision radius in an orbit of drift."""
+    drift = free_drift(states, problem)
+    found = close_approaches(*drift, within=problem.collision_radius)
+    time = found.interval * drift[2].time_step + found.offset
+    # Of the passes of each pair the closest, and of those that are equally close the first.
+    order = np.lexsort((time, np.round(found.distance, 3), found.second, found.first))
+    both = np.stack([found.first, found.second])[:, order]
+    order = order[np.unique(both, axis=1, return_index=True)[1]]
+    orbit = 2 * np.pi / problem.mean_motion
+    cases = tuple(
+        Case(
+            (int(found.first[k]), int(found.second[k])),
+            f"{end}[{found.first[k]}] and {end}[{found.second[k]}] come within "
+            f"{found.distance[k]:.4g} m at {time[k]:.0f} s, {time[k] / orbit:.2f} orbits",
+            {"distance": float(found.distance[k]), "time": float(time[k])},
+        )
+        for k in order[found.distance[order].argsort(kind="stable")]
+    )
+    if cases:
+        within = f"collision_radius, {problem.collision_radius:g} m"
+        text = f"pairs within {within}, in an orbit of free drift: {len(cases)}"
+        return Diagnostic(PASSIVE, end, text, cases, "change orbits or lower collision_radius")
+    least = least_separation(*drift)
+    if least.pair is None:
+        return Diagnostic(PASSIVE, end, "one craft alone")
+    i, j = least.pair
+    text = (
+        f"in an orbit of free drift no pair is closer than craft {i} and {j}, "
+        f"{least.distance:.4g} m at {least.time:.0f} s"
+    )
+    return Diagnostic(PASSIVE, end, text)
+
+
+def _reachable(scenario: Scenario) -> Diagnostic:
+    """Whether every craft on its own can make its transfer within the thrust limit."""
+    limit = scenario.problem.max_acceleration
+    least = least_limits(scenario.initial, scenario.goal, scenario.problem)
+    most = int(least.argmax())
+    if limit is None and np.isfinite(least).all():
+        text = f"no max_acceleration; craft {most} needs the most, {least[most]:.4g} m/s²"
+        return Diagnostic(REACHABLE, "transfer", text)
+    limit = np.inf if limit is None else limit
+    short = np.flatnonzero((least > limit) | np.isinf(least))
+    worst = short[least[short].argsort(kind="stable")[::-1]].tolist()
+    cases = tuple(_out_of_reach(k, float(least[k]), limit) for k in worst)
+    if cases:
+        given = f"max_acceleration, {limit:g} m/s²," if np.isfinite(limit) else "any thrust"
+        text = f"craft that {given} is too little for: {len(cases)}"
+        cure = "raise max_acceleration, or give more time by time_step or nodes"
+        return Diagnostic(REACHABLE, "transfer", text, cases, cure)
+    text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
+    return Diagnostic(REACHABLE, "transfer", text)
+
+
+def _out_of_reach(k: int, least: float, limit: float) -> Case:
+    """The fault of a craft that needs a higher thrust limit, rounded up to four digits."""
+    if not np.isfinite(least):
+        return Case((k,), f"craft {k} reaches its goal with no thrust, however large")
+    unit = 10.0 ** (floor(log10(least)) - 3)
+    enough = ceil(least / unit * (1 + 1e-6)) * unit
+    times = f"{least / limit:.4g} times max_acceleration"
+    text = f"craft {k} needs at least {enough:.4g} m/s², {times}"
+    return Case((k,), text, {"least_limit": least})
+
+
+def _linear(scenario: Scenario) -> Diagnostic:
+    """Whether the linear model is off by less than the collision radius."""
+    problem = scenario.problem
+    ends = np.concatenate([scenario.initial, scenario.goal])
+    found = model_error(ends, problem.mean_motion, problem.duration)
+    off = f"about an oblate Earth craft end some {found.total:.2g} m off their goals"
+    if found.total <= problem.collision_radius:
+        return Diagnostic(LINEAR, "transfer", off)
+    turns = problem.mean_motion * problem.duration / (2 * np.pi)
+    text = (
+        f"{found.curvature:.2g} m since craft are up to {found.reach:.3g} m from the origin, "
+        f"{found.oblateness:.2g} m by J2 over {turns:.3g} orbits"
+    )
+    cure = "stay nearer to the origin or take less time; `prolearn fly` says what a plan misses"
+    cases = (Case((), text, vars(found)),)
+    return Diagnostic(LINEAR, "transfer", f"{off}: more than collision_radius", cases, cure)

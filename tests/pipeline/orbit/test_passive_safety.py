@@ -1,0 +1,180 @@
+"""Closest approaches after a loss of thrust, held against matrix exponentials on a dense grid."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from judge import Case, closest_adrift
+
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.infeasibility import unavoidable
+from pipeline.orbit.passive_safety import check_orbits, least_after_loss, loss_encounters
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import pro_states
+from pipeline.orbit.transfer import fly, minimum_energy
+
+PERIOD = 2 * np.pi / Problem().mean_motion
+
+
+def case_of(problem):
+    return Case(problem.mean_motion, problem.time_step, problem.nodes, problem.collision_radius)
+
+
+def transfer(seed, n, problem):
+    """The transfers of least energy between random ends, some of which come very close."""
+    rng = np.random.default_rng(seed)
+    initial, goal = rng.normal(size=(2, n, 6)) * np.repeat([80.0, 0.08], 3)
+    controls = minimum_energy(initial, goal, problem)
+    return fly(initial, controls, problem), controls
+
+
+def least(states, controls, problem, orbits):
+    (found,) = least_after_loss(states, controls, problem, orbits, side_by_side((len(states),)))
+    return found
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    orbits=st.sampled_from([0.004, 0.05, 0.3, 1.0]),
+    step=st.sampled_from([50.0, 120.0, 700.0]),
+)
+@settings(max_examples=12)
+def test_the_least_separation_is_the_judge_s(seed, orbits, step):
+    """Drifts shorter than a step, that end in flight, and that go on long after the plan."""
+    problem = Problem(time_step=step, nodes=5)
+    states, controls = transfer(seed, 3, problem)
+    found = least(states, controls, problem, orbits)
+    truth = closest_adrift(case_of(problem), states, controls, orbits)
+    assert found.distance == pytest.approx(truth.distance, abs=2e-4)
+    assert found.bound <= truth.distance + 1e-6
+    assert found.bound >= found.distance - 1e-4
+    assert 0 <= found.time - found.node * step <= orbits * PERIOD * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("seconds", [5e-4, 480.0 + 5e-4, 600.0 + 5e-4])
+def test_a_drift_that_ends_shortly_after_a_node_is_looked_at_like_any_other(seconds):
+    """By less than the shortest time step that a problem may have."""
+    problem = Problem(time_step=120.0, nodes=5)
+    states, controls = transfer(1, 3, problem)
+    found = least(states, controls, problem, seconds / PERIOD)
+    truth = closest_adrift(case_of(problem), states, controls, seconds / PERIOD)
+    assert found.distance == pytest.approx(truth.distance, abs=2e-4)
+    assert found.bound <= truth.distance + 1e-6
+    assert unavoidable(states[:, 0], states[:, -1], problem, seconds / PERIOD) is None
+
+
+def test_a_meeting_after_seventy_orbits_is_found():
+    """A craft that is slower by v gains 3 v in the mean and stays at its height but for 4 v/e."""
+    problem, ahead, met = Problem(), 200.0, 74 * PERIOD
+    v = (ahead - problem.collision_radius) / (3 * met)
+    behind = [0.0, -ahead, 0.0, 0.0, -v, 0.0]
+    goal = np.array([np.zeros(6), behind])
+    found = unavoidable(goal, goal, problem, 100.0)
+    assert found.pair in ((0, 1), (1, 0))
+    assert found.distance < problem.collision_radius
+    assert unavoidable(goal, goal, problem, 73.0) is None
+    assert unavoidable(goal, goal, problem, 75.0).distance < problem.collision_radius
+
+
+def test_everything_within_a_distance_is_found_and_nothing_else():
+    """Beside a dense grid that is 2 s fine; relative speeds are below 1 m/s."""
+    problem, orbits = Problem(nodes=4), 0.2
+    states, controls = transfer(7, 5, problem)
+    within = 120.0
+    found = loss_encounters(states, controls, problem, orbits, within)
+    assert len(found.lost) > 20
+    assert (found.bound <= within).all()
+    assert (np.abs(found.distance - found.bound) < 1e-4).all()
+    told = set(zip(found.lost.tolist(), found.node.tolist(), found.other.tolist(), strict=True))
+    for node in range(problem.nodes):
+        since = np.append(np.arange(0.0, orbits * PERIOD, 2.0), orbits * PERIOD)
+        A, _ = problem.dynamics.step(since)
+        adrift = np.einsum("tij,nj->nti", A[:, :3], states[:, node])
+        flown = np.stack([position(states, controls, problem, node, t) for t in since], axis=1)
+        apart = np.linalg.norm(adrift[:, None] - flown[None], axis=-1).min(axis=-1)
+        for i, j in np.argwhere(~np.eye(5, dtype=bool)).tolist():
+            if (i, node, j) in told:
+                assert apart[i, j] < within + 1.0
+            else:
+                assert apart[i, j] > within
+
+
+def position(states, controls, problem, node, since):
+    time = node * problem.time_step + since
+    k = min(int(time // problem.time_step), problem.nodes - 1)
+    A, B = problem.dynamics.step(time - k * problem.time_step)
+    held = controls[:, k] if k < problem.nodes - 1 else np.zeros((len(states), 3))
+    return states[:, k] @ A[:3].T + held @ B[:3].T
+
+
+def test_swarms_side_by_side_know_nothing_of_each_other():
+    problem = Problem()
+    parts = [transfer(seed, n, problem) for seed, n in ((1, 3), (2, 1), (3, 4))]
+    states, controls = (np.concatenate(both) for both in zip(*parts, strict=True))
+    together = least_after_loss(states, controls, problem, 0.5, side_by_side((3, 1, 4)))
+    assert together == [least(*part, problem, 0.5) for part in parts]
+    assert together[1].pair is None
+
+
+def test_what_moved_craft_have_no_say_in_is_left_out():
+    """A craft adrift has its say before the loss, another until it is at its goal."""
+    problem = Problem()
+    states, controls = transfer(3, 4, problem)
+    moved = np.array([True, False, False, False])
+    every = loss_encounters(states, controls, problem, 1.0, 150.0)
+    found = loss_encounters(states, controls, problem, 1.0, 150.0, moved=moved)
+    last = problem.nodes - 1
+    says = moved[every.lost] & (every.node > 0) & (every.node < last)
+    says |= moved[every.other] & (every.interval < last)
+    assert 0 < says.sum() < len(says)
+    for name in ("lost", "node", "other", "interval", "bound"):
+        kept = np.sort(getattr(every, name)[says])
+        assert (kept == np.sort(getattr(found, name))).all()
+
+
+def still(*offsets):
+    """Craft at rest along the orbit."""
+    where = np.array(offsets)
+    e = Problem().mean_motion
+    return pro_states(1e-9, 0.0, np.zeros(len(where)), 0.0, e, where)
+
+
+def test_a_craft_that_stays_where_another_is_to_go_is_in_its_way_whatever_is_planned():
+    problem = Problem()
+    found = unavoidable(still(0.0, 100.0), still(200.0, 10.0), problem, 1.0)
+    assert found.pair == (0, 1)
+    assert found.node == 0
+    assert found.distance == pytest.approx(10.0, abs=1e-6)
+    assert problem.duration - 1e-6 <= found.time <= PERIOD
+    # not before the plan ends, and not where the two are their own
+    assert unavoidable(still(0.0, 100.0), still(200.0, 10.0), problem, 0.2) is None
+    assert unavoidable(still(0.0, 100.0), still(5.0, 90.0), problem, 1.0) is None
+
+
+def test_goals_that_drift_into_each_other_are_in_the_way_whatever_is_planned():
+    """Two rings of one size with centres 10 m apart: they stay that far apart."""
+    e = Problem().mean_motion
+    goal = pro_states(100.0, 0.0, np.zeros(2), 0.0, e, np.array([0.0, 10.0]))
+    found = unavoidable(still(-400.0, 400.0), goal, Problem(), 0.01)
+    assert (found.pair, found.node) == ((0, 1), Problem().nodes - 1)
+    assert found.distance == pytest.approx(10.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("orbits", [0.0, -1.0, float("nan"), float("inf"), 101.0])
+def test_what_is_no_length_of_a_drift_is_refused(orbits):
+    with pytest.raises(InputError, match="expected a number above 0 and at most 100"):
+        check_orbits(orbits)
+
+
+@given(gap=st.floats(1.0, 200.0), begin=st.floats(-500.0, 500.0))
+@settings(max_examples=60, deadline=None)
+def test_craft_at_rest_have_a_least_separation_adrift(gap, begin):
+    """They stay where they are, so that rounding alone decides when they are closest."""
+    problem = Problem(nodes=4)
+    states = np.repeat(still(begin, begin + gap)[:, None], 4, axis=1)
+    found = least(states, np.zeros((2, 3, 3)), problem, 0.3)
+    assert set(found.pair) == {0, 1}
+    assert found.distance == pytest.approx(gap, abs=1e-6)
+    assert gap - 2e-4 <= found.bound <= gap + 1e-6
+    assert 0 <= found.time - found.node * problem.time_step <= 0.3 * PERIOD

@@ -1,0 +1,54 @@
+"""The one judgement of a plan names every requirement that it does not satisfy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
+from pipeline.plan import (
+    SOLVED,
+    UNSAFE,
+    UNSOLVED,
+    Requirements,
+    RiskLimit,
+    certify,
+    judge,
+    violations,
+)
+from pipeline.scenario import Scenario
+
+PROBLEM = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1e-3)
+"""As good as free space: a craft at rest, and one that passes it 3 m off, between two nodes."""
+
+INITIAL = np.array([[0.0] * 6, [-150.0, 3.0, 0.0, 10.0, 0.0, 0.0]])
+
+
+def judged(push=0.0, miss=0.0, asked=None, radius=15.0):
+    problem = replace(PROBLEM, collision_radius=radius)
+    controls = np.zeros((2, 3, 3))
+    controls[0, 0, 2] = push
+    states = fly(INITIAL, controls, problem)
+    scenario = Scenario(problem, INITIAL, states[:, -1] + miss)
+    asked = asked or Requirements()
+    (certificate,) = certify([scenario], states, controls, [(0.0, "")], asked)
+    found = violations(certificate, controls, problem, asked)
+    return set(found), judge(certificate, controls, problem, asked)[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "named", "status"),
+    [
+        ({"radius": 2.0}, set(), SOLVED),
+        ({}, {"separation"}, UNSAFE),
+        ({"asked": Requirements("nodes")}, set(), SOLVED),
+        ({"radius": 2.0, "push": 1.1e-3}, {"thrust"}, UNSAFE),
+        ({"push": 1.1e-3}, {"thrust", "separation"}, UNSAFE),
+        ({"miss": 1e-3}, {"goal", "separation"}, UNSOLVED),
+        ({"radius": 2.0, "asked": Requirements(risk=RiskLimit(0.01, 10.0))}, {"risk"}, UNSAFE),
+        ({"asked": Requirements(passive_safety=1e-11)}, {"separation", "passive safety"}, UNSAFE),
+    ],
+)
+def test_each_requirement_is_judged_by_itself(given, named, status):
+    assert judged(**given) == (named, status)

@@ -1,0 +1,160 @@
+"""A page believes no claim: what it says of a plan is found anew from its controls."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.expert import decoupled_optima, solve, within_risk
+from pipeline.orbit.problem import Problem
+from pipeline.plan import SOLVED, Made, Requirements, RiskLimit, planned, recheck
+from pipeline.scenario import draw
+from pipeline.show.tables import certificate_rows, verdict
+
+SCENARIO = draw("rings", 0, 10, 3, Problem())
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return solve(SCENARIO)
+
+
+@pytest.fixture(scope="module")
+def unsafe():
+    """Each craft's own optimum: some pass each other too close."""
+    own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
+    made = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    assert made.status == "unsafe"
+    return made
+
+
+def said(plan, scenario=SCENARIO):
+    shown = recheck(plan, scenario)
+    return verdict(shown, scenario.problem, plan.status)
+
+
+def test_a_true_plan_is_safe_without_a_fault(plan):
+    shown = recheck(plan, SCENARIO)
+    assert (shown.safe, shown.faults) == (True, ())
+    assert shown.plan.certificate == plan.certificate
+    assert said(plan).good
+
+
+def test_an_unsafe_plan_names_the_pair_and_the_time(unsafe):
+    found = said(unsafe)
+    i, j = unsafe.certificate.min_separation_pair
+    assert (found.good, found.headline) == (False, "Unsafe")
+    assert f"craft {i} and {j} come within {unsafe.certificate.min_separation:.6g} m" in " ".join(
+        found.reasons
+    )
+    assert f"{unsafe.certificate.min_separation_time:.6g} s" in " ".join(found.reasons)
+
+
+def test_a_plan_that_only_claims_to_be_solved_is_found_out(unsafe):
+    claim = replace(unsafe.certificate, min_separation=40.0, min_separation_bound=39.9)
+    liar = replace(unsafe, status=SOLVED, message="", certificate=claim)
+    found = said(liar)
+    assert (found.good, found.headline) == (False, "Unsafe")
+    assert any("come within" in reason for reason in found.reasons)
+    assert any("claims min_separation 40 m" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *(("fuel", 1e-3), ("fuel", float("nan")), ("delta_v", 0.1), ("node_collisions", 3)),
+        *(("min_separation_bound", 200.0), ("fuel_lower_bound", 1.0)),
+        ("fuel_lower_bound", float("nan")),
+    ],
+)
+def test_a_false_number_is_named_with_the_true_one(plan, field, value):
+    found = said(replace(plan, certificate=replace(plan.certificate, **{field: value})))
+    assert (found.good, found.headline) == (False, "Not as claimed")
+    assert f"The file claims {field} {value:.6g}" in found.reasons[0]
+
+
+def test_states_that_the_controls_do_not_lead_to_are_told(plan):
+    moved = plan.states.copy()
+    moved[4, 3, 1] += 5.0
+    found = said(replace(plan, states=moved))
+    assert not found.good
+    assert "up to 5 m from where its controls lead" in found.reasons[0]
+    shown = recheck(replace(plan, states=moved), SCENARIO).plan.states
+    np.testing.assert_allclose(shown, plan.states, atol=1e-9)
+
+
+def test_a_goal_that_is_missed_is_told(plan):
+    idle = replace(plan, controls=np.zeros_like(plan.controls))
+    assert any("Misses its goal by" in reason for reason in said(idle).reasons)
+
+
+def test_an_infeasible_plan_says_so_and_has_no_gap():
+    scenario = draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6))
+    plan = solve(scenario)
+    found = said(plan, scenario)
+    assert (found.good, found.headline) == (False, "Infeasible")
+    assert "cannot reach its goal within max_acceleration" in found.reasons[0]
+    rows = dict(certificate_rows(recheck(plan, scenario).plan.certificate, plan.status))
+    assert rows["Gap to that bound"] == "–"
+
+
+def test_a_gap_to_a_bound_of_nothing_is_no_number(plan):
+    found = replace(plan.certificate, fuel_lower_bound=0.0, optimality_gap=np.inf)
+    gap = dict(certificate_rows(found, plan.status))["Gap to that bound"]
+    assert gap.startswith("unknown")
+    assert "inf" not in gap
+
+
+def test_controls_beyond_all_measure_are_refused_in_a_sentence(plan):
+    with pytest.raises(InputError, match=r"controls reach 1e\+200 m/s²"):
+        recheck(replace(plan, controls=np.full_like(plan.controls, 1e200)), SCENARIO)
+
+
+def test_a_proven_bound_is_never_rounded_up(plan):
+    rows = dict(certificate_rows(plan.certificate, plan.status))
+    shown = float(rows["Proven: no pair is ever closer than"].removesuffix(" m"))
+    assert 0 <= plan.certificate.min_separation_bound - shown < 1e-4
+
+
+def test_a_risk_is_found_anew_and_a_false_one_named(plan):
+    limit = Requirements(risk=RiskLimit(0.01, navigation_sigma=0.2, thrust_sigma=0.01))
+    careful = within_risk(SCENARIO, plan, limit)
+    shown = recheck(careful, SCENARIO)
+    assert (shown.faults, careful.status) == ((), SOLVED)
+    risk = careful.certificate.risk
+    rows = dict(certificate_rows(shown.plan.certificate, SOLVED))
+    assert rows["Risk of a pair within r_col in open loop, at most"] == f"{risk.bound:.3g}"
+    assert rows["Asked for"] == "0.01"
+    less = replace(careful.certificate, risk=replace(risk, bound=risk.bound / 2))
+    (fault,) = recheck(replace(careful, certificate=less), SCENARIO).faults
+    assert fault.startswith(f"The file claims risk.bound {risk.bound / 2:.6g}, its controls give")
+
+
+def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
+    """The plan was made without asking for it, and its craft drift too close."""
+    made = Made(plan.controls, plan.certificate.fuel_lower_bound)
+    asked = planned("expert", SCENARIO, made, Requirements(passive_safety=1.0))
+    assert asked.status == "unsafe"
+    claim = replace(
+        asked.certificate.passive_safety, min_separation=16.0, min_separation_bound=15.9
+    )
+    liar = replace(plan, certificate=replace(plan.certificate, passive_safety=claim))
+    found = said(liar)
+    assert (found.good, found.headline) == (False, "Unsafe")
+    assert any("adrift from" in reason for reason in found.reasons)
+    assert any("passive_safety.min_separation_bound" in reason for reason in found.reasons)
+    endless = replace(claim, orbits=1e12)
+    with pytest.raises(InputError, match="at most 100"):
+        recheck(
+            replace(plan, certificate=replace(plan.certificate, passive_safety=endless)), SCENARIO
+        )
+
+
+@pytest.mark.parametrize("name", ["craft_delta_v", "craft_delta_v_2norm"])
+def test_a_false_delta_v_of_a_craft_is_told(plan, name):
+    true = getattr(plan.certificate, name)
+    lie = replace(plan.certificate, **{name: (*true[:4], true[4] / 2, *true[5:])})
+    assert any(
+        f"claims {name}[4]" in reason for reason in said(replace(plan, certificate=lie)).reasons
+    )

@@ -1,0 +1,171 @@
+"""GoalAssignment craft: the plan is sound, its bound holds for every order, and it says so."""
+
+from dataclasses import asdict
+from itertools import permutations
+
+import numpy as np
+import pytest
+from judge import Case, judge_plan, least_fuel
+from judged import document
+
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.rings import pro_states
+from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
+from pipeline.planners.assignment import decoupled_costs, ranked
+from pipeline.planners.classical import Expert
+from pipeline.planners.goal_assignment import DEAR, GoalAssignment
+from pipeline.planners.named import named_planner
+from pipeline.scenario import Scenario, draw
+
+
+def valid(family, n, index, problem=None):
+    return draw(family, 5, n, index, problem or Problem(), "valid")
+
+
+def judged(scenario, plan):
+    """The judge's report on a plan for a scenario of interchangeable craft."""
+    flown = plan.flown(scenario)
+    fields = {"states": plan.states, "controls": plan.controls, "assignment": True}
+    return judge_plan(document(flown), {**fields, "certificate": asdict(plan.certificate)})
+
+
+@pytest.mark.parametrize(("family", "n"), [("rings", 5), ("dense", 10), ("rotation", 9)])
+def test_the_judge_finds_the_plan_sound_and_the_bound_that_of_all_orders(family, n):
+    scenarios = [valid(family, n, k) for k in range(3)]
+    for scenario, plan in zip(scenarios, GoalAssignment(Expert()).plan(scenarios), strict=True):
+        assert plan.status == SOLVED
+        assert judged(scenario, plan).wrong == ()
+        assert sorted(plan.assignment.slots) == list(range(n))
+
+
+def test_no_order_of_four_craft_is_planned_for_less():
+    """All 24 orders, each by the expert at its best: none is cheaper, none is below the bound."""
+    scenario = valid("dense", 4, 0)
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    plans = [solve(scenario.taking(order)) for order in permutations(range(4))]
+    cheapest = min(one.certificate.fuel for one in plans if one.status == SOLVED)
+    assert plan.certificate.fuel <= cheapest * (1 + DEAR)
+    assert plan.certificate.fuel_lower_bound <= cheapest * (1 + 1e-9)
+    assert plan.certificate.fuel_lower_bound == pytest.approx(
+        min(one.certificate.fuel_lower_bound for one in plans), rel=1e-9
+    )
+
+
+def test_what_is_saved_is_what_the_given_order_needs_at_least():
+    scenario = valid("rings", 6, 1)
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    truth = judge_plan(document(scenario), asdict(solve(scenario))).fuel_lower_bound
+    told = plan.assignment
+    assert told.given_fuel_lower_bound == pytest.approx(truth, rel=1e-6)
+    assert told.saving == pytest.approx(1 - plan.certificate.fuel / truth, abs=1e-6)
+    assert solve(scenario).certificate.fuel * (1 - told.saving) >= plan.certificate.fuel * (
+        1 - 1e-6
+    )
+
+
+def test_where_the_cheapest_assignment_is_dear_the_next_best_are_tried():
+    """The kept plan is the cheapest of those tried, and costs less than the first one's."""
+    better = 0
+    for scenario in (valid("dense", 10, k) for k in range(30)):
+        alone = GoalAssignment(Expert(), most=1).plan([scenario])[0]
+        (plan,) = GoalAssignment(Expert()).plan([scenario])
+        assert plan.certificate.fuel <= alone.certificate.fuel
+        assert plan.assignment.tried >= alone.assignment.tried
+        dear = alone.certificate.optimality_gap > DEAR
+        assert (plan.assignment.tried > 1) <= dear
+        if plan.assignment.rank != 1:
+            better += 1
+            assert plan.certificate.fuel < alone.certificate.fuel
+            assert judged(scenario, plan).wrong == ()
+            costs = decoupled_costs(scenario)
+            assert costs.of(plan.assignment.slots) > plan.certificate.fuel_lower_bound
+    assert better
+
+
+def test_a_planner_that_keeps_none_apart_is_asked_until_an_assignment_is_safe():
+    planner = named_planner("own-LP")
+    found = {SOLVED: 0, UNSAFE: 0}
+    for scenario in (valid("dense", 6, k) for k in range(40)):
+        (plan,) = GoalAssignment(planner).plan([scenario])
+        found[plan.status] += plan.assignment.tried > 1
+        if plan.status == SOLVED:
+            assert judged(scenario, plan).wrong == ()
+        else:
+            i, j = plan.certificate.min_separation_pair
+            assert f"craft {i} and {j} come within" in plan.message
+            assert (plan.assignment.rank, plan.assignment.saving) == (1, None)
+    assert all(found.values())
+
+
+def test_craft_that_cannot_reach_the_goals_given_reach_those_of_others():
+    problem = Problem(max_acceleration=5e-4)
+    scenario = valid("rings", 10, 0, problem)
+    assert solve(scenario).status == INFEASIBLE
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    assert plan.status == SOLVED
+    assert judged(scenario, plan).wrong == ()
+    assert (plan.assignment.given_fuel_lower_bound, plan.assignment.saving) == (None, None)
+
+
+def test_where_no_order_can_be_flown_that_is_said():
+    scenario = valid("rings", 4, 0, Problem(max_acceleration=1e-6))
+    case = Case.of(document(scenario))
+    for j in range(4):
+        every = least_fuel(case, scenario.initial, scenario.goal[[j] * 4])
+        assert np.isinf(every.attained).all()
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    assert plan.status == INFEASIBLE and plan.assignment is None
+    assert "max_acceleration" in plan.message
+
+
+def test_goals_in_the_best_order_already_stay_where_they_are():
+    scenario = valid("rings", 5, 0)
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    sorted_out = scenario.taking(plan.assignment.slots)
+    (again,) = GoalAssignment(Expert()).plan([sorted_out])
+    assert again.assignment.slots == (0, 1, 2, 3, 4)
+    assert again.assignment.saving == pytest.approx(0, abs=1e-2)
+    assert again.certificate.fuel == pytest.approx(plan.certificate.fuel)
+
+
+ADRIFT = Requirements(passive_safety=1.0)
+
+
+def test_what_refutes_one_assignment_is_not_said_of_all():
+    """The cheapest is in its own way after a loss of thrust; the judge finds another's plan sound,
+    with the bound of all."""
+    scenario = draw("independent", 7, 5, 0, Problem())
+    (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
+    assert solve(
+        scenario.taking(next(ranked(decoupled_costs(scenario).fuel))), requirements=ADRIFT
+    ).status == (INFEASIBLE)
+    assert plan.status == SOLVED
+    assert judged(scenario, plan).wrong == ()
+
+
+def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted():
+    """All orders of three craft, each by the expert; they start and end on the same few orbits."""
+    problem, found = Problem(collision_radius=60.0), set()
+    for index in range(8):
+        ends = [draw("independent", 7, 3, k, Problem()) for k in (index, index + 50)]
+        scenario = Scenario(problem, ends[0].initial, ends[1].initial)
+        (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
+        truth = [
+            solve(scenario.taking(order), requirements=ADRIFT).status
+            for order in permutations(range(3))
+        ]
+        assert (plan.status == SOLVED) == (SOLVED in truth)
+        assert (plan.status == INFEASIBLE) == (set(truth) == {INFEASIBLE})
+        found.add(plan.status)
+    assert len(found) > 1
+
+
+def test_a_craft_in_the_way_of_two_goals_is_in_the_way_whoever_takes_them():
+    """It stays where it starts, and each of two goals is 10 m beside it."""
+    e = Problem().mean_motion
+    initial = pro_states(1e-9, 0.0, np.zeros(3), 0.0, e, np.array([0.0, 300.0, 600.0]))
+    goal = pro_states(1e-9, 0.0, np.zeros(3), 0.0, e, np.array([10.0, -10.0, 900.0]))
+    (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([Scenario(Problem(), initial, goal)])
+    assert plan.status == INFEASIBLE
+    assert "whichever goals they take, a craft adrift" in plan.message
