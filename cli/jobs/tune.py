@@ -1,4 +1,4 @@
-"""Search for better hyperparameters with Optuna: a trial a nested run, on validation data alone."""
+"""Search for hyperparameters with Optuna: each trial a nested run, on validation data alone."""
 
 import hashlib
 import json
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from mlflow.exceptions import MlflowException
 
+from cli.settings import TuningSettings
 from pipeline.dataset.examples import ExampleSource
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError, check_range
@@ -18,18 +19,17 @@ from pipeline.networks.recipes import MOST, Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
-from pipeline.storage.folder import Where
 from pipeline.training.device import training_device
 from pipeline.training.loop import train
 from pipeline.training.sources import sources
 from pipeline.training.study import complete, open_study, suggested
 from pipeline.training.validation import POSITION_RMSE, position_rmse
-from registry.entries import log_metrics, log_params, metrics_now
+from registry.entities import curve_metrics, metrics_now
 from registry.environment import TRAINED_BY, environment_tags
 from registry.running import recorded_run, reopened_run
 from registry.sqlite import database_path
 from registry.store import TUNING, Store, explained, opened, with_experiment
-from registry.story import DatasetInfo, curve_metrics, story_of
+from registry.training_record import DatasetInfo, TrainingRecord, record_of
 
 if TYPE_CHECKING:
     from optuna import Study, Trial
@@ -44,56 +44,66 @@ PARENT = "mlflow_run_id"
 
 
 @dataclass(frozen=True)
-class Tuning:
-    """What is searched, and on what.
+class Search:
+    """A search: its settings, the recipe it starts from, and its data.
 
     Attributes:
-        arch: the architecture.
+        settings: as asked for.
         recipe: the recipe that trials start from.
         learn: examples to learn from.
         valid: examples that decide.
         dataset: where they are from.
-        seed: of the search and, the same in each trial, of the training.
-        device: "auto" or a device's name.
     """
 
-    arch: str
+    settings: TuningSettings
     recipe: Recipe
     learn: ExampleSource
     valid: ExampleSource
     dataset: DatasetInfo
-    seed: int
-    device: str
 
     def __post_init__(self) -> None:
         """Refuse an objective that no trial records."""
         if self.objective not in OBJECTIVES:
             raise InputError(
-                f"architecture {self.arch!r} names {self.objective!r} as its objective; expected "
-                f"one of {', '.join(OBJECTIVES)}."
+                f"architecture {self.settings.arch!r} names {self.objective!r} as its objective; "
+                f"expected one of {', '.join(OBJECTIVES)}."
             )
 
     @property
     def objective(self) -> str:
         """The metric that the search makes small."""
-        return find(self.arch).objective
+        return find(self.settings.arch).objective
 
     @property
     def name(self) -> str:
-        """The same for searches whose trials can be compared.
+        """Name of the study, the same for searches whose trials can be compared.
 
         They are on the same data, by this code, on one kind of device and from one seed.
         """
-        r, data = self.recipe, self.dataset.digest[:12]
-        code = made_with(*TRAINED_BY)
-        versions = hashlib.sha256(json.dumps(dict(code), sort_keys=True).encode()).hexdigest()[:8]
-        how = f"{r.epochs}ep-{training_device(self.device)}-seed{self.seed}"
-        return f"{self.arch}-{r.name}-n{self.learn.n}-{how}-{data}-{versions}"
+        how, r = self.settings, self.recipe
+        code = json.dumps(dict(made_with(*TRAINED_BY)), sort_keys=True)
+        versions = hashlib.sha256(code.encode()).hexdigest()[:8]
+        run = f"{r.epochs}ep-{training_device(how.device)}-seed{how.seed}"
+        digest = self.dataset.digest[:12]
+        return f"{how.arch}-{r.name}-n{self.learn.n}-{run}-{digest}-{versions}"
+
+    def train(self, recipe: Recipe) -> TrainingRecord:
+        """The record of one training."""
+        how = self.settings
+        trained = train(how.arch, recipe, self.learn, self.valid, seed=how.seed, device=how.device)
+        return record_of(
+            trained,
+            recipe=recipe,
+            seed=how.seed,
+            dataset=self.dataset,
+            metrics={POSITION_RMSE: position_rmse(trained.model, self.valid)},
+            tags={},
+        )
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search has found so far.
+    """The outcome of a search so far.
 
     Attributes:
         study: its name in the storage.
@@ -114,57 +124,36 @@ class Tuned:
     best: Mapping[str, Any]
 
     @property
-    def told(self) -> str:
+    def in_words(self) -> str:
         """The least of the metric in words."""
         if self.objective == POSITION_RMSE:
             return f"{self.value:.4g} m from the expert's positions"
         return f"{self.value:.4g} of {self.objective}"
 
 
-def tune(
-    arch: str,
-    recipe: str,
-    data: Where,
-    *,
-    trials: int,
-    n: int,
-    seed: int = 0,
-    device: str = "auto",
-    epochs: int | None = None,
-    storage: Path | None = None,
-    progress: Progress = SILENT,
-) -> Tuned:
+def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
     """Train with ever better settings until so many trials are complete, earlier ones included.
 
-    Args:
-        arch: name of the architecture.
-        recipe: name of the recipe to start from.
-        data: a solved dataset; its test split stays untouched.
-        trials: trials in all.
-        n: swarm size to train on.
-        seed: of the search and of each training.
-        device: "auto" or a device's name.
-        epochs: most epochs of a trial, or the recipe's.
-        storage: SQLite file of the study; optuna.db beside the tracking store by default.
-        progress: told of each trial that is left to do.
+    The data's test split stays untouched.
 
     Raises:
         InputError: for an unknown name, a missing dataset, trials < 1, or without Optuna.
         ProlearnError: where the tracking store or the storage fails, or no trial came to an end.
     """
-    check_range("trials", trials, 1, MOST)
+    data, n, seed = settings.data, settings.n, settings.seed
+    check_range("trials", settings.trials, 1, MOST)
     check_range("seed", seed, 0, SEEDS - 1)
-    followed = recipe_for(arch, recipe)
-    followed = followed if epochs is None else replace(followed, epochs=epochs)
-    learn, valid = sources(followed, data, n, seed=seed)
-    dataset = DatasetInfo(str(data), read_manifest(data).digest(n), len(learn), len(valid))
-    search = Tuning(arch, followed, learn, valid, dataset, seed, device)
+    recipe = recipe_for(settings.arch, settings.recipe)
+    recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
+    learn, valid = sources(recipe, data, n, seed=seed)
+    dataset = DatasetInfo(data, read_manifest(data).digest(n), len(learn), len(valid))
+    search = Search(settings, recipe, learn, valid, dataset)
     with opened() as opened_store:
         store = with_experiment(opened_store, TUNING)
-        path = (storage or _storage_beside(store)).absolute()
+        path = (settings.storage or _storage_beside(store)).absolute()
         with open_study(path, search.name, seed) as study:
             with _parent(store, study, search) as run_id:
-                _search(study, store, search, trials, run_id, progress)
+                _search(study, store, search, run_id, progress)
             return _found(study, search, path, run_id)
 
 
@@ -174,7 +163,7 @@ def _storage_beside(store: Store) -> Path:
 
 
 @contextmanager
-def _parent(store: Store, study: "Study", search: Tuning) -> Iterator[str]:
+def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
     """The run that holds those of the trials: the study's own, wherever it began."""
     known = study.user_attrs.get(PARENT)
     try:
@@ -187,18 +176,12 @@ def _parent(store: Store, study: "Study", search: Tuning) -> Iterator[str]:
         return
     with recorded_run(store, TUNING, search.name, environment_tags(TRAINED_BY)) as run_id:
         study.set_user_attr(PARENT, run_id)
-        log_params(store, run_id, {"arch": search.arch, "recipe": search.recipe.name})
+        store.log_params(run_id, {"arch": search.settings.arch, "recipe": search.recipe.name})
         yield run_id
 
 
-def _search(
-    study: "Study",
-    store: Store,
-    search: Tuning,
-    trials: int,
-    run_id: str,
-    progress: Progress,
-) -> None:
+def _search(study: "Study", store: Store, search: Search, run_id: str, progress: Progress) -> None:
+    trials = search.settings.trials
     last = min(trials, complete(study))
     progress.expect(trials - last)
 
@@ -207,7 +190,7 @@ def _search(
         done = complete(study)
         if done:
             name = "best_" + search.objective.removeprefix("best_")
-            log_metrics(store, run_id, metrics_now({name: study.best_value}, step=done))
+            store.log_metrics(run_id, metrics_now({name: study.best_value}, step=done))
             before, last = last, min(done, trials)  # other processes may have done more
             unit = " m" if search.objective == POSITION_RMSE else ""
             progress.done(last - before, f"best {study.best_value:.4g}{unit}")
@@ -224,31 +207,21 @@ def _search(
     progress.end("others diverged")
 
 
-def _trial(trial: "Trial", store: Store, search: Tuning) -> float:
+def _trial(trial: "Trial", store: Store, search: Search) -> float:
     """Train once and record it as a nested run; what the objective comes to."""
-    recipe = replace(search.recipe, **suggested(trial, unused_fields(find(search.arch))))
-    with recorded_run(
-        store, TUNING, f"trial-{trial.number}", environment_tags(TRAINED_BY)
-    ) as run_id:
-        trained = train(
-            search.arch, recipe, search.learn, search.valid, seed=search.seed, device=search.device
-        )
-        story = story_of(
-            trained,
-            recipe=recipe,
-            seed=search.seed,
-            dataset=search.dataset,
-            metrics={POSITION_RMSE: position_rmse(trained.model, search.valid)},
-            tags={},
-        )
+    unused = unused_fields(find(search.settings.arch))
+    recipe = replace(search.recipe, **suggested(trial, unused))
+    name = f"trial-{trial.number}"
+    with recorded_run(store, TUNING, name, environment_tags(TRAINED_BY)) as run_id:
+        record = search.train(recipe)
         with explained(store.uri):
-            log_params(store, run_id, {**story.params, "trial": trial.number})
-            log_metrics(store, run_id, curve_metrics(story.history))
-            log_metrics(store, run_id, metrics_now(story.metrics))
-    return story.metrics[search.objective]
+            store.log_params(run_id, {**record.params, "trial": trial.number})
+            store.log_metrics(run_id, curve_metrics(record.history))
+            store.log_metrics(run_id, metrics_now(record.metrics))
+    return record.metrics[search.objective]
 
 
-def _found(study: "Study", search: Tuning, path: Path, run_id: str) -> Tuned:
+def _found(study: "Study", search: Search, path: Path, run_id: str) -> Tuned:
     trials = complete(study)
     if not trials:
         raise ProlearnError(

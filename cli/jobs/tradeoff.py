@@ -1,13 +1,13 @@
 """A scenario's fuel against its transfer time: plans, table and figure in a folder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from cli.settings import Tradeoff
 from pipeline.errors import InputError
 from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
@@ -17,7 +17,6 @@ from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
 from pipeline.tradeoff import Point, arcs_between, knee, tradeoff
-from pipeline.tradeoff.curve import Goal
 from pipeline.tradeoff.figure import tradeoff_figure
 
 PLANS = "plans"
@@ -30,34 +29,15 @@ NOT_IN_CSV = ("min_separation_pair", "assignment", "risk", "craft_delta_v", "cra
 """What of a row is no number or word; the plan files have it."""
 
 
-@dataclass(frozen=True)
-class Traded:
-    """What a trade-off came to.
-
-    Attributes:
-        rows: a plan's summary for each duration, with ``duration`` (s), ``nodes``, ``time_step``,
-            ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan``, or
-            None where it is not safe.
-        folder: where plans, table and figure are.
-    """
-
-    rows: Sequence[dict[str, Any]]
-    folder: Path
-
-
 def trade(
     path: Path,
     planner: Planner,
     out: Path,
-    *,
-    first: float,
-    last: float,
-    steps: int,
-    goal: Goal,
-    allow_drift: bool = False,
+    settings: Tradeoff,
+    durations: tuple[float, float],
     progress: Progress = SILENT,
-) -> Traded:
-    """Plan a scenario for several durations and write what comes of it.
+) -> Sequence[dict[str, Any]]:
+    """Plan a scenario for several durations and write the plans, a table and a figure.
 
     Only safe plans are written as files. Those of an earlier trade-off in the folder go.
 
@@ -65,21 +45,24 @@ def trade(
         path: a scenario file.
         planner: who plans.
         out: folder for the files.
-        first: shortest duration, s.
-        last: longest duration, s.
-        steps: how many durations at most.
-        goal: the states given, or slots that move along their passive orbits.
-        allow_drift: accept states that are not energy-matched.
+        settings: steps, goal, and whether states may drift.
+        durations: the shortest and the longest, s.
         progress: told of each duration.
+
+    Returns:
+        A plan's summary for each duration, with ``duration`` (s), ``nodes``, ``time_step``,
+        ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan``, or
+        None where it is not safe.
 
     Raises:
         InputError: for a scenario, a range or a folder that cannot be worked with.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
-    scenario = read_checked(path, allow_drift=allow_drift)
-    arcs = arcs_between(first, last, scenario.problem.time_step, steps)
-    points = tradeoff(scenario, arcs, planner, goal, progress)
+    scenario = read_checked(path, allow_drift=settings.allow_drift)
+    step = scenario.problem.time_step
+    arcs = arcs_between(*durations, step, settings.steps)
+    points = tradeoff(scenario, arcs, planner, settings.goal, progress)
     bend = _bend(points)
     rows = [_row(point, out, knee=k == bend) for k, point in enumerate(points)]
     for point, row in zip(points, rows, strict=True):
@@ -90,10 +73,9 @@ def trade(
         if str(old) not in kept:
             old.unlink()
     _write_table(rows, out / "tradeoff.csv")
-    arc = f"arcs of {scenario.problem.time_step:g} s"
-    title = f"{scenario.name}: n = {scenario.n}, {arc}, {goal} goals"
+    title = f"{scenario.name}: n = {scenario.n}, arcs of {step:g} s, {settings.goal} goals"
     save(tradeoff_figure(points, bend, title), out / "tradeoff")
-    return Traded(rows, out)
+    return rows
 
 
 def _bend(points: Sequence[Point]) -> int | None:

@@ -1,11 +1,12 @@
 """A plan flown many times with errors: trials, table and figure in a folder."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
 
+from cli.settings import FlownTrials
 from pipeline.errors import InputError, check_range
 from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
@@ -26,35 +27,18 @@ TABLE, FIGURE = "trials.csv", "trials"
 """Names of the files beside the trials."""
 
 
-@dataclass(frozen=True)
-class Trials:
-    """What a Monte Carlo came to.
-
-    Attributes:
-        summaries: of each loop, open loop first.
-        folder: where trials, table and figure are.
-    """
-
-    summaries: Sequence[Summary]
-    folder: Path
-
-
 def fly_trials(
     plan: Plan,
     scenario: Scenario,
     world: World,
     errors: Errors,
     out: Path,
+    settings: FlownTrials,
     *,
-    trials: int,
-    size: float,
-    seed: int = 0,
     planner: Planner | None = None,
-    margin: float | None = None,
-    jobs: int = -1,
     progress: Progress = SILENT,
-) -> Trials:
-    """Fly a plan many times, with errors, and write what comes of it.
+) -> Sequence[Summary]:
+    """Fly a plan many times, with errors, and write what comes of it; a summary of each loop.
 
     Args:
         plan: what is flown.
@@ -62,26 +46,24 @@ def fly_trials(
         world: in which it is flown.
         errors: what goes wrong.
         out: folder for the files.
-        trials: how many.
-        size: distance of two craft's centres at which they may touch, m.
-        seed: root seed.
+        settings: trials, seed, margin, size and processes.
         planner: plans anew at every node, in further loops beside the open one; or None.
-        margin: asked for beyond r_col in the last loop, m; ``default_margin`` where None is given.
-        jobs: processes; -1 for one a core.
         progress: told of each portion.
 
     Raises:
         InputError: for numbers or a folder that cannot be worked with.
         ProlearnError: where the folder cannot be written to.
     """
+    size, trials = settings.size, settings.trials or 0
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
-    for name, given in (("size", size), ("margin", margin or 0.0)):
+    for name, given in (("size", size), ("margin", settings.margin or 0.0)):
         check_range(f"--{name}", given, 0.0, FURTHEST)
     refuse_distance(scenario, plan.controls)
-    of = MonteCarlo(scenario, world, errors, seed, portion_of(scenario.n))
-    loops = list(flight_loops(scenario, plan.controls, errors, planner, margin))
-    tables = fly_all(out, of, loops, trials, workers=Workers(jobs), progress=progress)
+    of = MonteCarlo(scenario, world, errors, settings.seed, portion_of(scenario.n))
+    loops = list(flight_loops(scenario, plan.controls, errors, planner, settings.margin))
+    workers = Workers(settings.jobs)
+    tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
     radius = scenario.problem.collision_radius
     summaries = [
         summarize(
@@ -95,10 +77,9 @@ def fly_trials(
         for loop in loops
     ]
     _write_table(summaries, out / TABLE)
-    kind = type(world).__name__.removesuffix("World").lower()
-    title = f"{scenario.name}: n = {scenario.n}, {trials} trials in the {kind} world"
+    title = f"{scenario.name}: n = {scenario.n}, {trials} trials in the {settings.world} world"
     save(trials_figure(tables, radius, size, title), out / FIGURE)
-    return Trials(summaries, out)
+    return summaries
 
 
 def _write_table(summaries: Sequence[Summary], path: Path) -> None:

@@ -1,23 +1,19 @@
 """A registered model as a file for on-board use, with its model card beside it."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from cli.stages.card import BY_SIZE, model_card
-from cli.stages.craft_card import craft_card
+from cli.jobs.cards import BY_SIZE, Measured, craft_card, model_card
 from pipeline.errors import InputError
 from pipeline.files import write_text
-from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import Exported
 from pipeline.networks.onnx_export import export as export_onnx
 from pipeline.networks.refiner.ablations import REFINER
 from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
 from pipeline.networks.refiner.packaged import packaged
-from registry.model_metrics import model_metric_by_size
 from registry.models import load
+from registry.training import model_metric_by_size
 from registry.version import PREFIX, ModelVersion
 
 PACKAGED = "packaged"
@@ -26,7 +22,7 @@ PACKAGED = "packaged"
 
 @dataclass(frozen=True)
 class ExportedModel:
-    """What an export left.
+    """The files of an exported model.
 
     Attributes:
         file: the ONNX file, or a refiner's folder of them, and what was measured of it.
@@ -38,7 +34,7 @@ class ExportedModel:
 
 
 def file_name(version: ModelVersion | None) -> str:
-    """What the file of a model, or of the packaged refiner, is called where nobody names it."""
+    """Default name of the file of a model, or of the packaged refiner."""
     if version is None:
         return f"{PREFIX}{REFINER}-{PACKAGED}.onnx"
     return f"{version.name}-v{version.version}.onnx"
@@ -67,8 +63,17 @@ def export(
         ProlearnError: where the store fails, or the file does not answer as the model does.
     """
     model, version = (packaged(), None) if reference is None else load(reference)
+    known: dict[str, str] = {"uri": PACKAGED}
+    measured: Measured = {}
+    if version is not None:
+        measured = {name: model_metric_by_size(version, name) for name in BY_SIZE}
+        known = {
+            "uri": version.uri,
+            "run_id": version.run_id,
+            "dataset_digest": version.dataset_digest,
+        }
     about = {
-        **({"uri": PACKAGED} if version is None else _registered(version)),
+        **known,
         "arch": model.architecture,
         "recipe": model.recipe,
         "n_spacecraft": model.n_train,
@@ -78,46 +83,21 @@ def export(
         "units": {"states": "m, m/s", "controls": "m/s^2"},
     }
     path = out or Path(file_name(version))
-    measured = (
-        {} if version is None else {name: model_metric_by_size(version, name) for name in BY_SIZE}
-    )
+    made: Exported | ExportedCraft
     if version is None or model.architecture == REFINER:
-        return _export_craft(model, version, path, measured, about, asked=n is not None or flown)
-    file = export_onnx(model, path, n=n, flown=flown, about=about)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        if n is not None or flown:
+            raise InputError(
+                f"--n or --flown is given for {version.name if version else PACKAGED}; expected "
+                "neither: its files are those of one craft of any swarm, and give controls that "
+                "can be flown."
+            )
+        path = path.with_suffix("") if path.suffix == ".onnx" else path
+        made = export_craft(model, path, about=about)
+        text = craft_card(version, model, made, measured)
+    else:
+        made = export_onnx(model, path, n=n, flown=flown, about=about)
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        text = model_card(version, model, made, measured, digest)
     card = path.with_name(path.name + ".md")
-    write_text(card, model_card(version, model, file, measured, digest))
-    return ExportedModel(file, card)
-
-
-def _registered(version: ModelVersion) -> dict[str, Any]:
-    """Where a model is known by what."""
-    return {
-        "uri": version.uri,
-        "run_id": version.run_id,
-        "dataset_digest": version.dataset_digest,
-    }
-
-
-def _export_craft(
-    model: Model,
-    version: ModelVersion | None,
-    path: Path,
-    measured: Mapping[str, Mapping[int, float]],
-    about: Mapping[str, Any],
-    *,
-    asked: bool,
-) -> ExportedModel:
-    """The files of one craft of a refiner, and their card."""
-    if asked:
-        raise InputError(
-            f"--n or --flown is given for {version.name if version else PACKAGED}; expected "
-            "neither: its files are those of one craft of any swarm, and give controls that can be "
-            "flown."
-        )
-    files = export_craft(
-        model, path.with_suffix("") if path.suffix == ".onnx" else path, about=about
-    )
-    card = files.folder.with_name(files.folder.name + ".md")
-    write_text(card, craft_card(version, model, files, measured))
-    return ExportedModel(files, card)
+    write_text(card, text)
+    return ExportedModel(made, card)
