@@ -106,7 +106,7 @@ ablate: $(BIN)/prolearn ## what each idea of the refiner is worth, each trained 
 	for recipe in $(ABLATIONS); do \
 	  $(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(SEEDS)) --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
 	done
-	$(BIN)/prolearn ablate --data $(DATA) --resume
+	$(BIN)/python -m benchmarks.ablate --data $(DATA) --resume
 
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports

@@ -15,19 +15,19 @@ from typing import Annotated, Any
 import pandas as pd
 import typer
 
-from cli.app import int_list, name_list
+from benchmarks.rule import Rule, own_rounds, with_rounds
+from cli.jobs.held_out import HeldOut, held_out, listed
+from cli.jobs.networks import EvaluatedNetwork, newest_on
+from cli.options import int_list, with_settings
 from cli.progress import progress as shown_progress
-from cli.stages.entrants import Network, newest_on
-from cli.stages.experiment import HeldOut, held_out, listed
+from cli.settings import ExperimentSettings, Resume, option
 from pipeline.errors import InputError
 from pipeline.experiments.ablations import SHORT, TUNED
 from pipeline.experiments.records import TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import DECOUPLED
-from pipeline.networks.refiner.refiner import own_rounds, with_rounds
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import NetworkPlanner
-from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
 from pipeline.storage.folder import Where
@@ -44,44 +44,38 @@ OWN_LP = next(planner for planner in BASELINES if planner.name == DECOUPLED)
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Swarm sizes, numbers of rounds, most trials of a size, dense swarms, and timed trials."""
+class Ablations(ExperimentSettings):
+    """Settings of the ablations; models are refiners, the newest by default."""
 
-    sizes: Sequence[int] = (10, 30)
-    rounds: Sequence[int] = (0, 1, 2, 3, 4, 6, 8, 12, 16, 20, 30)
-    trials: int | None = None
-    dense: int = 300
-    timed: int = 10
+    sizes: Annotated[str, option("Swarm sizes.", "--n")] = "10,30"
+    rounds: Annotated[str, option("Numbers of rounds.")] = "0,1,2,3,4,6,8,12,16,20,30"
+    dense: Annotated[int, option("Swarms of the family dense.")] = 300
+    timed: Annotated[int, option("Trials of each size that are timed.")] = 10
 
 
-def main(
-    data: Annotated[str, typer.Option(help="Solved dataset.")] = "data/paper",
-    models: Annotated[str | None, typer.Option(help="Refiners; the newest by default.")] = None,
-    n: Annotated[str, typer.Option("--n", help="Swarm sizes.")] = "10,30",
-    trials: Annotated[int | None, typer.Option(help="Most trials of each size.")] = None,
-) -> None:
+@with_settings
+def main(settings: Ablations, resume: Resume = False) -> None:
     """Run all and record it."""
     with shown_progress("ablations") as progress:
-        ablate(name_list(models), data, Asked(int_list(n), trials=trials), progress)
+        ablate(settings, resume=resume, progress=progress)
 
 
-def ablate(
-    references: Sequence[str], data: Where, asked: Asked, progress: Progress = SILENT
-) -> Done:
+def ablate(settings: Ablations, *, resume: bool = False, progress: Progress = SILENT) -> Done:
     """Try refiners of all recipes and the rule alone after other numbers of rounds; record it.
 
     Raises:
         InputError: for models that are no refiners or whose answers take different numbers of
             rounds, sizes that are not in the dataset, or bad numbers.
     """
-    if min(asked.timed, asked.dense, *asked.rounds) < 0:
-        raise InputError(f"{asked} has a number below 0; expected 0 or more each.")
-    ground = held_out(references, data, asked.sizes, asked.trials, refiners_on)
+    rounds, timed, dense = int_list(settings.rounds, "--rounds", 0), settings.timed, settings.dense
+    if min(timed, dense) < 0:
+        raise InputError(f"timed is {timed} and dense {dense}; expected 0 or more each.")
+    ground = held_out(settings, int_list(settings.sizes), refiners_on)
     tried = [*ground.scenarios.values()]
-    if swarms := dense_beside(ground, min(asked.dense, asked.trials or asked.dense)):
+    if swarms := dense_beside(ground, min(dense, settings.trials or dense)):
         tried.append(swarms)
     own = _common_rounds(ground.networks)
-    counts = sorted({0, *asked.rounds, own})
+    counts = sorted({0, *rounds, own})
     by_count = {count: _planners(ground.networks, count, own) for count in counts}
 
     def run(_: object) -> pd.DataFrame:
@@ -89,7 +83,7 @@ def ablate(
         tables = []
         for scenarios in tried:
             for count, planners in by_count.items():
-                alone = min(asked.timed, len(scenarios))
+                alone = min(timed, len(scenarios))
                 table = run_trials(planners, scenarios, timed=alone, progress=progress)
                 taken: dict[str, Any] = {"rounds": count, "own_rounds": own}
                 table = table.assign(family=scenarios[0].family, **taken)
@@ -99,28 +93,26 @@ def ablate(
     params = {
         "sizes": listed(ground.scenarios),
         "rounds": listed(counts),
-        "dense": asked.dense,
-        "timed": asked.timed,
         "networks": listed(network.label for network in ground.networks),
     }
-    return ground.run(ABLATIONS, params, run, resume=False, progress=progress)
+    return ground.run(ABLATIONS, params, run, resume=resume, progress=progress)
 
 
-def _planners(networks: Sequence[Network], count: int, own: int) -> list[EvaluatedPlanner]:
+def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> list[EvaluatedPlanner]:
     """The refiners and the rule; without a round all of them give the decoupled optima."""
     if count == 0:
         return [EvaluatedPlanner(OWN_LP)]
     rules = [Rule(count), Rule(count, null_space=True)]
     if count != own:  # the others are of interest as an answer alone
         networks, rules = (
-            [one for one in networks if one.version.recipe in (TUNED, SHORT)],
+            [one for one in networks if one.recipe in (TUNED, SHORT)],
             rules[:1],
         )
     refiners = [
         EvaluatedPlanner(
-            NetworkPlanner(with_rounds(one.model, count), one.name),
-            one.version.recipe,
-            one.version.training_seed,
+            NetworkPlanner(with_rounds(one.predictor, count), one.planner.name),
+            one.recipe,
+            one.training_seed,
         )
         for one in networks
     ]
@@ -146,9 +138,9 @@ def refiners_on(data: Where) -> list[ModelVersion]:
     return found
 
 
-def _common_rounds(networks: Sequence[Network]) -> int:
+def _common_rounds(networks: Sequence[EvaluatedNetwork]) -> int:
     """The rounds that the answers of all take."""
-    counts = {network.label: own_rounds(network.model) for network in networks}
+    counts = {network.label: own_rounds(network.predictor) for network in networks}
     found = set(counts.values())
     if len(found) == 1 and (own := found.pop()) is not None:
         return own

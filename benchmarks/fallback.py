@@ -19,6 +19,7 @@ import torch
 import typer
 from threadpoolctl import threadpool_limits
 
+from benchmarks.rule import Rule
 from benchmarks.tables import Row, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import Model, load
@@ -27,7 +28,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import Plan
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import ONE_SOLVE, FallbackPlanner, NetworkPlanner
-from pipeline.planners.rule import Rule
 from pipeline.scenario import Scenario, draw
 
 Trained = Model | TrainedRefiner

@@ -4,7 +4,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from errno import EPIPE
 from pathlib import Path
@@ -28,9 +28,6 @@ class Terminated(KeyboardInterrupt):
 
 AGAIN_SECONDS = 0.05
 """After so long an interrupt that a callback has swallowed is raised again."""
-
-MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
-"""Numbers that a list on the command line may stand for, and the largest of them."""
 
 TYPED = "prolearn.typed"
 """Under this name a command's context has its arguments, values of options alone."""
@@ -153,57 +150,3 @@ def not_over(source: Path, target: Path) -> None:
             f"{target} is what is read, and would be written over; expected another name for what "
             "is made of it: give --out."
         )
-
-
-def given_options(context: typer.Context) -> dict[str, str]:
-    """Options on the command line, as they are written there, by the name of their parameter."""
-    found = {}
-    for parameter in context.command.params:
-        source = context.get_parameter_source(parameter.name or "")
-        if parameter.name and source is not None and source.name == "COMMANDLINE":
-            found[parameter.name] = parameter.opts[0]
-    return found
-
-
-def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
-    """Whole numbers written as 10, 2,10,30 or 2..30, ascending.
-
-    Raises:
-        InputError: for anything else, or a number under ``least``.
-    """
-    numbers: set[int] = set()
-    try:
-        for part in text.split(","):
-            first, _, last = part.partition("..")
-            wanted = range(int(first), int(last or first) + 1)
-            if len(numbers) + len(wanted) > MOST_LISTED:
-                raise InputError(f"{option} is {text!r}; expected at most {MOST_LISTED} numbers.")
-            numbers |= set(wanted)
-    except (ValueError, OverflowError):
-        numbers = set()
-    if not numbers or min(numbers) < least or max(numbers) > GREATEST_LISTED:
-        given = text if len(text) < 40 else f"{text[:20]}..."
-        raise InputError(
-            f"{option} is {given!r}; expected whole numbers from {least}, such as 10, 2,10,30 or "
-            "2..30."
-        )
-    return sorted(numbers)
-
-
-def float_list(text: str, option: str) -> Sequence[float]:
-    """Numbers written as 60 or 60,72.5,240, ascending.
-
-    Raises:
-        InputError: for anything else.
-    """
-    try:
-        return sorted({float(part) for part in text.split(",")})
-    except ValueError as error:
-        raise InputError(
-            f"{option} is {text!r}; expected numbers such as 60 or 60,72.5,240."
-        ) from error
-
-
-def name_list(text: str | None) -> Sequence[str]:
-    """Names written as one,two,three."""
-    return [name.strip() for name in (text or "").split(",") if name.strip()]

@@ -1,36 +1,28 @@
-"""The command that hands a plan over to other tools."""
+"""Commands that write a plan in other forms: files of other tools, and a page to look at."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from cli.app import FAILED, not_over
+from cli.memory import within_memory
 from cli.output import echo
+from cli.settings import PlanFile, option
 from pipeline.errors import InputError
 from pipeline.files import STDIO, stem_of
 
-
-class Form(StrEnum):
-    """What a plan can become."""
-
-    OEM = "oem"
-    CSV = "csv"
-    PARQUET = "parquet"
+Form = Literal["oem", "csv", "parquet"]
 
 
 def convert(
-    plan: Annotated[
-        Path, typer.Argument(help="Plan file; - is standard input.", show_default=False)
-    ],
-    to: Annotated[Form, typer.Option(help="Format.", show_default=False)],
+    plan: PlanFile,
+    to: Annotated[Form, option("Format.")],
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="A file, for OEM a folder, for CSV also - for standard output; by default the "
-            "plan's name with the format's ending.",
-            show_default=False,
+        option(
+            "A file, for OEM a folder, for CSV also - for standard output; by default the plan's "
+            "name with the format's ending."
         ),
     ] = None,
 ) -> None:
@@ -51,18 +43,18 @@ def convert(
 
     made, scenario = read_whole_plan(plan)
     target = out or _default(plan, to)
-    if target == STDIO and to != Form.CSV:
+    if target == STDIO and to != "csv":
         raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
     not_over(plan, target)
-    if target.is_dir() != (to == Form.OEM) and target.exists():
-        kind = "a folder" if to == Form.OEM else "a file"
+    if target.is_dir() != (to == "oem") and target.exists():
+        kind = "a folder" if to == "oem" else "a file"
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
     try:
-        if to == Form.OEM:
+        if to == "oem":
             files = write_ephemerides(made, scenario, target, stem_of(plan))
             echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
         else:
-            (write_csv if to == Form.CSV else write_parquet)(made, scenario, target)
+            (write_csv if to == "csv" else write_parquet)(made, scenario, target)
             about = f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes."
             echo(about, err=target == STDIO)
     except InputError as error:
@@ -78,4 +70,42 @@ def _default(plan: Path, to: Form) -> Path:
     """Where a plan goes that is told no place."""
     if plan == STDIO:
         return STDIO
-    return plan.with_suffix("" if to == Form.OEM else f".{to}")
+    return plan.with_suffix("" if to == "oem" else f".{to}")
+
+
+def show(
+    plan: PlanFile,
+    out: Annotated[
+        Path | None,
+        option(
+            "Page to write, - for standard output; by default beside the plan, with the suffix "
+            ".html."
+        ),
+    ] = None,
+) -> None:
+    """Write one HTML page that shows a plan and opens without a network.
+
+    The craft on their paths, with a slider for the time; the passive orbits at both ends; the
+    separation of the closest pairs, r_col and what is proven; the controls; the certificate. All
+    is computed anew from the plan's controls, and what is wrong with a plan stands at the top.
+
+    Examples:
+
+        prolearn show plan.json
+        prolearn show plan.json --out plan.html
+    """
+    from pipeline.plan.document import read_whole_plan
+    from pipeline.show import write_page
+
+    target = out or (STDIO if plan == STDIO else plan.with_suffix(".html"))
+    not_over(plan, target)
+    if target.is_dir():
+        raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
+    with within_memory():
+        claimed, scenario = read_whole_plan(plan)
+        try:
+            shown = write_page(target, claimed, scenario, plan.name)
+        except InputError as error:
+            raise InputError(f"{plan}: {error}") from error
+    said = " ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults])
+    echo(said, err=target == STDIO)

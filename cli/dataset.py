@@ -1,21 +1,13 @@
-"""Commands that make and check datasets: sample, solve, dataset, verify."""
+"""Commands that make and check datasets: sample, solve, dataset, card, verify."""
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.app import given_options
-from cli.completion import families
-from cli.output import AsJson, beside, echo, print_json
-from cli.problem import (
-    Altitude,
-    CollisionRadius,
-    MaxAcceleration,
-    Nodes,
-    TimeStep,
-    problem_at,
-)
+from cli.options import families, given_options, with_settings
+from cli.output import beside, echo, print_json
 from cli.progress import progress
+from cli.settings import AsJson, Jobs, ProblemSettings, Separation, WorkerSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.urls import public_url
 
@@ -27,56 +19,26 @@ if TYPE_CHECKING:
     from pipeline.parallel.workers import Workers
     from pipeline.plan import Requirements
 
-
-Jobs = Annotated[int, typer.Option(help="Processes; -1 for all cores.")]
-Out = Annotated[str, typer.Option(help="Dataset folder or URL.", show_default=False)]
-Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.", show_default=False)]
-Backend = Annotated[
-    Literal["loky", "dask"],
-    typer.Option(help="Where workers run: this machine, or a Dask cluster."),
-]
-Separation = Annotated[
-    Literal["continuous", "nodes"],
-    typer.Option(help="Keep craft apart at all times, or at the nodes only."),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        help="Of the Dask cluster, such as tcp://10.0.0.1:8786.",
-        envvar="DASK_SCHEDULER_ADDRESS",
-        show_envvar=True,
-    ),
-]
-
-SchedulerWait = Annotated[
-    float | None,
-    typer.Option(
-        help="Seconds in which a scheduler that was lost may come back; 300 by default.",
-        show_default=False,
-    ),
-]
+Out = Annotated[str, option("Dataset folder or URL.")]
+Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.")]
 
 
+@with_settings
 def sample(
     out: Out,
-    n: Annotated[int, typer.Option("--n", help="Spacecraft in each scenario.")] = 10,
-    count: Annotated[int, typer.Option(help="Scenarios to draw.")] = 1000,
-    seed: Annotated[int, typer.Option(help="Root seed.")] = 0,
+    *,
+    n: Annotated[int, option("Spacecraft in each scenario.")] = 10,
+    count: Annotated[int, option("Scenarios to draw.")] = 1000,
+    seed: Annotated[int, option("Root seed.")] = 0,
     family: Annotated[
         str,
-        typer.Option(
-            help="rings, dense, coplanar-split, tilt-split, independent or rotation.",
+        option(
+            "rings, dense, coplanar-split, tilt-split, independent or rotation.",
             autocompletion=families,
         ),
     ] = "rings",
-    shares: Annotated[
-        str, typer.Option(help="Shares of the train, valid and test split.")
-    ] = "0.8,0.1,0.1",
-    altitude: Altitude = 500e3,
-    time_step: TimeStep = 120.0,
-    nodes: Nodes = 11,
-    collision_radius: CollisionRadius = 15.0,
-    max_acceleration: MaxAcceleration = None,
+    shares: Annotated[str, option("Shares of the train, valid and test split.")] = "0.8,0.1,0.1",
+    problem: ProblemSettings,
     jobs: Jobs = -1,
 ) -> None:
     """Draw scenarios into a dataset folder.
@@ -90,27 +52,23 @@ def sample(
     from pipeline.dataset.samples import Sample
     from pipeline.dataset.sampling import sample as run
 
-    problem = problem_at(altitude, time_step, nodes, collision_radius, max_acceleration)
+    asked = problem.problem()
     one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
     with progress("sampling") as shown:
-        run(out, {n: one}, problem, jobs=jobs, progress=shown)
+        run(out, {n: one}, asked, jobs=jobs, progress=shown)
     where = public_url(out)
     echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
 
 
+@with_settings
 def solve(
     context: typer.Context,
     folder: Folder,
-    jobs: Jobs = -1,
-    backend: Backend = "loky",
-    scheduler: Scheduler = None,
-    scheduler_wait: SchedulerWait = None,
+    workers: WorkerSettings,
     separation: Separation = "continuous",
     solver: Annotated[
         Literal["simplex", "clarabel"],
-        typer.Option(
-            help="Of the convex programs: HiGHS' simplex method or Clarabel's interior points."
-        ),
+        option("Of the convex programs: HiGHS' simplex method or Clarabel's interior points."),
     ] = "simplex",
 ) -> None:
     """Solve the scenarios of a folder with the expert.
@@ -127,20 +85,16 @@ def solve(
     from pipeline.expert import Settings
     from pipeline.plan import Requirements
 
-    workers = _workers(context, jobs, backend, scheduler, scheduler_wait)
-    _solve(folder, Settings(solver=solver), Requirements(separation), workers)
+    _solve(folder, Settings(solver=solver), Requirements(separation), _workers(context, workers))
 
 
+@with_settings
 def make(
     context: typer.Context,
-    preset: Annotated[Literal["demo", "paper"], typer.Option(help="Which dataset.")] = "paper",
-    out: Annotated[
-        str | None, typer.Option(help="Dataset folder or URL; data/PRESET by default.")
-    ] = None,
-    jobs: Jobs = -1,
-    backend: Backend = "loky",
-    scheduler: Scheduler = None,
-    scheduler_wait: SchedulerWait = None,
+    *,
+    preset: Annotated[Literal["demo", "paper"], option("Which dataset.")] = "paper",
+    out: Annotated[str | None, option("Dataset folder or URL; data/PRESET by default.")] = None,
+    workers: WorkerSettings,
 ) -> None:
     """Sample and solve all that the experiments need.
 
@@ -154,7 +108,11 @@ def make(
         prolearn dataset --preset paper
     """
     if context.invoked_subcommand:
-        _refuse_options(context)
+        for option_ in given_options(context).values():
+            raise InputError(
+                f"{option_} is of `prolearn dataset` alone; expected none of its options before "
+                f"{context.invoked_subcommand}."
+            )
         return
     from pipeline.dataset.samples import PRESETS
     from pipeline.dataset.sampling import sample as run
@@ -163,27 +121,52 @@ def make(
     from pipeline.plan import AT_ALL_TIMES
 
     folder = out or f"data/{preset}"
-    workers = _workers(context, jobs, backend, scheduler, scheduler_wait)
+    solving = _workers(context, workers)
     with progress("sampling") as shown:
-        run(folder, PRESETS[preset], Problem(), jobs=jobs, progress=shown)
-    _solve(folder, Settings(), AT_ALL_TIMES, workers)
+        run(folder, PRESETS[preset], Problem(), jobs=workers.jobs, progress=shown)
+    _solve(folder, Settings(), AT_ALL_TIMES, solving)
+
+
+def card(
+    folder: Folder,
+    licence: Annotated[
+        str, option("Of the data, by its identifier, such as cc-by-4.0.", "--license")
+    ] = "mit",
+    replace: Annotated[
+        bool, flag("--force", "Replace a README.md that says something else.")
+    ] = False,
+) -> None:
+    """Write README.md into a solved dataset: its card, for readers and dataset hubs.
+
+    Columns, splits, how it was made, how far the plans can be from optimal, limits and licence;
+    at its head what `datasets.load_dataset` reads.
+
+    Examples:
+
+        prolearn dataset card data/paper
+        prolearn dataset card data/n10 --license cc-by-4.0 --force
+    """
+    from pipeline.dataset.card import write_card
+    from pipeline.dataset.manifest import CARD
+
+    with progress("reading") as shown:
+        write_card(folder, licence=licence, replace=replace, progress=shown)
+        rows = shown.count
+    where = public_url(folder)
+    echo(f"{CARD} is in {where}; it tells of {rows} scenarios.")
 
 
 def verify(
     folder: Folder,
     mend: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--repair",
-            help="Do damaged shards again; foreign files go to _foreign/, damaged ones to "
-            "_damaged/.",
+            "Do damaged shards again; foreign files go to _foreign/, damaged ones to _damaged/.",
         ),
     ] = False,
     yes: Annotated[
-        bool,
-        typer.Option(
-            "--yes", help="Set files aside, too, that hold sound rows of another dataset."
-        ),
+        bool, flag("--yes", "Set files aside, too, that hold sound rows of another dataset.")
     ] = False,
     jobs: Jobs = -1,
     as_json: AsJson = False,
@@ -244,43 +227,26 @@ def _tell(
         )
 
 
-def _refuse_options(context: typer.Context) -> None:
-    """Options of `prolearn dataset` say nothing to a command below it."""
-    for option in given_options(context).values():
-        raise InputError(
-            f"{option} is of `prolearn dataset` alone; expected none of its options before "
-            f"{context.invoked_subcommand}."
-        )
-
-
-def _workers(
-    context: typer.Context,
-    jobs: int,
-    backend: Backend,
-    scheduler: str | None,
-    scheduler_wait: float | None,
-) -> "Workers":
+def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
     """A scheduler in the environment does not turn work on this machine into a fault."""
     from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
 
-    if backend == "loky":
-        if "scheduler" in given_options(context):
-            raise InputError(
-                f"--scheduler is {public_url(scheduler)} and work on this machine has no "
-                "scheduler; expected it with --backend dask."
-            )
-        if scheduler_wait is not None:
-            raise InputError(
-                f"--scheduler-wait is {scheduler_wait:g} and work on this machine has no "
-                "scheduler; expected it with --backend dask."
-            )
-        return Workers(jobs)
+    scheduler, wait = settings.scheduler, settings.scheduler_wait
+    if settings.backend == "loky":
+        given = {"--scheduler": public_url(scheduler), "--scheduler-wait": f"{wait or 0:g}"}
+        for option_ in given_options(context).values():
+            if option_ in given:
+                raise InputError(
+                    f"{option_} is {given[option_]} and work on this machine has no scheduler; "
+                    "expected it with --backend dask."
+                )
+        return Workers(settings.jobs)
     if not scheduler:
         raise InputError(
             "backend is 'dask' and no scheduler is given; expected its address: "
             "--scheduler tcp://HOST:8786."
         )
-    return Workers(jobs, scheduler, SCHEDULER_WAIT if scheduler_wait is None else scheduler_wait)
+    return Workers(settings.jobs, scheduler, SCHEDULER_WAIT if wait is None else wait)
 
 
 def _solve(

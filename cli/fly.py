@@ -1,83 +1,42 @@
-"""The command that flies a plan outside the linear model."""
+"""The command that flies a plan outside the linear model, once or many times with errors."""
 
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from cli.app import FAILED
+from cli.memory import within_memory
+from cli.options import refuse, with_settings
+from cli.output import echo, print_json, print_table
+from cli.plan import planner_of
+from cli.progress import progress
+from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile
+from pipeline.errors import InputError
+from pipeline.figures.labels import MISSING, error, number, percents, share
+from pipeline.files import stem_of
+
 if TYPE_CHECKING:
     from pipeline.flight.conditions import Conditions
+    from pipeline.flight.errors import Errors
+    from pipeline.flight.summary import Summary
     from pipeline.plan import Plan, Requirements
     from pipeline.scenario import Scenario
 
-from cli.app import FAILED
-from cli.conditions import (
-    ArgumentOfLatitude,
-    ArgumentOfPerigee,
-    DragOn,
-    DragSpread,
-    Eccentricity,
-    Inclination,
-    NoJ2,
-    Raan,
-    conditions_of,
-)
-from cli.memory import within_memory
-from cli.output import AsJson, echo, print_json, print_table
-from cli.plan import planner_of
-from cli.progress import progress
-from cli.trials import (
-    CONDITIONS,
-    OF_REPLANNING,
-    OF_TRIALS,
-    Changed,
-    Jobs,
-    Margin,
-    Out,
-    Preset,
-    Replan,
-    ReplanEffort,
-    Replanner,
-    Seed,
-    Size,
-    Trials,
-    WorldKind,
-    errors_of,
-    print_trials,
-    refuse,
-)
-from pipeline.errors import InputError
-from pipeline.figures.labels import MISSING, error, number
-from pipeline.files import stem_of
+CONDITIONS = tuple(field.name for field in fields(FlightConditions))
+OF_REPLANNING = ("planner", "effort", "margin")
+OF_TRIALS = tuple(field.name for field in fields(FlownTrials) if field.name != "trials")
+"""Parameters that say nothing without others: the nonlinear world, a planner, trials."""
 
 
+@with_settings
 def fly(
     context: typer.Context,
-    plan: Annotated[
-        Path, typer.Argument(help="Plan file; - is standard input.", show_default=False)
-    ],
-    eccentricity: Eccentricity = 0.001,
-    inclination: Inclination = None,
-    raan: Raan = None,
-    argument_of_perigee: ArgumentOfPerigee = 90.0,
-    argument_of_latitude: ArgumentOfLatitude = None,
-    no_j2: NoJ2 = False,
-    drag: DragOn = None,
-    drag_spread: DragSpread = None,
-    trials: Trials = None,
-    seed: Seed = 0,
-    errors: Preset = "cold-gas",
-    error: Changed = None,
-    world: WorldKind = "nonlinear",
-    replan: Replan = "none",
-    planner: Replanner = "expert",
-    effort: ReplanEffort = None,
-    margin: Margin = None,
-    size: Size = 0.35,
-    out: Out = None,
-    jobs: Jobs = -1,
+    plan: PlanFile,
+    conditions: FlightConditions,
+    settings: FlownTrials,
     as_json: AsJson = False,
 ) -> None:
     """Fly a plan's controls about an oblate Earth, and say how far off they lead.
@@ -106,64 +65,83 @@ def fly(
     """
     from pipeline.plan.document import read_whole_plan
 
-    if trials is None:
+    if settings.trials is None:
         refuse(context, OF_TRIALS, "without --trials; expected both: add --trials 1000.")
-    elif replan == "none":
+    elif settings.replan == "none":
         refuse(context, OF_REPLANNING, "and nobody plans anew; add --replan every-node.")
-    if world == "linear":
+    if settings.world == "linear":
         refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
-
     with within_memory():
         made, scenario = read_whole_plan(plan)
-    conditions = conditions_of(
-        scenario.reference,
-        eccentricity=eccentricity,
-        inclination=inclination,
-        raan=raan,
-        argument_of_perigee=argument_of_perigee,
-        argument_of_latitude=argument_of_latitude,
-        no_j2=no_j2,
-        drag=drag,
-        drag_spread=drag_spread,
-    )
-    if trials is None:
-        _fly_once(plan, made, scenario, conditions, as_json=as_json)
-        return
-    from cli.stages.fly_trials import fly_trials
+    about = conditions.about(scenario.reference)
+    if settings.trials is None:
+        _fly_once(plan, made, scenario, about, as_json=as_json)
+    else:
+        _fly_trials(plan, made, scenario, about, settings, as_json=as_json)
+
+
+def _fly_trials(
+    path: Path,
+    plan: "Plan",
+    scenario: "Scenario",
+    conditions: "Conditions",
+    settings: FlownTrials,
+    *,
+    as_json: bool,
+) -> None:
+    """Fly it many times, with errors."""
+    from cli.jobs.fly_trials import fly_trials
     from pipeline.flight.world import LinearWorld
 
-    problem = scenario.problem
-    linear = world == "linear"
-    flown_in = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
-    told = errors_of(errors, error or [])
-    replanner = None
-    if replan != "none":
-        _refuse_risk(made)
-        replanner = planner_of(planner, made.requirements, effort)
+    problem, linear = scenario.problem, settings.world == "linear"
+    world = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
+    errors = errors_of(settings.errors, settings.error or [])
+    planner = None
+    if settings.replan != "none":
+        _refuse_risk(plan)
+        planner = planner_of(settings.planner, plan.requirements, settings.effort)
+    folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        done = fly_trials(
-            made,
-            scenario,
-            flown_in,
-            told,
-            out or Path(f"{stem_of(plan).removesuffix('.plan')}-flown"),
-            trials=trials,
-            size=size,
-            seed=seed,
-            planner=replanner,
-            margin=margin,
-            jobs=jobs,
-            progress=shown,
+        loops = fly_trials(
+            plan, scenario, world, errors, folder, settings, planner=planner, progress=shown
         )
     if as_json:
-        required = None if replanner is None else asdict(made.requirements)
-        result = {"folder": str(done.folder), "loops": done.summaries, "requirements": required}
-        print_json({"plan": str(plan), **result})
+        required = None if planner is None else asdict(plan.requirements)
+        result = {"folder": str(folder), "loops": loops, "requirements": required}
+        print_json({"plan": str(path), **result})
         return
-    print_trials(done.summaries, problem.collision_radius, size)
-    if replanner is not None and (kept := _kept(made.requirements)):
+    print_trials(loops, problem.collision_radius, settings.size)
+    if planner is not None and (kept := _kept(plan.requirements)):
         echo(kept)
-    echo(f"The trials, trials.csv and the figure are in {done.folder}/.")
+    echo(f"The trials, trials.csv and the figure are in {folder}/.")
+
+
+def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
+    """The errors of a preset with some of them changed.
+
+    Args:
+        preset: of PRESETS.
+        changes: written as NAME=VALUE.
+
+    Raises:
+        InputError: for a name or a value that is none.
+    """
+    from pipeline.flight.errors import PRESETS
+
+    errors, names = PRESETS[preset], [field.name for field in fields(PRESETS[preset])]
+    for change in changes:
+        name, _, text = change.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = None
+        if name not in names or value is None:
+            raise InputError(
+                f"--error is {change!r}; expected NAME=VALUE with a name of {', '.join(names)}, "
+                "such as magnitude=0.05."
+            )
+        errors = replace(errors, **{name: value})
+    return errors
 
 
 def _refuse_risk(plan: "Plan") -> None:
@@ -275,3 +253,41 @@ def _verdict(report: Mapping[str, Any]) -> str:
         f"{miss}. {verdict}: craft {pair[0]} and {pair[1]} come within "
         f"{report['min_separation']:.2f} m of each other; collision_radius is {radius:g} m."
     )
+
+
+def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> None:
+    """Print a column for each way to fly, a row for each quantity, in 80 columns for three."""
+    shares = {f"within r_col, {radius:g} m": "within_radius", f"within {size:g} m": "within_size"}
+    lines = [[label, *(_shared(one, name) for one in summaries)] for label, name in shares.items()]
+    for label, name, text in QUANTITIES:
+        values = [getattr(one, name) for one in summaries]
+        if any(value is not None for value in values):
+            lines.append([label, *(MISSING if v is None else text(v) for v in values)])
+    print_table([f"{summaries[0].trials} trials", *(one.loop for one in summaries)], lines)
+
+
+def _thousandth(text: Callable[[float], str]) -> Callable[[float], str]:
+    """Written in a unit that is a thousandth of SI's."""
+    return lambda value: text(1e3 * value)
+
+
+QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
+    ("least separation, m: median", "separation_median", number),
+    ("  least of all", "least_separation", number),
+    ("error at goal, m: median", "goal_error_median", error),
+    ("  95 %", "goal_error_high", error),
+    ("  mm/s: median", "goal_velocity_error_median", _thousandth(error)),
+    ("  95 %", "goal_velocity_error_high", _thousandth(error)),
+    ("Δv, m/s: median", "delta_v_median", number),
+    ("  95 %", "delta_v_high", number),
+    ("missed burns a trial", "missed_burns", number),
+    ("margin, m", "margin", number),
+    ("nodes without a safe plan", "unsafe_replans", number),
+    ("time a replan, ms: median", "replan_seconds", _thousandth(number)),
+)
+"""Label, field of a summary, and how it is written."""
+
+
+def _shared(one: "Summary", name: str) -> str:
+    value, interval = getattr(one, name), getattr(one, f"{name}_interval")
+    return MISSING if value is None else f"{share(value)} {percents(*interval)}"

@@ -10,20 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cli import (
-    card,
-    convert,
-    dataset,
-    experiments,
-    fly,
-    models,
-    plan,
-    scenario,
-    show,
-    tradeoff,
-    train,
-    tune,
-)
+from cli import convert, dataset, experiments, fly, models, plan, scenario, tradeoff, train
 from cli.app import Group
 from cli.output import echo
 
@@ -43,7 +30,7 @@ ORDER = (
     *("scenario", "plan", "fly", "tradeoff", "show", "convert"),
     *("sample", "solve", "dataset", "verify"),
     *("train", "tune", "models"),
-    *("evaluate", "warmstart", "transfer-times", "flights", "ablate", "report"),
+    *("evaluate", "warmstart", "transfer-times", "flights", "report"),
 )
 """Commands as the help has them; Typer would put those that have subcommands last."""
 
@@ -58,7 +45,7 @@ class Line(Group):
 
 datasets = typer.Typer(cls=Group, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown")
 datasets.callback(invoke_without_command=True)(dataset.make)
-datasets.command()(card.card)
+datasets.command()(dataset.card)
 
 app = typer.Typer(
     name="prolearn",
@@ -104,18 +91,17 @@ app.add_typer(scenario.app, name="scenario", rich_help_panel=SWARM)
 app.command(rich_help_panel=SWARM)(plan.plan)
 app.command(rich_help_panel=SWARM)(fly.fly)
 app.command(rich_help_panel=SWARM)(tradeoff.tradeoff)
-app.command(rich_help_panel=SWARM)(show.show)
+app.command(rich_help_panel=SWARM)(convert.show)
 app.command(rich_help_panel=SWARM)(convert.convert)
 app.command(rich_help_panel=DATASETS)(dataset.sample)
 app.command(rich_help_panel=DATASETS)(dataset.solve)
 app.add_typer(datasets, name="dataset", rich_help_panel=DATASETS)
 app.command(rich_help_panel=DATASETS)(dataset.verify)
 app.command(rich_help_panel=NETWORKS)(train.train)
-app.command(rich_help_panel=NETWORKS)(tune.tune)
+app.command(rich_help_panel=NETWORKS)(train.tune)
 app.add_typer(models.app, name="models", rich_help_panel=NETWORKS)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.evaluate)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.warmstart)
 app.command(name="transfer-times", rich_help_panel=EXPERIMENTS)(experiments.transfer_times)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.flights)
-app.command(rich_help_panel=EXPERIMENTS)(experiments.ablate)
 app.command(rich_help_panel=EXPERIMENTS)(experiments.report)

@@ -3,23 +3,21 @@
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from cli.app import Group
-from cli.output import AsJson, beside, echo, print_json, seen
+from cli.output import beside, echo, print_json, seen
 from cli.progress import each
+from cli.settings import AsJson, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
-    from cli.stages.export import ExportedModel
-    from pipeline.networks.onnx_export import Exported
-    from pipeline.networks.refiner.on_board.export import ExportedCraft
+    from cli.jobs.export import ExportedModel
     from registry.version import ModelVersion
 
 app = typer.Typer(
@@ -36,12 +34,6 @@ app = typer.Typer(
         prolearn models show lstm2
     """,
 )
-
-
-class Format(StrEnum):
-    """File formats for on-board use."""
-
-    ONNX = "onnx"
 
 
 ModelArgument = Annotated[
@@ -75,13 +67,13 @@ def list_models(as_json: AsJson = False) -> None:
     with beside(as_json):
         versions = list_versions()
     if as_json:
-        print_json([told(version) for version in versions])
+        print_json([document_of(version) for version in versions])
         return
     Console().print(_table(versions))
 
 
-def told(version: "ModelVersion") -> dict[str, Any]:
-    """A version as programs are told it."""
+def document_of(version: "ModelVersion") -> dict[str, Any]:
+    """A version as it stands in a JSON document."""
     return {"uri": version.uri, **vars(version)}
 
 
@@ -123,10 +115,7 @@ def _age(created: datetime) -> str:
 
 
 @app.command()
-def show(
-    model: ModelArgument,
-    as_json: AsJson = False,
-) -> None:
+def show(model: ModelArgument, as_json: AsJson = False) -> None:
     """One version in full: parameters, metrics, dataset, environment.
 
     An architecture alone means its champion.
@@ -142,7 +131,7 @@ def show(
     with beside(as_json):
         version = resolve(model)
     if as_json:
-        print_json(told(version))
+        print_json(document_of(version))
         return
     table = Table(box=None, show_header=False)
     head = {
@@ -164,17 +153,16 @@ def show(
 @app.command()
 def promote(
     name: Annotated[str, typer.Argument(help="Registered model, or its architecture.")],
-    version: Annotated[int, typer.Option(help="Number of the version.", show_default=False)],
+    version: Annotated[int, option("Number of the version.")],
     data: Annotated[
         str | None,
-        typer.Option(
-            help="Dataset, a folder or a URL, whose validation split decides; by default the one "
-            "that the version was trained on.",
-            show_default=False,
+        option(
+            "Dataset, a folder or a URL, whose validation split decides; by default the one that "
+            "the version was trained on."
         ),
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Also where it does no better than the champion.")
+        bool, flag("--force", "Also where it does no better than the champion.")
     ] = False,
 ) -> None:
     """Make a version the champion, which commands take when a model is named alone.
@@ -186,7 +174,7 @@ def promote(
 
         prolearn models promote lstm2 --version 3 --data data/paper
     """
-    from cli.stages.champion import promote as run
+    from cli.jobs.champion import promote as run
 
     if force and data is not None:
         raise InputError(
@@ -203,31 +191,24 @@ def export(
         list[str],
         typer.Argument(
             help="ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI; one or several. "
-            "packaged: the refiner that comes with prolearn.",
-            show_default=False,
+            "packaged: the refiner that comes with prolearn."
         ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="The file, or a folder for several models; NAME-vVERSION.onnx by default.",
-            show_default=False,
-        ),
+        option("The file, or a folder for several models; NAME-vVERSION.onnx by default."),
     ] = None,
-    file_format: Annotated[Format, typer.Option("--format", help="Format.")] = Format.ONNX,
+    file_format: Annotated[Literal["onnx"], option("Format.", "--format")] = "onnx",
     n: Annotated[
         int | None,
-        typer.Option(
-            "--n",
-            help="Spacecraft that the file is for; by default any number that one graph of the "
+        option(
+            "Spacecraft that the file is for; by default any number that one graph of the "
             "architecture answers for. Feed-forward networks beyond their training's size need "
-            "it: the averaging over combinations then goes into the file.",
-            show_default=False,
+            "it: the averaging over combinations then goes into the file."
         ),
     ] = None,
     flown: Annotated[
-        bool,
-        typer.Option("--flown", help="Project onto transfers that can be flown; adds controls."),
+        bool, flag("--flown", "Project onto transfers that can be flown; adds controls.")
     ] = False,
 ) -> None:
     """Write models for on-board use, each as one file with a model card beside it.
@@ -244,8 +225,8 @@ def export(
         prolearn models export ff1 lstm2 --out onboard/
         prolearn models export packaged --out refiner/
     """
-    from cli.stages.export import PACKAGED
-    from cli.stages.export import export as run
+    from cli.jobs.export import PACKAGED
+    from cli.jobs.export import export as run
     from registry.models import resolve
 
     # A name that is wrong stops all of them.
@@ -257,7 +238,7 @@ def export(
 
 def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> list[Path | None]:
     """The file of each model; None for its default."""
-    from cli.stages.export import file_name
+    from cli.jobs.export import file_name
 
     if len(versions) == 1:
         return [out]
@@ -273,42 +254,31 @@ def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> lis
 def _say(made: "ExportedModel") -> None:
     from pipeline.networks.refiner.on_board.export import ExportedCraft
 
-    if isinstance(made.file, ExportedCraft):
-        _say_craft(made.file)
+    file, checked = made.file, made.file.checked
+    if isinstance(file, ExportedCraft):
+        steps = ", ".join(f"{name} {kib:.0f} KiB" for name, kib in file.kib.items())
+        times = ", ".join(f"{s * 1e3:.2g} ms ({name})" for name, s in checked.seconds.items())
+        echo(
+            f"{file.folder}/: one craft's steps: {steps}.",
+            f"onnxruntime on one core, one call: {times}.",
+            f"Told in a round for each live encounter: {sum(file.told.values())} numbers.",
+            f"Largest difference from torch in {file.checked.swarms} swarms flown craft by craft: "
+            f"{checked.difference:.1e} of the largest control.",
+        )
     else:
-        _say_file(made.file)
+        times = ", ".join(f"{s * 1e3:.3g} ms (n={n})" for n, s in checked.seconds.items())
+        echo(
+            f"{file.path}: {file.kib:.0f} KiB, for {file.checked.sizes}.",
+            f"onnxruntime on one core, one instance: {times}.",
+            f"Largest difference from torch: {checked.difference:.1e} of a component's size, "
+            f"{file.checked.metres:.1e} m in position.",
+        )
     echo(f"Model card: {made.card}")
-
-
-def _say_file(file: "Exported") -> None:
-    checked = file.checked
-    times = ", ".join(f"{seconds * 1e3:.3g} ms (n={n})" for n, seconds in checked.seconds.items())
-    echo(f"{file.path}: {file.kib:.0f} KiB, for {checked.sizes}.")
-    echo(f"onnxruntime on one core, one instance: {times}.")
-    echo(
-        f"Largest difference from torch: {checked.difference:.1e} of a component's size, "
-        f"{checked.metres:.1e} m in position."
-    )
-
-
-def _say_craft(files: "ExportedCraft") -> None:
-    checked = files.checked
-    steps = ", ".join(f"{name} {files.kib[name]:.0f} KiB" for name in files.kib)
-    times = ", ".join(
-        f"{seconds * 1e3:.2g} ms ({name})" for name, seconds in checked.seconds.items()
-    )
-    echo(f"{files.folder}/: one craft's steps: {steps}.")
-    echo(f"onnxruntime on one core, one call: {times}.")
-    echo(f"Told in a round for each live encounter: {sum(files.told.values())} numbers.")
-    echo(
-        f"Largest difference from torch in {checked.swarms} swarms flown craft by craft: "
-        f"{checked.difference:.1e} of the largest control."
-    )
 
 
 @app.command()
 def register(
-    folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.")],
 ) -> None:
     """Register a trained network that was kept because the tracking store had failed.
 

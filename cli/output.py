@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -14,10 +14,6 @@ from rich.text import Text
 from pipeline.errors import InputError
 from pipeline.files import STDIO
 from pipeline.text import visible
-
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document, and all else on stderr.")
-]
 
 WIDE = 1000
 """Columns that a table may take where no terminal cuts it."""

@@ -1,120 +1,73 @@
 """The command that plans a scenario of one's own."""
 
 from collections.abc import Iterator
-from enum import StrEnum
 from itertools import groupby, islice, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from pipeline.plan import Requirements, RiskLimit
-    from pipeline.planners.planner import Planner
-    from pipeline.scenario import Scenario
-
 from cli.app import not_over, told_if_stopped
-from cli.completion import planners
-from cli.dataset import Separation
 from cli.memory import within_memory
-from cli.output import AsJson, beside, print_json, stdout_free
+from cli.options import planners, with_settings
+from cli.output import beside, print_json, stdout_free
 from cli.plan_table import print_plans
 from cli.progress import progress
+from cli.settings import (
+    AllowDrift,
+    AsJson,
+    Assignment,
+    Effort,
+    RiskSettings,
+    Separation,
+    flag,
+    option,
+)
 from pipeline.errors import InputError
 from pipeline.files import STDIO, stem_of
+
+if TYPE_CHECKING:
+    from pipeline.plan import Requirements
+    from pipeline.planners.planner import Planner
+    from pipeline.scenario import Scenario
 
 TOGETHER = 50
 """Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
 
 
-Assigned = Annotated[
-    Literal["given", "optimal"],
-    typer.Option(help="Who takes which goal: as given, or such that the fuel is least."),
-]
-
-
-class Effort(StrEnum):
-    """How long the expert looks for a better plan."""
-
-    FIRST = "first"
-    DEFAULT = "default"
-    BEST = "best"
-
-
+@with_settings
 def plan(
-    scenarios: Annotated[
-        list[Path],
-        typer.Argument(help="Scenario files; - is standard input.", show_default=False),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="Plan file, - for standard output, or a folder for several.", show_default=False
-        ),
-    ],
+    scenarios: Annotated[list[Path], typer.Argument(help="Scenario files; - is standard input.")],
+    out: Annotated[Path, option("Plan file, - for standard output, or a folder for several.")],
+    *,
     planner: Annotated[
         str,
-        typer.Option(
-            help="expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
+        option(
+            "expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
             autocompletion=planners,
         ),
     ] = "expert",
     separation: Separation = "continuous",
     effort: Annotated[
         Effort | None,
-        typer.Option(
-            help="Of the expert: stop at the first safe plan, as soon as it no longer improves, or "
-            "at the best of several searches. By default the second; after a model, the first, "
-            "and after the refiner that only where it has no safe plan.",
-            show_default=False,
+        option(
+            "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
+            "the best of several searches. By default the second; after a model, the first, and "
+            "after the refiner that only where it has no safe plan."
         ),
     ] = None,
     raw: Annotated[
-        bool,
-        typer.Option("--raw", help="A model's own plan, safe or not, without the expert after it."),
+        bool, flag("--raw", "A model's own plan, safe or not, without the expert after it.")
     ] = False,
-    allow_drift: Annotated[
-        bool, typer.Option("--allow-drift", help="Accept states that are not energy-matched.")
-    ] = False,
-    assignment: Assigned = "given",
-    risk: Annotated[
-        float | None,
-        typer.Option(
-            help="Most probability that any pair ever comes within the collision radius, flown in "
-            "open loop with the errors that the sigmas say.",
-            show_default=False,
-        ),
-    ] = None,
-    navigation_sigma: Annotated[
-        float | None,
-        typer.Option(
-            help="With --risk: standard deviation of each component of the initial positions, m.",
-            show_default=False,
-        ),
-    ] = None,
-    thrust_sigma: Annotated[
-        float | None,
-        typer.Option(
-            help="With --risk: standard deviation of each burn's size, as a share of it, and of "
-            "its direction about each axis across it, rad.",
-            show_default=False,
-        ),
-    ] = None,
-    velocity_sigma: Annotated[
-        float | None,
-        typer.Option(
-            help="With --risk: standard deviation of each component of the initial velocities, "
-            "m/s; by default the mean motion times --navigation-sigma.",
-            show_default=False,
-        ),
-    ] = None,
+    allow_drift: AllowDrift = False,
+    assignment: Assignment = "given",
+    risk: RiskSettings,
     passive_safety: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "Also keep craft apart should any one lose thrust at a node: it drifts for so many "
+            "orbits while the others fly on.",
             metavar="ORBITS",
-            help="Also keep craft apart should any one lose thrust at a node: it drifts for so "
-            "many orbits while the others fly on.",
-            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
@@ -168,8 +121,7 @@ def plan(
     for path, target in product(scenarios, targets):
         not_over(path, target)
     asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
-    limit = _risk_limit(risk, navigation_sigma, thrust_sigma, velocity_sigma)
-    requirements = Requirements(separation, passive_safety, limit)
+    requirements = Requirements(separation, passive_safety, risk.limit())
     chosen = planner_of(planner, requirements, effort, raw=raw, assignment=assignment)
     rows: list[dict[str, Any]] = []
 
@@ -190,31 +142,6 @@ def plan(
     with beside(not to_people):
         print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
-
-
-def _risk_limit(
-    risk: float | None, navigation: float | None, thrust: float | None, velocity: float | None
-) -> "RiskLimit | None":
-    """What --risk and the sigmas say, or None where none is given.
-
-    Raises:
-        InputError: where one is given without the other.
-    """
-    from pipeline.plan import RiskLimit
-
-    if navigation is thrust is velocity is None:
-        if risk is None:
-            return None
-        raise InputError(
-            f"--risk is {risk:g} and no error is given; expected --navigation-sigma, "
-            "--thrust-sigma, --velocity-sigma or several of them with it."
-        )
-    if risk is None:
-        raise InputError(
-            "a sigma is given without --risk; expected the probability that craft may come too "
-            "close with it, such as --risk 1e-3."
-        )
-    return RiskLimit(risk, navigation or 0.0, thrust or 0.0, velocity)
 
 
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
@@ -244,16 +171,15 @@ def planner_of(
     effort: Effort | None,
     *,
     raw: bool = False,
-    assignment: Assigned = "given",
+    assignment: str = "given",
 ) -> "Planner":
     """The planner of a name; all but models need neither MLflow nor torch."""
     from pipeline.planners.goal_assignment import GoalAssignment
     from pipeline.planners.named import named_planner
 
-    told: Any = {"effort": effort and effort.value, "raw": raw}
-    found = named_planner(name, requirements, **told)
+    found = named_planner(name, requirements, effort=effort, raw=raw)
     if found is None:
-        from cli.stages.plan import model_planner
+        from cli.jobs.networks import model_planner
 
-        found = model_planner(name, requirements, **told)
+        found = model_planner(name, requirements, effort=effort, raw=raw)
     return GoalAssignment(found) if assignment == "optimal" else found

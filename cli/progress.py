@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from time import monotonic
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -46,16 +46,6 @@ class NoteColumn(ProgressColumn):
         return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")
 
 
-class Display(Protocol):
-    """Where progress towards some number of units is shown."""
-
-    def advance(self, done: int, note: str) -> None:
-        """Count units just done, with a note to show."""
-
-    def end(self, note: str) -> None:
-        """Say why no more units come, where there were fewer than thought."""
-
-
 class Shown(Told):
     """Shows how far some work is once it says how much there is of it.
 
@@ -67,12 +57,17 @@ class Shown(Told):
     def __init__(self, what: str, stack: ExitStack) -> None:
         self.count = self.failed = 0
         self._what, self._stack = visible(what), stack
-        self._display: Display | None = None
+        self._display: _Bar | _Lines | None = None
 
     def expect(self, total: int) -> None:
         """Begin to show progress towards so many units; none show nothing."""
         self._stack.close()
-        self._display = self._stack.enter_context(_display(self._what, total)) if total else None
+        self._display, console = None, Console(stderr=True)
+        if total and console.is_terminal:
+            bar = self._stack.enter_context(_columns(console))
+            self._display = _Bar(bar, bar.add_task(self._what, total=total, note=""))
+        elif total:
+            self._display = _Lines(console, self._what, total)
 
     def done(self, units: int = 1, note: str = "", *, failed: int | None = None) -> None:
         """Show what is done, with the note and the share that failed."""
@@ -97,11 +92,7 @@ class Shown(Told):
 
 @contextmanager
 def progress(what: str) -> Iterator[Shown]:
-    """Show how far some work is.
-
-    Args:
-        what: the work, such as "solving".
-    """
+    """Show how far some work is, such as "solving"."""
     with ExitStack() as stack:
         yield Shown(what, stack)
 
@@ -116,16 +107,6 @@ def each(what: str, items: Sequence[Item]) -> Iterator[Item]:
         for item in items:
             yield item
             shown.done()
-
-
-@contextmanager
-def _display(what: str, total: int) -> Iterator[Display]:
-    console = Console(stderr=True)
-    if console.is_terminal:
-        with _columns(console) as bar:
-            yield _Bar(bar, bar.add_task(what, total=total, note=""))
-    else:
-        yield _Lines(console, what, total)
 
 
 def _columns(console: Console) -> Progress:

@@ -11,17 +11,10 @@ from rich.padding import Padding
 from rich.table import Table
 
 from cli.app import FAILED, Group
-from cli.completion import families
 from cli.memory import within_memory
-from cli.output import AsJson, echo, print_json, seen, stdout_free
-from cli.problem import (
-    Altitude,
-    CollisionRadius,
-    MaxAcceleration,
-    Nodes,
-    TimeStep,
-    problem_at,
-)
+from cli.options import families, with_settings
+from cli.output import echo, print_json, seen, stdout_free
+from cli.settings import AsJson, ProblemSettings, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,73 +40,48 @@ MOST_CASES = 5
 
 
 @app.command()
+@with_settings
 def new(
-    scenario: Annotated[
-        Path, typer.Argument(help="File to write; - is standard output.", show_default=False)
-    ],
+    scenario: Annotated[Path, typer.Argument(help="File to write; - is standard output.")],
+    *,
     family: Annotated[
         str | None,
-        typer.Option(
-            help="Draw: rings, dense, coplanar-split, tilt-split, independent or rotation.  "
-            "[default: rings]",
-            show_default=False,
+        option(
+            "Draw: rings, dense, coplanar-split, tilt-split, independent or rotation.  [default: "
+            "rings]",
             autocompletion=families,
         ),
     ] = None,
-    n: Annotated[
-        int | None,
-        typer.Option("--n", help="Spacecraft to draw.  [default: 10]", show_default=False),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="Root seed of the draw.  [default: 0]", show_default=False)
-    ] = None,
-    index: Annotated[
-        int | None,
-        typer.Option(help="Number of the draw in its split.  [default: 0]", show_default=False),
-    ] = None,
+    n: Annotated[int | None, option("Spacecraft to draw.  [default: 10]")] = None,
+    seed: Annotated[int | None, option("Root seed of the draw.  [default: 0]")] = None,
+    index: Annotated[int | None, option("Number of the draw in its split.  [default: 0]")] = None,
     split: Annotated[
-        str | None,
-        typer.Option(
-            help="Of the draw: train, valid or test.  [default: test]", show_default=False
-        ),
+        str | None, option("Of the draw: train, valid or test.  [default: test]")
     ] = None,
     start: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
+            "Instead: craft that start on a ring, by its fields, such as "
+            "craft=4,size=200,tilt_deg=20. Again for more rings.",
             "--from",
             metavar="RING",
-            help="Instead: craft that start on a ring, by its fields, such as "
-            "craft=4,size=200,tilt_deg=20. Again for more rings.",
-            show_default=False,
         ),
     ] = None,
-    to: Annotated[
-        list[str] | None,
-        typer.Option(metavar="RING", help="Where they go, likewise.", show_default=False),
-    ] = None,
-    altitude: Altitude = 500e3,
-    time_step: TimeStep = 120.0,
-    nodes: Nodes = 11,
-    collision_radius: CollisionRadius = 15.0,
-    max_acceleration: MaxAcceleration = None,
+    to: Annotated[list[str] | None, option("Where they go, likewise.", metavar="RING")] = None,
+    problem: ProblemSettings,
     epoch: Annotated[
         str | None,
-        typer.Option(
-            help="Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below "
-            "the file says where its orbit is.",
-            show_default=False,
+        option(
+            "Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below the "
+            "file says where its orbit is."
         ),
     ] = None,
-    inclination: Annotated[float | None, typer.Option(help="Of the orbit, deg.")] = None,
-    raan: Annotated[
-        float | None, typer.Option(help="Right ascension of its ascending node, deg.")
-    ] = None,
+    inclination: Annotated[float | None, option("Of the orbit, deg.")] = None,
+    raan: Annotated[float | None, option("Right ascension of its ascending node, deg.")] = None,
     argument_of_latitude: Annotated[
-        float | None, typer.Option(help="Of the origin at the epoch, deg.")
+        float | None, option("Of the origin at the epoch, deg.")
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace a file that is there already.")
-    ] = False,
+    force: Annotated[bool, flag("--force", "Replace a file that is there already.")] = False,
 ) -> None:
     """Write a scenario file: a draw of a family, or rings of your own.
 
@@ -132,13 +100,7 @@ def new(
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
-    fields: dict[str, Any] = {
-        "altitude": altitude,
-        "time_step": time_step,
-        "nodes": nodes,
-        "collision_radius": collision_radius,
-        "max_acceleration": max_acceleration,
-    }
+    content: dict[str, Any] = asdict(problem)
     drawn = {"--family": family, "--n": n, "--seed": seed, "--index": index, "--split": split}
     if start or to:
         given = [name for name, value in drawn.items() if value is not None]
@@ -147,17 +109,23 @@ def new(
                 f"{given[0] if given else '--from or --to alone'} is given; expected --from and "
                 "--to for rings of your own, or neither of them for a draw of a family."
             )
-        fields |= {"initial": _rings("--from", start or []), "goal": _rings("--to", to or [])}
+        content |= {"initial": _rings("--from", start or []), "goal": _rings("--to", to or [])}
     else:
-        fields |= _drawn(fields, family or "rings", n, seed or 0, index or 0, split or "test")
+        from pipeline.scenario import draw
+
+        of = (seed or 0, 10 if n is None else n, index or 0)
+        draft = draw(family or "rings", *of, problem.problem(), split or "test")
+        content |= {"initial": draft.initial.tolist(), "goal": draft.goal.tolist()}
     reference = {
         "epoch": epoch,
         "inclination_deg": inclination,
         "raan_deg": raan,
         "argument_of_latitude_deg": argument_of_latitude,
     }
-    told = {name: value for name, value in reference.items() if value is not None}
-    made = write_by_hand(scenario, fields | ({"reference": told} if told else {}))
+    given_reference = {name: value for name, value in reference.items() if value is not None}
+    if given_reference:
+        content["reference"] = given_reference
+    made = write_by_hand(scenario, content)
     if stdout_free(scenario, as_json=False):
         echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
 
@@ -183,16 +151,6 @@ def _number(text: str) -> float | str:
         return text
 
 
-def _drawn(
-    fields: Mapping[str, Any], family: str, n: int | None, seed: int, index: int, split: str
-) -> Mapping[str, Any]:
-    """Both ends of a draw for the problem in the fields of a file."""
-    from pipeline.scenario import draw
-
-    drawn = draw(family, seed, 10 if n is None else n, index, problem_at(**fields), split)
-    return {"initial": drawn.initial.tolist(), "goal": drawn.goal.tolist()}
-
-
 def _about(scenario: "Scenario") -> str:
     problem = scenario.problem
     return (
@@ -203,9 +161,7 @@ def _about(scenario: "Scenario") -> str:
 
 @app.command()
 def check(
-    scenario: Annotated[
-        Path, typer.Argument(help="Scenario file; - is standard input.", show_default=False)
-    ],
+    scenario: Annotated[Path, typer.Argument(help="Scenario file; - is standard input.")],
     as_json: AsJson = False,
 ) -> None:
     """Say all that is wrong with a scenario, by how much, and what is fine.
@@ -257,7 +213,7 @@ def _show(found: "list[Diagnostic]") -> None:
 
 @app.command()
 def schema(
-    plan: Annotated[bool, typer.Option("--plan", help="Of plan files instead.")] = False,
+    plan: Annotated[bool, flag("--plan", "Of plan files instead.")] = False,
 ) -> None:
     """Print the JSON Schema of scenario files: every field, its type and its unit.
 

@@ -3,18 +3,18 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from cli.app import told_if_stopped
-from cli.completion import planners
-from cli.dataset import Separation
 from cli.memory import within_memory
-from cli.output import AsJson, echo, print_json, print_table
-from cli.plan import Assigned, Effort, planner_of
+from cli.options import with_settings
+from cli.output import echo, print_json, print_table
+from cli.plan import planner_of
 from cli.plan_table import HEADINGS, cells, who, wrong
 from cli.progress import progress
+from cli.settings import AsJson, Tradeoff
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, number
 from pipeline.files import stem_of
@@ -26,35 +26,10 @@ NUMBER = r"(\d+(?:\.\d+)?)"
 RANGE = re.compile(rf"\s*{NUMBER}\s*\.\.\s*{NUMBER}\s*({'|'.join(UNITS)})\s*")
 
 
+@with_settings
 def tradeoff(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file.", show_default=False)],
-    duration: Annotated[
-        str,
-        typer.Option(help="Range of transfer times: 10..60min, 600..3600s.", show_default=False),
-    ],
-    steps: Annotated[int, typer.Option(help="Durations at most, spread over the range.")] = 20,
-    goal: Annotated[
-        Literal["fixed", "moving"],
-        typer.Option(
-            help="Goals are the states given, whenever they are reached, or slots that move on "
-            "along their passive orbits and are there after the scenario's own duration."
-        ),
-    ] = "fixed",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder; SCENARIO-tradeoff by default.", show_default=False),
-    ] = None,
-    planner: Annotated[
-        str, typer.Option(help="As for `prolearn plan`.", autocompletion=planners)
-    ] = "expert",
-    separation: Separation = "continuous",
-    effort: Annotated[
-        Effort | None, typer.Option(help="As for `prolearn plan`.", show_default=False)
-    ] = None,
-    assignment: Assigned = "given",
-    allow_drift: Annotated[
-        bool, typer.Option("--allow-drift", help="Accept states that are not energy-matched.")
-    ] = False,
+    scenario: Annotated[Path, typer.Argument(help="Scenario file.")],
+    settings: Tradeoff,
     as_json: AsJson = False,
 ) -> None:
     """Fuel against transfer time: certified plans, their lower bound, and the knee.
@@ -72,31 +47,21 @@ def tradeoff(
         prolearn tradeoff scenario.json --duration 600..3600s --steps 11 --json
         prolearn tradeoff scenario.json --duration 1..3h --goal moving --out trade/
     """
-    first, last = seconds(duration)
-    from cli.stages.tradeoff import trade
+    durations = seconds(settings.duration)
+    from cli.jobs.tradeoff import trade
     from pipeline.plan import Requirements
 
-    chosen = planner_of(planner, Requirements(separation), effort, assignment=assignment)
-
-    folder = out or Path(f"{stem_of(scenario)}-tradeoff")
+    required, assignment = Requirements(settings.separation), settings.assignment
+    planner = planner_of(settings.planner, required, settings.effort, assignment=assignment)
+    folder = settings.out or Path(f"{stem_of(scenario)}-tradeoff")
     stopped = told_if_stopped(lambda: "the trade-off is not complete.")
     with stopped, progress("planning") as shown, within_memory():
-        done = trade(
-            scenario,
-            chosen,
-            folder,
-            first=first,
-            last=last,
-            steps=steps,
-            goal=goal,
-            allow_drift=allow_drift,
-            progress=shown,
-        )
+        rows = trade(scenario, planner, folder, settings, durations, shown)
     if as_json:
-        print_json({"scenario": str(scenario), "goal": goal, "points": done.rows})
+        print_json({"scenario": str(scenario), "goal": settings.goal, "points": rows})
     else:
-        _print_curve(done.rows, done.folder)
-    raise typer.Exit(int(all(wrong(row) for row in done.rows)))
+        _print_curve(rows, folder)
+    raise typer.Exit(int(all(wrong(row) for row in rows)))
 
 
 def seconds(text: str) -> tuple[float, float]:

@@ -1,66 +1,35 @@
-"""The command that trains networks."""
+"""Commands that train networks and search for hyperparameters."""
 
 from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from cli.app import int_list, name_list
-from cli.completion import architectures
-from cli.models import told
-from cli.output import AsJson, beside, echo, print_json
+from cli.models import document_of
+from cli.options import architectures, int_list, name_list, with_settings
+from cli.output import beside, echo, print_json
 from cli.progress import progress
+from cli.settings import AsJson, TrainingSettings, TuningSettings, flag, option
 from pipeline.errors import InputError
+from pipeline.urls import public_url
 
 if TYPE_CHECKING:
-    from cli.stages.train import TrainingSettings
+    from cli.jobs.tune import Tuned
     from registry.version import ModelVersion
 
 
+@with_settings
 def train(
     arch: Annotated[
         str,
-        typer.Option(
-            help="ff1, ff2, ffcol, lstm1, lstm2, lstmcol, refiner, one of your own, or "
-            "several: ff1,lstm2.",
-            show_default=False,
+        option(
+            "ff1, ff2, ffcol, lstm1, lstm2, lstmcol, refiner, one of your own, or several: "
+            "ff1,lstm2.",
             autocompletion=architectures,
         ),
     ],
-    recipe: Annotated[
-        str,
-        typer.Option(help="paper, tuned (on validation), or one of the architecture's own."),
-    ] = "tuned",
-    data: Annotated[str, typer.Option(help="Solved dataset, a folder or a URL.")] = "data/paper",
-    n: Annotated[int, typer.Option("--n", help="Swarm size to train on.")] = 10,
-    epochs: Annotated[int | None, typer.Option(help="Most epochs.")] = None,
-    interior: Annotated[
-        str | None,
-        typer.Option(help="Input between the end states: line, zeros or minimum-energy."),
-    ] = None,
-    learning_rate: Annotated[float | None, typer.Option(help="Of Adam.")] = None,
-    dropout: Annotated[
-        float | None, typer.Option(help="Share of hidden outputs dropped in training.")
-    ] = None,
-    batch_size: Annotated[int | None, typer.Option(help="Instances a step.")] = None,
-    collision_weight: Annotated[
-        float | None, typer.Option(help="Weight of the collision penalty (ffcol, lstmcol).")
-    ] = None,
-    crowded: Annotated[
-        int | None,
-        typer.Option(help="Crowded scenarios that the refiner learns from beside the dataset's."),
-    ] = None,
-    device: Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")] = "auto",
-    seed: Annotated[
-        str, typer.Option(help="Of weights, order and dropout; several as 0,1 or 0..2.")
-    ] = "0",
-    memory: Annotated[
-        float,
-        typer.Option(help="GB that data may take; larger datasets stream shard by shard."),
-    ] = 2.0,
+    settings: TrainingSettings,
+    seed: Annotated[str, option("Of weights, order and dropout; several as 0,1 or 0..2.")] = "0",
     resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Leave out what was trained before on the same data."),
+        bool, flag("--resume", "Leave out what was trained before on the same data.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -77,52 +46,37 @@ def train(
     names = name_list(arch)
     if not names:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from cli.stages.train import TrainingSettings
+    from cli.jobs.train import followed_recipe
 
-    seeds = int_list(seed, "--seed", least=0)
-    changes = {
-        "epochs": epochs,
-        "interior": interior,
-        "learning_rate": learning_rate,
-        "dropout": dropout,
-        "batch_size": batch_size,
-        "collision_weight": collision_weight,
-        "crowded": crowded,
-    }
-    changes = {name: value for name, value in changes.items() if value is not None}
-    asked = [
-        TrainingSettings(one, recipe, n=n, seed=k, changes=changes)
-        for one, k in product(names, seeds)
-    ]
-    for how in asked:
-        how.followed  # noqa: B018  (a name that is wrong stops all of them)
-    options: Any = {"resume": resume, "device": device, "memory": memory * 1e9}
-    several = len(seeds) > 1
+    asked = list(product(names, int_list(seed, "--seed", least=0)))
+    for one, number in asked:
+        followed_recipe(one, number, settings)  # a name that is wrong stops all of them
+    several = len({number for _, number in asked}) > 1
     with beside(as_json):
-        documents = [_trained(how, data, several=several, **options) for how in asked]
+        documents = [
+            _trained(one, number, settings, several=several, resume=resume) for one, number in asked
+        ]
     if as_json:
         print_json(documents)
 
 
 def _trained(
-    how: "TrainingSettings", data: str, *, several: bool, resume: bool, device: str, memory: float
+    arch: str, seed: int, settings: TrainingSettings, *, several: bool, resume: bool
 ) -> dict[str, Any]:
-    """Train a network, or find it trained before; say so, and tell what programs are told."""
-    from cli.stages.train import train_model, trained_before
+    """Train a network, or find it trained before; say so, and return it for programs."""
+    from cli.jobs.train import train_model, trained_before
 
-    title = f"training {how.arch} ({how.recipe})" + (f", seed {how.seed}" if several else "")
+    title = f"training {arch} ({settings.recipe})" + (f", seed {seed}" if several else "")
     with progress(title) as shown:
-        earlier = trained_before(how, data, device, shown) if resume else None
-        version, held = earlier or train_model(
-            how, data, device=device, memory=memory, progress=shown
-        )
+        earlier = trained_before(arch, seed, settings, shown) if resume else None
+        version, contest = earlier or train_model(arch, seed, settings, shown)
     echo(f"Trained before: {_summary(version)}" if earlier else _summary(version))
-    document = {**told(version), "earlier": earlier is not None}
-    if held is None:
+    document = {**document_of(version), "earlier": earlier is not None}
+    if contest is None:
         return document
-    champion = held.champion and held.champion.version
+    champion = contest.champion and contest.champion.version
     who = f"version {champion}" if champion else "none"
-    echo(f"Champion of {version.name}: {who}; {held.reason}.")
+    echo(f"Champion of {version.name}: {who}; {contest.reason}.")
     return {**document, "champion": champion}
 
 
@@ -132,4 +86,39 @@ def _summary(version: "ModelVersion") -> str:
     return (
         f"{version.name} version {version.version} ({version.recipe}): best epoch {epoch:.0f}, "
         f"predicted positions {rmse:.3g} m RMS from the expert's, {seconds:.0f} s."
+    )
+
+
+@with_settings
+def tune(settings: TuningSettings, as_json: AsJson = False) -> None:
+    """Search learning rate, batch size, dropout and input with Optuna.
+
+    What counts is the distance from the expert's positions on the validation split, or what an
+    architecture of your own names instead. Each trial is a nested MLflow run. After an
+    interruption run the same command again: it goes on to the same number of trials. Several
+    processes may share the work.
+
+    Examples:
+
+        prolearn tune --arch lstm2 --trials 20
+        prolearn tune --arch ff1 --trials 50 --epochs 20 --data data/demo
+    """
+    from cli.jobs.tune import tune as job
+
+    with beside(as_json), progress(f"tuning {settings.arch}") as shown:
+        found = job(settings, shown)
+    if as_json:
+        print_json(found)
+        return
+    echo(*_search_summary(found, settings))
+
+
+def _search_summary(found: "Tuned", asked: TuningSettings) -> tuple[str, str]:
+    values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in found.best.items()}
+    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in values.items())
+    return (
+        f"{found.trials} trials are complete in {found.storage}; best {found.in_words} on "
+        f"validation data; MLflow run {found.run_id}.",
+        f"Train with its settings: prolearn train --arch {asked.arch} --recipe {asked.recipe} "
+        f"--data {public_url(asked.data)} --n {asked.n} {options}",
     )

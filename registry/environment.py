@@ -26,13 +26,13 @@ TRAINED_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "torch"),
 )
 PLANNING = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
-EXPERIMENTS = ("records.py", "trials.py", "warmstart.py", "flights.py")
-STAGES = ("ablate", "entrants", "evaluate", "experiment", "flights", "transfer_times", "warmstart")
+EXPERIMENTS = ("records", "trials", "warmstart", "flights")
+JOBS = ("experiments", "held_out", "networks")
 EVALUATED_BY: DecidedBy = (
     (
         *(f"pipeline/{part}" for part in PLANNING),
-        *(f"pipeline/experiments/{part}" for part in EXPERIMENTS),
-        *(f"cli/stages/{stage}.py" for stage in STAGES),
+        *(f"pipeline/experiments/{part}.py" for part in EXPERIMENTS),
+        *(f"cli/jobs/{job}.py" for job in JOBS),
     ),
     ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
 )

@@ -1,55 +1,5 @@
-"""How MLflow loads a network of ours: from safetensors and JSON, nothing unpickled."""
+"""The loader module that models registered by earlier versions name: now ``registry.pyfunc``."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from registry.pyfunc import _load_pyfunc
 
-import numpy as np
-from jaxtyping import Float64
-from mlflow.models import ModelSignature
-from mlflow.types import Schema, TensorSpec
-
-from pipeline.arrays import Array
-from pipeline.errors import InputError
-from pipeline.networks.model import Model, load
-
-_ENDS = (-1, -1, 6)
-_FLOAT = np.dtype(np.float64)
-
-SIGNATURE = ModelSignature(
-    inputs=Schema([TensorSpec(_FLOAT, _ENDS, "initial"), TensorSpec(_FLOAT, _ENDS, "goal")]),
-    outputs=Schema([TensorSpec(_FLOAT, (-1, -1, -1, 6))]),
-)
-"""Initial and goal states (N, n, 6) in, node states (N, n, T, 6) out, for any N and n."""
-
-
-class TransferModel:
-    """What ``mlflow.pyfunc.load_model`` wraps."""
-
-    def __init__(self, model: Model) -> None:
-        self.model = model
-
-    def predict(
-        self, model_input: Mapping[str, Any], params: Mapping[str, Any] | None = None
-    ) -> Float64[Array, "N n T 6"]:
-        """Node states (N, n, T, 6), m and m/s, as the network predicts them.
-
-        Args:
-            model_input: ``initial`` and ``goal`` states, each (N, n, 6).
-            params: MLflow passes it; there are none.
-
-        Raises:
-            InputError: where one of them is missing or their shapes do not fit.
-        """
-        if set(model_input) != {"initial", "goal"}:
-            raise InputError(
-                f"The model was given {', '.join(sorted(model_input)) or 'nothing'}; expected "
-                "initial and goal, each of shape (N, n, 6)."
-            )
-        initial, goal = (np.asarray(model_input[k], np.float64) for k in ("initial", "goal"))
-        return self.model.predict(initial, goal)
-
-
-def _load_pyfunc(data_path: str) -> TransferModel:
-    """MLflow's entry point: the folder that ``pipeline.networks.model.save`` wrote."""
-    return TransferModel(load(Path(data_path)))
+__all__ = ["_load_pyfunc"]

@@ -1,7 +1,7 @@
-"""Runs that are being written: how they end, also where their process was killed.
+"""Runs that are being written, and how they are closed where their process was killed.
 
-Each holds a lock file while it is written, and has a tag with that file's token. Whoever opens the
-store next and finds a file whose lock is free closes the runs with its tag.
+A process that writes runs holds a lock file, whose token is in a tag of each run. Whoever opens
+the store next and finds a lock file that nobody holds closes the runs with its tag.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.scratch import TOKEN, clear_dead, living
-from registry.paging import pages
+from registry.entities import pages
 from registry.sqlite import database_path
 
 if TYPE_CHECKING:
@@ -61,10 +61,6 @@ def close_abandoned(client: Any, uri: str) -> None:
     """Mark the runs as KILLED that processes of this machine were writing when they died.
 
     What cannot be closed now, as in a store that is read-only, is left for the next time.
-
-    Args:
-        client: MLflow's.
-        uri: of the store.
     """
     folder, prefix = _place(uri)
     with suppress(*FAILURES):

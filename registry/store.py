@@ -1,11 +1,11 @@
-"""The tracking store: where it is, how its first start is made safe, what its failures mean."""
+"""The MLflow tracking store: opened safely, its failures as sentences."""
 
 import logging
 import os
 import ssl
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from http.client import HTTPException
@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import mlflow
+from mlflow.entities import Param
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import clear_scratch
 from pipeline.urls import public, public_url
+from registry.entities import recorded
 from registry.running import FAILURES, close_abandoned
 from registry.sqlite import check_whole, database_path, guarded
 
@@ -34,6 +36,9 @@ EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, FLIGHTS, ABLATIO
 
 TUNING = "prolearn-tuning"
 """Made when it is first needed."""
+
+PARAMS_AT_ONCE, METRICS_AT_ONCE = 100, 1000
+"""What MLflow takes in one request."""
 
 REACH_SECONDS = 4.0
 """How long a tracking server may take to say anything at all."""
@@ -63,6 +68,17 @@ class Store:
     uri: str
     client: Any
     experiments: Mapping[str, str]
+
+    def log_params(self, run_id: str, params: Mapping[str, Any]) -> None:
+        """Log parameters of a run, in as few requests as MLflow allows."""
+        entities = [Param(key, value) for key, value in recorded(params).items()]
+        for k in range(0, len(entities), PARAMS_AT_ONCE):
+            self.client.log_batch(run_id, params=entities[k : k + PARAMS_AT_ONCE])
+
+    def log_metrics(self, run_id: str, metrics: Sequence[Any]) -> None:
+        """Log MLflow's metrics of a run, in as few requests as MLflow allows."""
+        for k in range(0, len(metrics), METRICS_AT_ONCE):
+            self.client.log_batch(run_id, metrics=metrics[k : k + METRICS_AT_ONCE])
 
 
 def tracking_uri() -> str:

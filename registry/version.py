@@ -1,6 +1,6 @@
-"""A registered model version with all that its training run says about it."""
+"""A registered model version with the parameters, metrics and tags of its training run."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -8,18 +8,16 @@ from typing import Any
 from mlflow.exceptions import MlflowException
 
 from pipeline.errors import InputError
-from registry.entries import recorded
+from registry.entities import QUOTED, moment, own_tags, pages, recorded, warn, whole
 from registry.environment import MADE_WITH
-from registry.paging import pages
 from registry.store import TRAINING, Store
-from registry.story import RECIPE_PARAMS
-from registry.values import SHOWN, moment, warn, whole
+from registry.training_record import RECIPE_PARAMS
 
 PREFIX = "prolearn-"
 CHAMPION = "champion"
 
 CONTEST = "contest"
-"""Tag of a version that says how its contest with the champion ended, once it was held."""
+"""Tag of a version that says how its comparison with the champion ended, once it was made."""
 
 _left_out: set[tuple[str, str]] = set()
 """Stores, and the warnings on their versions that were given."""
@@ -42,7 +40,7 @@ class ModelVersion:
         params: parameters of the training run.
         metrics: latest value of each metric of the training run, evaluations included.
         tags: tags of the training run, such as the versions of what it was made with.
-        contest: how the contest with the champion ended; nothing where none was held.
+        contest: how the comparison with the champion ended; empty where none was made.
     """
 
     name: str
@@ -60,13 +58,13 @@ class ModelVersion:
     contest: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse a training run whose numbers are none."""
+        """Refuse a training run whose seed or swarm size is no number."""
         for name in ("seed", "n_spacecraft"):
             text = self.params.get(name, "0")
             if whole(text) is None:
                 raise InputError(
                     f"{self.uri} cannot be used: {name} of its training run {self.run_id} is "
-                    f"{text[:SHOWN]!r}; expected a whole number: delete the version, or name "
+                    f"{text[:QUOTED]!r}; expected a whole number: delete the version, or name "
                     "another."
                 )
 
@@ -86,10 +84,10 @@ class ModelVersion:
         return int(self.params.get("n_spacecraft", 0))
 
     @property
-    def way(self) -> tuple[str, ...]:
-        """All that makes its training what it is but the seed: data, size, recipe, versions."""
-        told = (self.params.get(name, "") for name in ("n_spacecraft", *RECIPE_PARAMS))
-        return (self.arch, self.dataset_digest, self.tags.get(MADE_WITH, ""), *told)
+    def training_key(self) -> tuple[str, ...]:
+        """All that decides its training but the seed: data, size, recipe, versions."""
+        params = (self.params.get(name, "") for name in ("n_spacecraft", *RECIPE_PARAMS))
+        return (self.arch, self.dataset_digest, self.tags.get(MADE_WITH, ""), *params)
 
     @property
     def label(self) -> str:
@@ -101,26 +99,29 @@ def read_version(store: Store, found: Any) -> ModelVersion:
     """The value of one of MLflow's model versions.
 
     Raises:
-        InputError: where what its training run says is of no use.
+        InputError: where the parameters of its training run are malformed.
     """
-    return describe(found, _aliases(store, found.name), run_of_version(store, found.run_id))
+    aliases = dict(store.client.get_registered_model(found.name).aliases)
+    return _describe(found, aliases, run_of_version(store, found.run_id))
 
 
 def read_versions(store: Store) -> list[ModelVersion]:
-    """Every registered version, by name and number, but those whose runs are of no use."""
+    """Every registered version, by name and number, but those with malformed runs."""
     aliases = {m.name: dict(m.aliases) for m in registered(store)}
-    runs = {r.info.run_id: r for r in _training_runs(store)}
-    found = pages(store.client.search_model_versions, filter_string=f"name LIKE '{PREFIX}%'")
+    trainings = pages(
+        store.client.search_runs, experiment_ids=[store.experiments[TRAINING]], max_results=1000
+    )
+    runs = {run.info.run_id: run for run in trainings}
     versions = []
-    for one in found:
+    for one in pages(store.client.search_model_versions, filter_string=f"name LIKE '{PREFIX}%'"):
         try:
-            versions.append(describe(one, aliases.get(one.name, {}), runs.get(one.run_id)))
+            versions.append(_describe(one, aliases.get(one.name, {}), runs.get(one.run_id)))
         except InputError as error:
-            _leave_out(store, f"{error} It is left out.")
+            _warn_once(store, f"{error} It is left out.")
     return sorted(versions, key=lambda v: (v.name, v.version))
 
 
-def _leave_out(store: Store, why: str) -> None:
+def _warn_once(store: Store, why: str) -> None:
     """Warn of a version, once a process: a command reads the versions of a store several times."""
     if (store.uri, why) not in _left_out:
         _left_out.add((store.uri, why))
@@ -134,17 +135,8 @@ def registered(store: Store) -> list[Any]:
     )
 
 
-def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
-    """The value of one of MLflow's versions.
-
-    Args:
-        found: MLflow's version.
-        aliases: version number by alias, of the registered model.
-        run: MLflow's training run, or None where it was deleted.
-
-    Raises:
-        InputError: where what its training run says is of no use.
-    """
+def _describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
+    """The value of one of MLflow's versions, with its model's aliases and its run, if any."""
     tags = dict(found.tags)
     return ModelVersion(
         name=found.name,
@@ -158,17 +150,13 @@ def describe(found: Any, aliases: Mapping[str, Any], run: Any) -> ModelVersion:
         created=moment(found.creation_timestamp),
         params=recorded(run.data.params) if run else {},
         metrics=dict(run.data.metrics) if run else {},
-        tags={k: v for k, v in run.data.tags.items() if "mlflow." not in k} if run else {},
+        tags=own_tags(run.data.tags) if run else {},
         contest=tags.get(CONTEST, ""),
     )
 
 
-def _aliases(store: Store, name: str) -> dict[str, Any]:
-    return dict(store.client.get_registered_model(name).aliases)
-
-
 def run_of_version(store: Store, run_id: str | None) -> Any:
-    """MLflow's run that a model was trained in, or None where there is none any more."""
+    """MLflow's run that a model was trained in, or None where it was deleted."""
     try:
         run = store.client.get_run(run_id) if run_id else None
         return run if run and run.info.lifecycle_stage == "active" else None
@@ -176,9 +164,3 @@ def run_of_version(store: Store, run_id: str | None) -> Any:
         if error.error_code == "RESOURCE_DOES_NOT_EXIST":
             return None
         raise
-
-
-def _training_runs(store: Store) -> Iterator[Any]:
-    return pages(
-        store.client.search_runs, experiment_ids=[store.experiments[TRAINING]], max_results=1000
-    )

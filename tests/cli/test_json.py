@@ -35,7 +35,6 @@ COMMANDS = {
     "show": ["models", "show", "prolearn-ff1/2", "--json"],
     "tune": ["tune", "--arch", "ff1", "--trials", "1", "--epochs", "1", *CRAFT, "--json"],
     "refiner": ["train", "--arch", "refiner", *CRAFT, "--epochs", "1", "--crowded", "4", "--json"],
-    "ablate": ["ablate", *CRAFT, "--rounds", "0,1", "--trials", "1", "--timed", "0", "--json"],
     "no dataset": ["verify", "nowhere", "--json"],
     "no model": ["models", "show", "ff9", "--json"],
     "no run": ["report", "--evaluation", "x", "--json"],
@@ -161,11 +160,8 @@ def test_flights_tell_theirs(given, folder):
     assert found == {key: pytest.approx(value) for key, value in means.items()}
 
 
-def test_ablate_and_tune_tell_theirs(given, folder):
+def test_the_refiner_and_tune_tell_theirs(given):
     assert strict(given("refiner"))[0]["arch"] == "refiner"
-    told = strict(given("ablate"))
-    rounds = set(trials_of(folder, told)["rounds"])
-    assert len(rounds) > 1 and {row["rounds"] for row in told["averages"]} == rounds
     told = strict(given("tune"))
     assert told["trials"] == 1 and Path(told["storage"]).name == "optuna.db"
     assert math.isfinite(told["value"]) and told["best"]

@@ -10,7 +10,8 @@ from judge import Case, closest_adrift, judge_plan
 from judged import document
 from trials import Errors, frequency, wilson
 
-from cli.plan import Effort, planner_of
+from benchmarks.rule import Rule
+from cli.plan import planner_of
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.networks.architecture import find
@@ -20,7 +21,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, UNSAFE, Requirements, RiskLimit
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.network import NetworkPlanner, Seeded
-from pipeline.planners.rule import Rule
 from pipeline.scenario import draw
 
 FOUR = draw("coplanar-split", 0, 4, 4, Problem(), "valid")
@@ -56,12 +56,12 @@ def named(name, effort=None, *, raw=False):
 
 def best(asked):
     """The expert's best effort, with two searches instead of eight."""
-    found = planner_of("expert", asked, Effort.BEST)
+    found = planner_of("expert", asked, "best")
     return replace(found, settings=replace(found.settings, starts=2))
 
 
 PLANNERS = {
-    "expert, first": named("expert", Effort.FIRST),
+    "expert, first": named("expert", "first"),
     "expert, default": named("expert"),
     "expert, best": best,
     **{name: named(name) for name in ("straight-line", "minimum-energy", "own-LP")},

@@ -9,9 +9,9 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
+from cli.jobs.networks import unlearned
 from cli.main import app
 from cli.progress import each, progress
-from cli.stages.entrants import unlearned
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
 from pipeline.dataset.solving import solve

@@ -6,8 +6,8 @@ import fsspec
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.ablate import Ablations, ablate
 from cli.main import app
-from cli.stages.ablate import ablate
 from pipeline.errors import InputError
 
 SECRETS = ("pa55word", "t0k3n", "fr4gment")
@@ -98,19 +98,17 @@ def test_no_message_of_ours_shows_the_secrets_of_a_url_that_was_typed(run, monke
     def careless(*_, **__):
         raise InputError(f"{URL} is odd; expected another.")
 
-    monkeypatch.setattr("cli.stages.evaluate.evaluate", careless)
+    monkeypatch.setattr("cli.jobs.experiments.evaluate", careless)
     assert "is odd; expected another" in run("evaluate", *form, status=2)
 
 
 def test_ablations_without_a_refiner_name_the_data_without_the_secrets(run, here):
-    """The sentence by itself: the last net in front of the terminal would hide the secrets too."""
     run("sample", "--n", 3, "--count", 12, "--shares", ".5,.4,.1", "--out", URL, "--jobs", 1)
     run("solve", URL, "--jobs", 1)
     run("train", "--arch", "ff1", "--data", URL, "--n", 3, "--epochs", 1)
     with pytest.raises(InputError, match="trained on memory://box/my n4 as it is now") as raised:
-        ablate([], URL, sizes=[3], rounds=[2], trials=1, dense=0, timed=0)
+        ablate(Ablations(data=URL, sizes="3", rounds="2", trials=1, dense=0, timed=0))
     assert not any(secret in str(raised.value) for secret in SECRETS)
-    assert "trained on memory://box/my n4 as" in run("ablate", "--data", URL, "--n", 3, status=2)
 
 
 def test_a_damaged_shard_is_named_without_the_secrets(run):

@@ -11,18 +11,19 @@ import pytest
 import torch
 from judged import check_rows, judged
 
-from benchmarks.ablate import Asked, ablate, dense_beside
-from cli.stages.entrants import networks
-from cli.stages.evaluate import evaluate
-from cli.stages.experiment import HeldOut
-from cli.stages.report import report
+from benchmarks.ablate import Ablations, ablate, dense_beside
+from benchmarks.rule import with_rounds
+from cli.jobs.experiments import evaluate
+from cli.jobs.held_out import HeldOut
+from cli.jobs.networks import networks
+from cli.jobs.report import report
+from cli.settings import Evaluation
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import NO_THIRD
-from pipeline.networks.refiner.refiner import with_rounds
+from pipeline.networks.recipes import NO_THIRD
 from pipeline.orbit.problem import Problem
 from pipeline.planners.network import NetworkPlanner
 from pipeline.scenario import Scenario, draw
@@ -33,7 +34,7 @@ from registry.training import DatasetInfo, record_training
 
 CRAFT, ROUNDS = 3, find("refiner").config["rounds"]
 TRIALS = 2
-ASKED = Asked(sizes=[CRAFT], rounds=[0, 2], trials=TRIALS, dense=1, timed=1)
+ASKED = Ablations(sizes=f"{CRAFT}", rounds="0,2", trials=TRIALS, dense=1, timed=1)
 
 Register = Callable[..., Model]
 
@@ -69,7 +70,7 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     register: Register, solved: Path
 ) -> None:
     models = {recipe: register(recipe) for recipe in ("tuned", "short", "no-third")}
-    done = ablate([], solved, ASKED)
+    done = ablate(replace(ASKED, data=str(solved)))
     found = latest(ABLATIONS)
     assert found is not None
     assert done == Done(found.run_id)
@@ -108,8 +109,8 @@ def test_the_report_has_the_ablations_of_its_data_and_says_where_another_refiner
     register("tuned")
     register("no-third")
     register("short")
-    done = ablate([], solved, ASKED)
-    first = evaluate([], solved, sizes=[CRAFT], trials=2, timed=0)
+    done = ablate(replace(ASKED, data=str(solved)))
+    first = evaluate(Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=2, timed=0))
     files = report(folder / "out")
     text = files.markdown.read_text()
     assert "| Is the refiner worse without what other sides say?" in text
@@ -120,7 +121,7 @@ def test_the_report_has_the_ablations_of_its_data_and_says_where_another_refiner
     training = pd.read_csv(folder / "out" / "tables" / "training.csv")
     assert list(training["recipe"]) == ["tuned"], "ablations take part in no evaluation"
     register("tuned", seed=1)
-    ablate([], solved, ASKED)
+    ablate(replace(ASKED, data=str(solved)))
     text = report(folder / "later", first.run_id).markdown.read_text()
     assert "Ablations: models:/prolearn-refiner/4 took part there and not in this" in text
 
@@ -151,12 +152,12 @@ def test_networks_of_other_kinds_and_refiners_of_other_rounds_are_refused(
 ) -> None:
     record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
     with pytest.raises(InputError, match=r"no refiner was trained on .*; expected some: `make abl"):
-        ablate([], solved, ASKED)
+        ablate(replace(ASKED, data=str(solved)))
     with pytest.raises(InputError, match=r"rounds \(ff1 tuned none\); expected refiners"):
-        ablate(["ff1:tuned"], solved, ASKED)
+        ablate(replace(ASKED, data=str(solved), models="ff1:tuned"))
     register("tuned")
     register("short", rounds=5)
     with pytest.raises(InputError, match=rf"\(refiner short 5, refiner tuned {ROUNDS}\); expected"):
-        ablate([], solved, ASKED)
-    with pytest.raises(InputError, match=r"timed=-1.* has a number below 0; expected 0 or more"):
-        ablate([], solved, replace(ASKED, timed=-1))
+        ablate(replace(ASKED, data=str(solved)))
+    with pytest.raises(InputError, match="timed is -1 and dense 1; expected 0 or more each"):
+        ablate(replace(ASKED, data=str(solved), timed=-1))

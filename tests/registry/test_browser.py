@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from cli.stages.evaluate import evaluate
-from cli.stages.train import TrainingSettings, train_model
+from cli.jobs.experiments import evaluate
+from cli.jobs.train import train_model
+from cli.settings import Evaluation, TrainingSettings
 from registry.models import list_versions
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -39,9 +40,9 @@ pytestmark = [
 def six(folder: Path, solved: Path) -> Path:
     """A store with a run of each architecture, trained for an epoch and evaluated."""
     for arch in ARCHITECTURES:
-        how = TrainingSettings(arch, "tuned", n=3, changes={"epochs": 1})
-        train_model(how, solved, device="cpu")
-    evaluate([], solved, sizes=[3], trials=1, timed=1)
+        how = TrainingSettings(data=str(solved), n=3, epochs=1, device="cpu")
+        train_model(arch, 0, how)
+    evaluate(Evaluation(data=str(solved), sizes="3", trials=1, timed=1))
     return folder
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from noisy import network
 
-from cli.stages.champion import challenge, flown_metrics, promote, validation_trials
-from cli.stages.train import TrainingSettings, train_model
+from cli.jobs.champion import challenge, flown_metrics, promote, validation_trials
+from cli.jobs.train import train_model
+from cli.settings import TrainingSettings
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import REFINER, SHORT
@@ -50,12 +51,12 @@ def test_a_first_version_that_is_there_to_be_compared_with_is_no_champion(
 ) -> None:
     """In a fresh store; the next version by a recipe to plan with is it."""
     changes = {"epochs": 1, "crowded": 0}
-    how = TrainingSettings(REFINER, SHORT, n=3, changes=changes)
-    version, held = train_model(how, solved, device="cpu")
+    how = TrainingSettings(recipe=SHORT, data=str(solved), n=3, device="cpu", **changes)
+    version, held = train_model(REFINER, 0, how)
     assert (version.aliases, held.champion) == ((), None)
     with pytest.raises(InputError, match="no model 'refiner'"):
         resolve(REFINER)
-    version, held = train_model(replace(how, recipe="tuned"), solved, device="cpu")
+    version, held = train_model(REFINER, 0, replace(how, recipe="tuned"))
     assert held.champion.version == version.version == 2
     assert resolve(REFINER).version == 2
 
@@ -86,8 +87,8 @@ def test_versions_of_other_data_are_compared_on_one_that_is_given(
 def test_a_training_says_how_safe_and_dear_it_is_on_validation_data_and_who_is_champion(
     folder: Path, solved: Path
 ) -> None:
-    how = TrainingSettings("ff1", "tuned", n=3, changes={"epochs": 1})
-    version, held = train_model(how, solved, device="cpu")
+    how = TrainingSettings(data=str(solved), n=3, epochs=1, device="cpu")
+    version, held = train_model("ff1", 0, how)
     assert held.champion.version == version.version == 1
     assert 0 <= version.metrics["valid_flown_safe_share"] <= 1
     assert version.metrics["valid_flown_fuel"] > 0

@@ -7,11 +7,13 @@ import shutil
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from cli.stages.train import TrainingSettings, train_model, trained_before
+from cli.jobs.train import train_model, trained_before
+from cli.settings import TrainingSettings
 from registry.models import list_versions
 from registry.store import connect
 
@@ -23,10 +25,11 @@ from pathlib import Path
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
 from kills import die, kills, run_again
-from cli.stages.train import TrainingSettings, train_model, trained_before
+from cli.jobs.train import train_model, trained_before
+from cli.settings import TrainingSettings
 
 data = Path({data!r})
-how = TrainingSettings("ff1", "tuned", n=3, changes={{"epochs": 1}})
+how = TrainingSettings(data=str(data), n=3, epochs=1, device="cpu")
 
 def dies_at(step):
     registered, written, commits = False, False, 0
@@ -45,11 +48,11 @@ def dies_at(step):
 def killed(step):
     shutil.copyfile("before.db", "mlflow.db")
     dies_at(step)
-    train_model(how, data, device="cpu")
+    train_model("ff1", 0, how)
 
 def resumed():
-    if trained_before(how, data) is None:
-        train_model(how, data, device="cpu")
+    if trained_before("ff1", 0, how) is None:
+        train_model("ff1", 0, how)
 
 shutil.copyfile("mlflow.db", "before.db")
 for step in kills(killed):
@@ -100,10 +103,10 @@ def test_what_was_trained_on_another_device_was_not_trained_on_this_one(
     folder: Path, solved: Path
 ) -> None:
     """The record says cuda; without a wish for a device it counts all the same."""
-    how = TrainingSettings("ff1", "tuned", n=3, changes={"epochs": 1})
-    version, _ = train_model(how, solved, device="cpu")
-    assert trained_before(how, solved, "cpu")
+    how = TrainingSettings(data=str(solved), n=3, epochs=1, device="cpu")
+    version, _ = train_model("ff1", 0, how)
+    assert trained_before("ff1", 0, how)
     with closing(sqlite3.connect(folder / "mlflow.db")) as database, database:
         database.execute("UPDATE params SET value = 'cuda:0' WHERE key = 'device'")
-    assert trained_before(how, solved, "cpu") is None
-    assert trained_before(how, solved)[0].version == version.version
+    assert trained_before("ff1", 0, how) is None
+    assert trained_before("ff1", 0, replace(how, device="auto"))[0].version == version.version

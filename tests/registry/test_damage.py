@@ -8,8 +8,8 @@ import pytest
 from planted import example, one_size, warm  # noqa: F401
 from typer.testing import CliRunner
 
+from cli.jobs.run_tables import averages
 from cli.main import app
-from cli.stages.averages import averages
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.trials import Example, read_example, write_example
 from pipeline.progress import Progress

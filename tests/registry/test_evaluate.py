@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-import cli.stages.evaluate as job
+import cli.jobs.experiments as job
+from cli.settings import Evaluation
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import list_versions
@@ -25,18 +26,19 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
 ) -> None:
     for one in (trained, trained_lstm):
         record_training(one, recipe=recipe, seed=0, dataset=on_solved)
-    add, asked = job.add_to_model, {"sizes": (CRAFT,), "trials": 1, "timed": 0, "resume": True}
+    asked = Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
+    add = job.add_to_model
 
     def first_only(network: Any, *rest: Any) -> None:
-        if network.name != "ff1":
+        if network.planner.name != "ff1":
             raise KeyboardInterrupt
         add(network, *rest)
 
     monkeypatch.setattr(job, "add_to_model", first_only)
     with pytest.raises(KeyboardInterrupt):
-        job.evaluate([], solved, **asked)
+        job.evaluate(asked, resume=True)
     monkeypatch.setattr(job, "add_to_model", add)
 
-    assert not job.evaluate([], solved, **asked).earlier
+    assert not job.evaluate(asked, resume=True).earlier
     assert all("exp1_flown_collisions" in version.metrics for version in list_versions())
-    assert job.evaluate([], solved, **asked).earlier
+    assert job.evaluate(asked, resume=True).earlier

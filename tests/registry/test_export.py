@@ -19,8 +19,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.planners.named import named_planner
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
-from registry.model_metrics import add_model_results
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo, add_model_results, record_training
 
 SCENARIO = draw("dense", 0, 6, 1, Problem(), "valid")
 

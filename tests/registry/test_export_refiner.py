@@ -44,7 +44,7 @@ def refiner(
         told = told_each_round(model.config["message"])
         return ExportedCraft(path, ones, dict.fromkeys(STEPS, "0" * 64), told, checked)
 
-    monkeypatch.setattr("cli.stages.export.export_craft", export_craft)
+    monkeypatch.setattr("cli.jobs.export.export_craft", export_craft)
     return folder
 
 

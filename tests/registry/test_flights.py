@@ -6,9 +6,9 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from cli.stages.evaluate import evaluate
-from cli.stages.flights import flights
-from cli.stages.report import report
+from cli.jobs.experiments import evaluate, flights
+from cli.jobs.report import report
+from cli.settings import Evaluation, Flights
 from pipeline.errors import InputError
 from pipeline.experiments.records import LINEAR, NO_ERRORS, OPEN, REPLANNED
 from pipeline.networks.recipes import Recipe
@@ -19,7 +19,11 @@ from registry.store import FLIGHTS
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
-ASKED: dict[str, Any] = {"n": CRAFT, "trials": 1, "flights": 1, "jobs": 1}
+
+
+def fly(solved: Path, models: str | None = None, **options: Any) -> Done:
+    asked = Flights(models=models, data=str(solved), n=CRAFT, trials=1, flights=1)
+    return flights(asked, jobs=1, **options)
 
 
 class Counts(Progress):
@@ -48,12 +52,12 @@ def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_basel
     registered: None, solved: Path, folder: Path
 ) -> None:
     told = Counts()
-    done = flights(["lstm1"], solved, **ASKED, progress=told)
+    done = fly(solved, "lstm1", progress=told)
     found = latest(FLIGHTS)
     assert found is not None
     assert done == Done(found.run_id)
     assert (told.expected, told.count) == (1, 1)
-    assert flights(["lstm1"], solved, **ASKED, resume=True) == Done(found.run_id, earlier=True)
+    assert fly(solved, "lstm1", resume=True) == Done(found.run_id, earlier=True)
     kept = {name: found.params[name] for name in ("n", "trials", "flights", "seed", "networks")}
     assert kept == {"n": "3", "trials": "1", "flights": "1", "seed": "0", "networks": "lstm1 tuned"}
     table = table_of(found)
@@ -63,7 +67,8 @@ def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_basel
     assert not safe.within_radius.any()
     assert set(safe.loop) == {OPEN, REPLANNED}
 
-    evaluate(["ff1"], solved, sizes=[CRAFT], trials=1, timed=0)
+    asked = Evaluation(models="ff1", data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
+    evaluate(asked)
     files = report(folder / "reports")
     text = files.markdown.read_text()
     assert "Plans of 1 test scenario of n = 3" in text
@@ -76,11 +81,11 @@ def test_networks_that_serve_one_number_of_nodes_are_refused(
     registered: None, solved: Path
 ) -> None:
     with pytest.raises(InputError, match=r"network ff1, .* do not fit nodes 4"):
-        flights(["ff1"], solved, **ASKED)
+        fly(solved, "ff1")
 
 
 def test_without_a_refiner_expert_and_baselines_fly_alone(registered: None, solved: Path) -> None:
-    flights([], solved, **ASKED)
+    fly(solved)
     found = latest(FLIGHTS)
     assert found is not None
     assert set(table_of(found).planner) == {"expert", "minimum energy", "own LP"}

@@ -9,14 +9,13 @@ import mlflow
 import numpy as np
 import pytest
 
-from cli.stages.entrants import networks
+from cli.jobs.networks import networks
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
-from registry.tables import training_tables
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo, record_training, training_tables
 from registry.version import ModelVersion
 
 
@@ -205,8 +204,22 @@ def test_nothing_in_the_registry_is_a_pickle(project: Project, folder: Path) -> 
         assert path.suffix not in {".pkl", ".pickle", ".pt", ".pt2", ".pth", ".joblib", ".bin"}
         assert not path.read_bytes().startswith((b"\x80", b"PK")), path
     (described,) = (path.read_text() for path in files if path.name == "MLmodel")
-    assert "loader_module: registry.flavor" in described
+    assert "loader_module: registry.pyfunc" in described
     assert not re.search("python_model|cloudpickle", described)
+
+
+def test_a_model_that_an_earlier_version_registered_is_loaded_by_mlflow_and_by_us(
+    project: Project, folder: Path
+) -> None:
+    """Earlier versions named ``registry.flavor`` as the module that loads a model."""
+    version = project.train(1.0)
+    (described,) = (folder / "mlruns").rglob("MLmodel")
+    text = described.read_text()
+    assert "loader_module: registry.pyfunc\n" in text
+    described.write_text(text.replace("registry.pyfunc\n", "registry.flavor\n"))
+    initial, goal = swarm(3)
+    states = mlflow.pyfunc.load_model(version.uri).predict({"initial": initial, "goal": goal})
+    np.testing.assert_array_equal(states, load(version)[0].predict(initial, goal))
 
 
 class Payload:

@@ -18,21 +18,25 @@ from noisy import network
 from planted import one_size
 from typer.testing import CliRunner
 
+from cli.jobs.champion import challenge, validation_trials
+from cli.jobs.networks import networks
 from cli.main import app
-from cli.stages.champion import challenge, validation_trials
-from cli.stages.entrants import networks
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import Example, write_example
 from pipeline.networks.architecture import recipe_for
 from pipeline.training.loop import Epoch, Trained
 from registry.environment import versions_of
-from registry.model_metrics import add_model_results, model_metric_by_size
 from registry.models import champion_of, list_versions, load, newest_trainings, resolve
 from registry.results import arrays_of, evaluation, record
 from registry.store import EVALUATION
-from registry.tables import training_tables
-from registry.training import DatasetInfo, record_training
+from registry.training import (
+    DatasetInfo,
+    add_model_results,
+    model_metric_by_size,
+    record_training,
+    training_tables,
+)
 
 TEXTS = ["", "abc", "1.5", "1e309", "NaN", "9" * 5000, "[" * 5000, "\x1b[31m\n", "'; --", "١٢"]
 TRIALS = pd.DataFrame(one_size(10))
@@ -173,7 +177,7 @@ import os
 os.dup2(os.open("stderr.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
 os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = "0"
 from pathlib import Path
-from registry.model_metrics import add_model_results
+from registry.training import add_model_results
 from registry.models import resolve
 
 add_model_results(resolve("ff1/2"), {0: {"x": 1.0}}, Path("files"), dataset=("data", "d"))

@@ -1,17 +1,17 @@
 """The report is one story: an evaluation, and what else is of its models on its data."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from cli.jobs.experiments import evaluate, transfer_times, warmstart
+from cli.jobs.report import report
 from cli.main import app
-from cli.stages.evaluate import evaluate
-from cli.stages.report import report
-from cli.stages.transfer_times import transfer_times
-from cli.stages.warmstart import warmstart
+from cli.settings import Evaluation, TransferTimes, WarmStarts
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.store import connect
@@ -31,16 +31,19 @@ def done(
 ) -> dict[str, str]:
     """Run ids: all experiments with ff1 alone, then an evaluation and times with lstm1, too."""
     record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
-    asked = {"n": CRAFT, "nodes": (6, 11), "time_steps": None, "trials": 1}
+    data, sizes = str(solved), f"{CRAFT}"
+    times = TransferTimes(data=data, n=CRAFT, nodes="6,11", trials=1)
+    evaluated = Evaluation(data=data, sizes=sizes, trials=2, timed=1)
+    seeds = WarmStarts(data=data, sizes=sizes, trials=1)
     runs = {
-        "evaluation": evaluate([], solved, sizes=[CRAFT], trials=2, timed=1),
-        "expert": warmstart([], solved, sizes=[CRAFT], trials=1),
-        "plain": warmstart([], solved, sizes=[CRAFT], trials=1, optimizer="plain"),
-        "times": transfer_times([], solved, **asked),
+        "evaluation": evaluate(evaluated),
+        "expert": warmstart(seeds),
+        "plain": warmstart(replace(seeds, optimizer="plain")),
+        "times": transfer_times(times),
     }
     record_training(trained_lstm, recipe=recipe, seed=0, dataset=on_solved)
-    runs["later evaluation"] = evaluate([], solved, sizes=[CRAFT], trials=2, timed=1)
-    runs["later times"] = transfer_times([], solved, **asked)
+    runs["later evaluation"] = evaluate(evaluated)
+    runs["later times"] = transfer_times(times)
     return {name: outcome.run_id for name, outcome in runs.items()}
 
 

@@ -1,6 +1,7 @@
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,8 @@ import pandas as pd
 import pytest
 
 import pipeline
-from cli.stages.evaluate import evaluate
+from cli.jobs.experiments import evaluate
+from cli.settings import Evaluation
 from pipeline.errors import InputError
 from pipeline.flight.montecarlo import MADE_BY
 from pipeline.networks.recipes import Recipe
@@ -17,12 +19,11 @@ from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy
 from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY
-from registry.model_metrics import add_model_results
 from registry.models import resolve
 from registry.results import arrays_of, earlier_run, evaluation, latest, record, table_of
 from registry.running import recorded_run
 from registry.store import EVALUATION, WARMSTART, connect
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo, add_model_results, record_training
 from registry.version import ModelVersion
 
 TRIALS = pd.DataFrame(
@@ -155,13 +156,9 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
         "pipeline/experiments/records.py",
         "pipeline/experiments/trials.py",
         "pipeline/experiments/warmstart.py",
-        "cli/stages/ablate.py",
-        "cli/stages/entrants.py",
-        "cli/stages/evaluate.py",
-        "cli/stages/experiment.py",
-        "cli/stages/flights.py",
-        "cli/stages/transfer_times.py",
-        "cli/stages/warmstart.py",
+        "cli/jobs/experiments.py",
+        "cli/jobs/held_out.py",
+        "cli/jobs/networks.py",
     }
 
 
@@ -186,9 +183,9 @@ def test_an_evaluation_of_the_same_models_in_another_order_is_the_same(
 ) -> None:
     for noise in (1.0, 2.0):
         register(noise)
-    options: Any = {"sizes": [3], "trials": 2, "timed": 0, "resume": True}
-    first = evaluate(["ff1/1", "ff1/2"], solved, **options)
-    again = evaluate(["ff1/2", "ff1/1"], solved, **options)
+    asked = Evaluation(models="ff1/1,ff1/2", data=str(solved), sizes="3", trials=2, timed=0)
+    first = evaluate(asked, resume=True)
+    again = evaluate(replace(asked, models="ff1/2,ff1/1"), resume=True)
     assert (again.run_id, again.earlier) == (first.run_id, True)
 
 

@@ -4,13 +4,14 @@ import signal
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rights import read_only
 
-from cli.stages.tune import tune
+from cli.jobs.tune import tune
+from cli.settings import TuningSettings
 from pipeline.errors import ProlearnError
 from registry.running import recorded_run, reopened_run
 from registry.store import EVALUATION, connect
@@ -128,26 +129,26 @@ with reopened_run(connect(), {run_id!r}):
 def test_a_search_that_was_killed_is_closed_with_its_trial_and_can_be_gone_on_with(
     folder: Path, child: Child, solved: Path
 ) -> None:
-    options: Any = {"trials": 2, "n": 3, "device": "cpu", "epochs": 1}
-    killed = f"""
+    options = TuningSettings(arch="ff1", data=str(solved), trials=2, n=3, device="cpu", epochs=1)
+    killed = """
 import os, signal
-from pathlib import Path
-from cli.stages import tune
+from cli.jobs.tune import tune
+from cli.settings import TuningSettings
 from pipeline.progress import Progress
 
 class Dies(Progress):
     def done(self, *_, **__):
         os.kill(os.getpid(), signal.SIGKILL)
 
-tune.tune("ff1", "tuned", Path({str(solved)!r}), progress=Dies(), **{options!r})
+tune(TuningSettings(**SETTINGS), Dies())
 """
     for _ in range(2):  # the second time the search is reopened
-        assert child(killed) == -signal.SIGKILL
+        assert child(killed.replace("SETTINGS", repr(vars(options)))) == -signal.SIGKILL
         assert "RUNNING" in dict(runs(folder)).values()
         connect()
         assert "RUNNING" not in dict(runs(folder)).values()
-        options["trials"] += 1
-    found = tune("ff1", "tuned", solved, **options)
+        options = replace(options, trials=options.trials + 1)
+    found = tune(options)
     status = connect().client.get_run(found.run_id).info.status
     assert (found.trials, status) == (4, "FINISHED")
     assert left(folder) == []

@@ -106,9 +106,7 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")  # a few seconds less
     started = time.monotonic()
     with pytest.raises(ProlearnError, match=r"127\.0\.0\.1.*kept in .*unregistered"):
-        record_training(
-            trained, recipe=recipe, seed=0, dataset=dataset, params={"x": EndsTheServer(server)}
-        )
+        record_training(trained, recipe=recipe, seed=EndsTheServer(server), dataset=dataset)
     assert time.monotonic() - started < SOON
     (kept,) = (folder / "unregistered").iterdir()
     np.testing.assert_array_equal(load_network(kept).predict(initial, goal), wanted)

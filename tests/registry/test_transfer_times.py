@@ -13,7 +13,8 @@ from judge import Case, Report, exact_step, fly, judge_plan, least_fuel
 from judged import check_rows
 from scipy.linalg import null_space
 
-from cli.stages.transfer_times import transfer_times
+from cli.jobs.experiments import transfer_times
+from cli.settings import TransferTimes
 from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import Progress
@@ -48,11 +49,11 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
     registered: None, solved: Path
 ) -> None:
     told = Notes()
-    asked: dict[str, Any] = {"n": CRAFT, "nodes": (6, 11), "time_steps": (60.0, 240.0)}
-    done = transfer_times([], solved, **asked, trials=2, progress=told)
+    asked = TransferTimes(data=str(solved), n=CRAFT, nodes="6,11", time_steps="60,240", trials=2)
+    done = transfer_times(asked, progress=told)
     found = latest(TRANSFER_TIMES)
     assert done == Done(found.run_id)
-    again = transfer_times([], solved, **asked, trials=2, resume=True)
+    again = transfer_times(asked, resume=True)
     assert again == Done(found.run_id, earlier=True)
     assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,240")
     assert told.notes[0] == "T = 6, Δt = 120 s"
@@ -73,7 +74,7 @@ def test_at_the_problem_of_the_training_networks_do_as_the_trained_ones_do(
     registered: None, trained: Trained, trained_lstm: Trained, solved: Path
 ) -> None:
     """What was trained predicts in memory; reading, flying and judging it is done anew here."""
-    transfer_times([], solved, n=CRAFT, nodes=(11,), time_steps=None, trials=2)
+    transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2))
     table = table_of(latest(TRANSFER_TIMES))
     scenarios = rows_to_test(solved)[:2]
     initial, goal = (np.stack([s[end] for s in scenarios]) for end in ("initial", "goal"))
@@ -155,4 +156,4 @@ def test_networks_of_another_problem_than_the_dataset_are_refused(
         replace(trained_lstm, model=elsewhere), recipe=recipe, seed=0, dataset=on_solved
     )
     with pytest.raises(InputError, match=r"time_step 120 and the network lstm1 .* with 90;"):
-        transfer_times([], solved, n=CRAFT, nodes=(11,), time_steps=None, trials=2)
+        transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2))

@@ -5,17 +5,19 @@ from typing import Any
 
 import pytest
 
-from cli.stages.tune import Tuned, tune
+from cli.jobs.tune import Tuned, tune
+from cli.settings import TuningSettings
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.supervised import Supervised
-from pipeline.progress import Progress
+from pipeline.progress import SILENT, Progress
 from pipeline.training import data as sources
 from registry.models import list_versions
 from registry.store import connect
 
 
-def search(data: Path, trials: int, **options: Any) -> Tuned:
-    return tune("ff1", "tuned", data, trials=trials, n=3, device="cpu", epochs=2, **options)
+def search(data: Path, trials: int, progress: Progress = SILENT, **options: Any) -> Tuned:
+    asked = {"arch": "ff1", "data": str(data), "n": 3, "device": "cpu", "epochs": 2, **options}
+    return tune(TuningSettings(trials=trials, **asked), progress)
 
 
 def runs(name: str) -> list[Any]:

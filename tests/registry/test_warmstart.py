@@ -1,11 +1,12 @@
 """Experiment 3 with a registered network, with either optimizer."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from cli.stages.warmstart import warmstart
+from cli.jobs.experiments import warmstart
+from cli.settings import WarmStarts
 from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
@@ -25,9 +26,9 @@ def registered(folder: Path, trained: Trained, recipe: Recipe, on_solved: Datase
 def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
     registered: None, solved: Path
 ) -> None:
-    asked: dict[str, Any] = {"sizes": (CRAFT,), "trials": 2}
-    expert = warmstart([], solved, **asked)
-    plain = warmstart([], solved, **asked, optimizer="plain", resume=True)
+    asked = WarmStarts(data=str(solved), sizes=f"{CRAFT}", trials=2)
+    expert = warmstart(asked)
+    plain = warmstart(replace(asked, optimizer="plain"), resume=True)
     assert plain.run_id != expert.run_id
     assert not plain.earlier
     for optimizer, done in (("expert", expert), ("plain", plain)):
@@ -35,13 +36,13 @@ def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
         assert found.run_id == done.run_id
         assert found.params["optimizer"] == optimizer
         assert set(table_of(found).optimizer) == {optimizer}
-        again = warmstart([], solved, **asked, optimizer=optimizer, resume=True)
+        again = warmstart(replace(asked, optimizer=optimizer), resume=True)
         assert again == Done(done.run_id, earlier=True)
     assert latest(WARMSTART).run_id == plain.run_id
-    more = warmstart([], solved, sizes=(CRAFT,), trials=3, optimizer="plain", resume=True)
+    more = warmstart(replace(asked, trials=3, optimizer="plain"), resume=True)
     assert not more.earlier
 
 
 def test_an_optimizer_that_is_not_there_is_refused(registered: None, solved: Path) -> None:
     with pytest.raises(InputError, match="optimizer is 'magic'; expected one of expert, plain"):
-        warmstart([], solved, sizes=(CRAFT,), trials=1, optimizer="magic")
+        warmstart(WarmStarts(data=str(solved), sizes=f"{CRAFT}", optimizer="magic"))

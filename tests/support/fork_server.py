@@ -54,9 +54,9 @@ def main(path: str) -> None:
 
 def import_everything() -> None:
     """Import what commands import, and what libraries import at their first use."""
-    import cli.stages
+    import cli.jobs
 
-    for module in pkgutil.iter_modules(cli.stages.__path__, "cli.stages."):
+    for module in pkgutil.iter_modules(cli.jobs.__path__, "cli.jobs."):
         importlib.import_module(module.name)
     for name in LATE:
         importlib.import_module(name)

@@ -7,9 +7,8 @@ collision radius as far as both formations allow: in units of r_col nothing else
 """
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Float
@@ -21,17 +20,7 @@ from pipeline.errors import InputError
 from pipeline.networks.architecture import Batch, Swarms
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.model import Model
-from pipeline.networks.recipes import COSINE, Recipe
-from pipeline.networks.refiner.ablations import (
-    EPOCHS,
-    LABELLED,
-    NO_THIRD,
-    SHORT,
-    TUNED,
-    UNCROWDED,
-    UNSAFE,
-)
+from pipeline.networks.recipes import COSINE, LABELLED, NO_THIRD, SHORT, UNCROWDED, Recipe
 from pipeline.networks.refiner.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
@@ -48,6 +37,8 @@ from pipeline.networks.refiner.model import (
 )
 from pipeline.orbit.separation import drift_separations
 
+EPOCHS = 6  # of ``short`` and of every recipe that it is compared with
+UNSAFE = 0.1  # what an unsafe swarm counts as in the score, as fuel over the lower bound
 CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
 
 RAISED = 2.5
@@ -162,7 +153,7 @@ class Refiner:
         }
         short = {**tuned, "epochs": EPOCHS}
         return {
-            TUNED: tuned,
+            "tuned": tuned,
             SHORT: short,
             NO_THIRD: {**short, "options": _options(third=False)},
             UNCROWDED: {**short, "options": _options(raised=False), "crowded": 0},
@@ -299,18 +290,6 @@ def _turned(swarms: Swarms) -> Swarms:
     turn = axes * behind[:, None, None]
     states = None if swarms.states is None else swarms.states * turn[:, :, None]
     return replace(swarms, initial=swarms.initial * turn, goal=swarms.goal * turn, states=states)
-
-
-def own_rounds(model: Model) -> int | None:
-    """The rounds that a refiner's answer takes; None of a network of another kind."""
-    return model.network.rounds if isinstance(model.network, MessagePassing) else None
-
-
-def with_rounds(model: Model, rounds: int) -> Model:
-    """A refiner with the same weights whose answer takes so many rounds."""
-    network = cast("MessagePassing", copy(model.network))  # shares the weights
-    network.rounds = rounds
-    return replace(model, config={**model.config, "rounds": rounds}, network=network)
 
 
 REFINER = Refiner()

@@ -112,13 +112,6 @@ COMMANDS: dict[str, tuple[tuple[str, ...], Facts]] = {
         ),
         facts,
     ),
-    "ablate": (
-        (
-            *("ablate", *DATA, "--models", "refiner", "--n", "3", "--trials", "1", "--rounds", "1"),
-            *("--dense", "0", "--timed", "0", "--resume"),
-        ),
-        facts,
-    ),
     "tune": (
         ("tune", "--arch", "ff1", *DATA, "--n", "3", "--epochs", "1", "--trials", "2"),
         without_tuning,

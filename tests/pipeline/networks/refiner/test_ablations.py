@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.networks.architecture import find, recipe_for, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
-from pipeline.networks.refiner.ablations import ABLATIONS, LABELLED
+from pipeline.networks.recipes import LABELLED, NO_THIRD, UNCROWDED
 from pipeline.networks.refiner.model import play, start, task_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
@@ -88,7 +88,7 @@ def test_an_ablation_is_the_short_recipe_but_for_one_option():
     assert replace(short, name="tuned", epochs=tuned.epochs) == tuned
     assert short.epochs < tuned.epochs
     lacking = []
-    for name in (*ABLATIONS, LABELLED):
+    for name in (NO_THIRD, UNCROWDED, LABELLED):
         recipe = recipe_for("refiner", name)
         crowded = 0 if name == "uncrowded" else short.crowded  # neither kind of crowd to learn from
         assert replace(short, name=name, options=recipe.options, crowded=crowded) == recipe

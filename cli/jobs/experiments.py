@@ -1,0 +1,161 @@
+"""Experiments 1 to 5 on the test split of a dataset, recorded for the report and MLflow's UI.
+
+Each job takes its settings, whether to leave what was done before with the same settings, data,
+models and versions, and whom to tell of progress. It raises ``InputError`` for unknown models,
+models of another problem than the dataset's, sizes that are not in it, and numbers of no use.
+"""
+
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from cli.jobs.held_out import held_out, listed
+from cli.jobs.networks import refiners_on, unlearned
+from cli.jobs.run_tables import add_to_model
+from cli.options import float_list, int_list
+from cli.settings import Evaluation, Flights, TransferTimes, WarmStarts
+from pipeline.errors import InputError
+from pipeline.experiments.flights import run_flights
+from pipeline.experiments.paper import NETWORK_SIZE
+from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
+from pipeline.experiments.trials import (
+    EvaluatedPlanner,
+    example_transfer,
+    run_transfer_times,
+    run_trials,
+    variations,
+    write_example,
+)
+from pipeline.experiments.verdicts import DECOUPLED
+from pipeline.experiments.warmstart import run_warmstarts
+from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
+from pipeline.planners.classical import BASELINES, Expert
+from pipeline.planners.network import FallbackPlanner
+from pipeline.progress import SILENT, Progress
+from registry.results import Done
+from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
+
+WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}
+"""Swarm sizes of experiment 3 where none are given, by optimizer."""
+
+FREE_PLANNERS = ("minimum energy", DECOUPLED)
+"""Baselines whose plans are flown."""
+
+SHORTEST = 4
+"""Nodes of the shortest transfer that is planned anew: with fewer, the goal leaves no choice."""
+
+
+def evaluate(settings: Evaluation, *, resume: bool = False, progress: Progress = SILENT) -> Done:
+    """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
+    if settings.timed < 0:
+        raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
+    ground = held_out(settings, None if settings.sizes is None else int_list(settings.sizes))
+    scenarios = ground.scenarios
+    planners = [*unlearned(), *ground.networks]
+
+    def run(files: Path) -> pd.DataFrame:
+        progress.expect(len(scenarios) * len(planners))
+        tables = [
+            run_trials(planners, some, timed=min(settings.timed, len(some)), progress=progress)
+            for some in scenarios.values()
+        ]
+        table = pd.concat(tables, ignore_index=True)
+        drawn = scenarios[min(scenarios, key=lambda n: abs(n - NETWORK_SIZE))][0]
+        for network in ground.networks:
+            add_to_model(network, table, drawn, (settings.data, ground.digest))
+        write_example(example_transfer(drawn, planners), files / "example.npz")
+        return table
+
+    params = {
+        "sizes": listed(sorted(scenarios)),
+        "planners": listed(planner.label for planner in planners),
+    }
+    return ground.run(EVALUATION, params, run, resume=resume, progress=progress)
+
+
+def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress = SILENT) -> Done:
+    """Experiment 3: an optimizer is started from every seed; each optimizer has its own runs."""
+    optimizer = settings.optimizer
+    if optimizer not in OPTIMIZERS:
+        raise InputError(f"optimizer is {optimizer!r}; expected one of {', '.join(OPTIMIZERS)}.")
+    sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
+    ground = held_out(settings, int_list(sizes))
+    scenarios = ground.scenarios
+    seeds = {(net.label, net.training_seed): net.predictor for net in ground.networks}
+
+    def run(_: Path) -> pd.DataFrame:
+        progress.expect(sum(map(len, scenarios.values())))
+        tables = [
+            run_warmstarts(seeds, some, optimizer, progress=progress) for some in scenarios.values()
+        ]
+        return pd.concat(tables, ignore_index=True)
+
+    params = {"sizes": listed(scenarios), "seeds": listed(label for label, _ in seeds)}
+    return ground.run(WARMSTART, params, run, kind=["optimizer"], resume=resume, progress=progress)
+
+
+def transfer_times(
+    settings: TransferTimes, *, resume: bool = False, progress: Progress = SILENT
+) -> Done:
+    """Experiment 4: the same ends with other transfer times."""
+    nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
+    time_steps = None if steps is None else float_list(steps, "--time-step")
+    ground = held_out(settings, [settings.n])
+    scenarios = ground.scenarios[settings.n]
+    varied = variations(scenarios[0].problem, nodes, time_steps)
+
+    def planners(problem: Problem) -> list[EvaluatedPlanner]:
+        """Experts and baselines, which plan for any problem, and the networks that fit it."""
+        fitting = unlearned()
+        for network in ground.networks:
+            with suppress(InputError):  # its weights are for another T
+                fitting.append(network.on(problem))
+        return fitting
+
+    def run(_: Path) -> pd.DataFrame:
+        progress.expect(len(varied))
+        return run_transfer_times(planners, scenarios, varied, progress=progress)
+
+    params = {
+        "nodes": listed(v.problem.nodes for v in varied if v.varied == NODES),
+        "time_steps": listed(f"{v.problem.time_step:.9g}" for v in varied if v.varied == TIME_STEP),
+        "networks": listed(network.label for network in ground.networks),
+    }
+    return ground.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
+
+
+def flights(
+    settings: Flights, *, jobs: int = -1, resume: bool = False, progress: Progress = SILENT
+) -> Done:
+    """Experiment 5: plans of expert, networks and baselines are flown, with errors and without.
+
+    Networks must answer on any time grid. Where a network's plan is not safe, one convex solve
+    or the expert makes it so.
+    """
+    workers = Workers(jobs)
+    ground = held_out(settings, [settings.n], refiners_on)
+    scenarios = ground.scenarios[settings.n]
+    baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
+    shortest = replace(scenarios[0].problem, nodes=SHORTEST)
+    for network in ground.networks:
+        network.predictor.on(shortest)  # refuses weights that fit one T alone
+    safe = [
+        EvaluatedPlanner(FallbackPlanner(network.planner), network.recipe, network.training_seed)
+        for network in ground.networks
+    ]
+
+    def run(_: Path) -> pd.DataFrame:
+        return run_flights(
+            [EvaluatedPlanner(Expert()), *baselines, *safe],
+            scenarios,
+            flights=settings.flights,
+            seed=settings.seed,
+            workers=workers,
+            progress=progress,
+        )
+
+    params = {"networks": listed(network.label for network in ground.networks)}
+    return ground.run(FLIGHTS, params, run, resume=resume, progress=progress)

@@ -1,0 +1,92 @@
+"""A plan flown many times with errors: trials, table and figure in a folder."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import pandas as pd
+
+from cli.settings import FlownTrials
+from pipeline.errors import InputError, check_range
+from pipeline.figures.style import save
+from pipeline.figures.tables import write_csv
+from pipeline.flight.effects import refuse_distance
+from pipeline.flight.errors import Errors
+from pipeline.flight.loops import flight_loops
+from pipeline.flight.montecarlo import MonteCarlo, fly_all, portion_of
+from pipeline.flight.summary import Summary, summarize, trials_figure
+from pipeline.flight.world import World
+from pipeline.parallel.workers import Workers
+from pipeline.plan import Plan
+from pipeline.planners.planner import Planner
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario import Scenario
+from pipeline.scenario.scenario import FURTHEST
+
+TABLE, FIGURE = "trials.csv", "trials"
+"""Names of the files beside the trials."""
+
+
+def fly_trials(
+    plan: Plan,
+    scenario: Scenario,
+    world: World,
+    errors: Errors,
+    out: Path,
+    settings: FlownTrials,
+    *,
+    planner: Planner | None = None,
+    progress: Progress = SILENT,
+) -> Sequence[Summary]:
+    """Fly a plan many times, with errors, and write what comes of it; a summary of each loop.
+
+    Args:
+        plan: what is flown.
+        scenario: that it is for.
+        world: in which it is flown.
+        errors: what goes wrong.
+        out: folder for the files.
+        settings: trials, seed, margin, size and processes.
+        planner: plans anew at every node, in further loops beside the open one; or None.
+        progress: told of each portion.
+
+    Raises:
+        InputError: for numbers or a folder that cannot be worked with.
+        ProlearnError: where the folder cannot be written to.
+    """
+    size, trials = settings.size, settings.trials or 0
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out is the file {out}; expected a folder.")
+    for name, given in (("size", size), ("margin", settings.margin or 0.0)):
+        check_range(f"--{name}", given, 0.0, FURTHEST)
+    refuse_distance(scenario, plan.controls)
+    of = MonteCarlo(scenario, world, errors, settings.seed, portion_of(scenario.n))
+    loops = list(flight_loops(scenario, plan.controls, errors, planner, settings.margin))
+    workers = Workers(settings.jobs)
+    tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
+    radius = scenario.problem.collision_radius
+    summaries = [
+        summarize(
+            loop.name,
+            None if loop.planner is None else loop.planner.name,
+            loop.margin,
+            tables[loop.name],
+            radius,
+            size,
+        )
+        for loop in loops
+    ]
+    _write_table(summaries, out / TABLE)
+    title = f"{scenario.name}: n = {scenario.n}, {trials} trials in the {settings.world} world"
+    save(trials_figure(tables, radius, size, title), out / FIGURE)
+    return summaries
+
+
+def _write_table(summaries: Sequence[Summary], path: Path) -> None:
+    rows = []
+    for one in summaries:
+        row = asdict(one)
+        for name in ("within_radius", "within_size"):
+            row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval") or (None, None)
+        rows.append(row)
+    write_csv(pd.DataFrame(rows), path)

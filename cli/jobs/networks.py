@@ -1,0 +1,160 @@
+"""Registered networks as planners, in the experiments and for the command ``plan``."""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from pipeline.dataset.manifest import read_manifest
+from pipeline.errors import InputError
+from pipeline.experiments.trials import EvaluatedPlanner
+from pipeline.networks.catalogue import architecture_names
+from pipeline.networks.model import Model
+from pipeline.networks.recipes import REFINER, for_comparison
+from pipeline.orbit.problem import Problem
+from pipeline.plan import Requirements
+from pipeline.planners.classical import BASELINES, Expert
+from pipeline.planners.named import NAMES, refuse_effort, with_expert
+from pipeline.planners.network import NetworkPlanner, check_problem
+from pipeline.planners.planner import Planner
+from pipeline.storage.folder import Where
+from pipeline.urls import public_url
+from registry.models import load, newest_trainings, resolve
+from registry.version import PREFIX, ModelVersion
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedNetwork(EvaluatedPlanner):
+    """A registered network in the experiments, flown and as predicted.
+
+    Tables call it by its architecture, and by its version too where trainings of one recipe differ
+    in more than their seed.
+
+    Attributes:
+        planner: the network flown.
+        predictor: the network.
+        version: what the registry knows about it.
+    """
+
+    planner: NetworkPlanner
+    predictor: Model
+    version: ModelVersion
+
+    def on(self, problem: Problem) -> "EvaluatedNetwork":
+        """The same network for another time grid.
+
+        Raises:
+            InputError: where its weights do not fit.
+        """
+        model = self.predictor.on(problem)
+        return replace(self, planner=NetworkPlanner(model, self.planner.name), predictor=model)
+
+
+Choice = Callable[[Where], list[ModelVersion]]
+"""Which models take part where none is named, by the dataset."""
+
+
+def newest_on(data: Where) -> list[ModelVersion]:
+    """The newest trainings on a dataset.
+
+    Raises:
+        InputError: where there are models and none was trained on this data.
+    """
+    manifest = read_manifest(data)
+    found = newest_trainings({n: manifest.digest(n) for n in manifest.samples})
+    if not found and (others := newest_trainings()):
+        known = ", ".join(sorted({v.params.get("dataset", "unknown") for v in others}))
+        raise InputError(
+            f"no model was trained on {public_url(data)} as it is now; expected some: train one, "
+            f"or name models with --models (there are some trained on {known})."
+        )
+    return found
+
+
+def planners_on(data: Where) -> list[ModelVersion]:
+    """The newest trainings on a dataset, without those that only ablations are about."""
+    return [v for v in newest_on(data) if not for_comparison(v.arch, v.recipe)]
+
+
+def refiners_on(data: Where) -> list[ModelVersion]:
+    """The newest refiners that were trained on a dataset; the paper's networks read one T alone."""
+    return [version for version in planners_on(data) if version.arch == REFINER]
+
+
+def networks(
+    references: Sequence[str], data: Where, choice: Choice = planners_on
+) -> list[EvaluatedNetwork]:
+    """The networks of some references; without any, the newest that were trained on some data.
+
+    They are in the same order whatever that of the references is.
+
+    Args:
+        references: models; none means the newest trainings of each architecture and recipe.
+        data: the dataset that they are to be tried on.
+        choice: which of these.
+
+    Raises:
+        InputError: for a reference to nothing, a model of another orbit or time grid than the
+            data's, or where there are models and none was trained on this data.
+    """
+    named = {v.uri: v for v in map(resolve, references)}.values()
+    chosen = sorted(
+        named or choice(data), key=lambda v: (v.arch, v.recipe, v.training_seed, v.version)
+    )
+    # A name with the version, where an average over seeds would be over different trainings.
+    keys: dict[str, set[tuple[str, ...]]] = {}
+    for version in chosen:
+        keys.setdefault(version.label, set()).add(version.training_key)
+    alike = Counter((v.label, v.training_seed) for v in chosen)
+    found, problem = [], read_manifest(data).problem
+    for version in chosen:
+        alone = len(keys[version.label]) == alike[version.label, version.training_seed] == 1
+        name = version.arch if alone else f"{version.arch}/{version.version}"
+        model, _ = load(version)
+        check_problem(model, problem, public_url(data))
+        found.append(
+            EvaluatedNetwork(
+                planner=NetworkPlanner(model, name),
+                recipe=version.recipe,
+                training_seed=version.training_seed,
+                predictor=model,
+                version=version,
+            )
+        )
+    return found
+
+
+def unlearned() -> list[EvaluatedPlanner]:
+    """The expert in both separation settings, and the baselines."""
+    at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
+    return [EvaluatedPlanner(planner) for planner in (Expert(), at_nodes, *BASELINES)]
+
+
+def model_planner(
+    reference: str, requirements: Requirements, *, effort: str | None, raw: bool
+) -> Planner:
+    """The planner that a reference to a model names.
+
+    Args:
+        reference: a registered model.
+        requirements: what its plans must satisfy.
+        effort: of the expert after the model, of EFFORTS, as in ``with_expert``.
+        raw: leave the model's flown plan as it is, safe or not; otherwise the expert comes after
+            it, where it answers with controls only if that plan is not proven safe.
+
+    Raises:
+        InputError: for a name that no planner has, where the registry has no such model, or for
+            an effort without the expert.
+    """
+    if raw:
+        refuse_effort(effort)
+    # What a planner can be is said before what the registry lacks.
+    name = re.split(r"[@:/]", reference.removeprefix("models:/"))[0].removeprefix(PREFIX)
+    if name not in architecture_names() and not reference.startswith("models:/m-"):
+        raise InputError(
+            f"planner is {reference!r}; expected {', '.join(NAMES)}, or a registered model of "
+            f"{', '.join(architecture_names())}, such as ff1 or ff1:paper."
+        )
+    model, version = load(reference)
+    flown = NetworkPlanner(model, f"{version.arch}/{version.version}", requirements)
+    return flown if raw else with_expert(flown, effort)

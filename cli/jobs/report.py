@@ -1,0 +1,291 @@
+"""The report of one evaluation, with the newest sound run of each other experiment beside it."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pandas as pd
+
+from cli.jobs.run_tables import KINDS, sound_table
+from pipeline.errors import InputError, ProlearnError
+from pipeline.experiments.records import OPTIMIZERS
+from pipeline.experiments.trials import Example, read_example
+from pipeline.markdown import formatted
+from pipeline.networks.recipes import for_comparison
+from pipeline.provenance import version_change
+from pipeline.report import ReportFiles, Results, build_report
+from pipeline.scratch import scratch_folder
+from registry.environment import versions_of
+from registry.models import list_versions
+from registry.results import Run, evaluation, latest
+from registry.run_files import FILES, TABLE, arrays_of, has_digests, unusable
+from registry.store import ABLATIONS, FLIGHTS, TRANSFER_TIMES, WARMSTART
+from registry.training import training_tables
+from registry.version import ModelVersion
+
+EVALUATED = "Experiments 1 and 2, examples"
+"""Name of the evaluation itself among the parts of a report."""
+
+DATA = ("dataset_digest",)
+SAME = (*DATA, "models")
+"""Parameters that a run must share with the evaluation to be in its report."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A run that a report has beside the evaluation.
+
+    Attributes:
+        experiment: what it is a run of.
+        command: that makes one.
+        having: parameters that it must have.
+        same: parameters that it must share with the evaluation.
+    """
+
+    experiment: str
+    command: str
+    having: Mapping[str, str] = field(default_factory=dict)
+    same: Sequence[str] = SAME
+
+
+PARTS = {
+    **{
+        f"Experiment 3, {name}": Part(
+            WARMSTART, f"prolearn warmstart --optimizer {name}", {"optimizer": name}
+        )
+        for name in OPTIMIZERS
+    },
+    "Experiment 4": Part(TRANSFER_TIMES, "prolearn transfer-times"),
+    # Of the networks, those alone take part whose plans can be made anew on the way.
+    "Experiment 5": Part(FLIGHTS, "prolearn flights", same=DATA),
+    # Refiners that lack something take part in no evaluation.
+    "Ablations": Part(ABLATIONS, "make ablate", same=DATA),
+}
+"""By name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A run that is in the report.
+
+    Attributes:
+        run: the run.
+        table: a row for each trial.
+        models: those of the run that are still registered.
+    """
+
+    run: Run
+    table: pd.DataFrame
+    models: Sequence[ModelVersion]
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """An evaluation and what goes with it.
+
+    Attributes:
+        first: the evaluation.
+        examples: transfers to draw.
+        parts: runs beside it, by name.
+        notes: what a reader must know of what is left out.
+    """
+
+    first: Found
+    examples: Sequence[Example]
+    parts: Mapping[str, Found]
+    notes: Sequence[str]
+
+
+def report(out: Path, run_id: str | None = None) -> ReportFiles:
+    """Write the report of an evaluation into a folder.
+
+    Args:
+        out: the folder.
+        run_id: the evaluation's run; the newest by default.
+
+    Raises:
+        InputError: where nothing was evaluated yet, there is no such run, or it is damaged.
+    """
+    run = evaluation(run_id)
+    first = Found(run, sound_table(run), _models_of(run))
+    with arrays_of(run) as paths:
+        examples = [_example(run, path) for path in paths]
+    parts, notes = _parts_beside(run)
+    if gone := len(set(_model_names(run))) - len(first.models):
+        notes.append(f"Training: {gone} of the evaluated models are no longer there.")
+    sources = Sources(first, examples, parts, notes)
+    try:
+        return build_report(_results(sources), out)
+    except ProlearnError:
+        raise
+    except Exception:  # of any kind: anyone may have written any values into a shared store
+        logging.getLogger("prolearn").debug("the report cannot be made of all", exc_info=True)
+        return build_report(_results(_without_faulty(sources)), out)
+
+
+def _example(run: Run, path: Path) -> Example:
+    try:
+        return read_example(path)
+    except InputError as error:
+        raise unusable(run, f"{FILES}/{path.name}", error) from error
+
+
+def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
+    """The parts of an evaluation's report by name, and why others are left out."""
+    found, notes = {}, []
+    for name, part in PARTS.items():
+        same = {name: first.params.get(name, "") for name in part.same}
+        run = latest(part.experiment, {**same, **part.having})
+        if run is None:
+            notes += _of_others(name, part)
+            continue
+        try:
+            # Models that the evaluation has too are told of there.
+            models = _models_of(run) if part.same == DATA else ()
+            found[name] = Found(run, sound_table(run), models)
+        except ProlearnError as error:
+            notes.append(f"{name} is left out: {error}")
+    return found, notes
+
+
+def _of_others(name: str, part: Part) -> list[str]:
+    """That there is a run of a part, but of other models or data than the evaluation."""
+    other = latest(part.experiment, part.having)
+    if other is None:
+        return []
+    others = "other models or other data" if part.same == SAME else "other data"
+    return [
+        formatted(
+            "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
+            "`{}` makes one.",
+            *(name, other.run_id, _day(other), others, part.command),
+        )
+    ]
+
+
+def _model_names(run: Run) -> list[str]:
+    return [name for name in run.params.get("models", "").split(",") if name]
+
+
+def _models_of(run: Run) -> list[ModelVersion]:
+    """The models of a run that are still registered."""
+    wanted = _model_names(run)
+    return [version for version in list_versions() if version.uri in wanted]
+
+
+def _without_faulty(sources: Sources) -> Sources:
+    """The sources without the parts and models of whose values no report can be made.
+
+    Raises:
+        InputError: where none can be made of the evaluation.
+    """
+    run = sources.first.run
+    bare = replace(sources, first=replace(sources.first, models=()), parts={})
+    if fault := _fault(bare):
+        raise unusable(run, TABLE, f"no report can be made of its values: {fault}")
+    notes, parts, models = [*sources.notes], {}, []
+    for name, part in sources.parts.items():
+        if fault := _fault(replace(bare, parts={name: part})):
+            notes.append(f"{name} is left out: {unusable(part.run, TABLE, fault)}")
+        else:
+            parts[name] = part
+    for version in sources.first.models:
+        if fault := _fault(replace(bare, first=replace(sources.first, models=[version]))):
+            notes.append(f"The training of {version.uri} is left out: its values give {fault}.")
+        else:
+            models.append(version)
+    return Sources(replace(sources.first, models=models), sources.examples, parts, notes)
+
+
+def _fault(sources: Sources) -> str:
+    """The error that a report of some sources ends with; empty where it can be made."""
+    with scratch_folder() as folder:
+        try:
+            build_report(_results(sources), folder)
+        except Exception as error:
+            return repr(error)[:200]
+    return ""
+
+
+def _results(sources: Sources) -> Results:
+    """The tables that a report is made from, and what is said of them."""
+    parts = {EVALUATED: sources.first, **sources.parts}
+    training, curves = training_tables(sources.first.models)
+    tables: dict[str, pd.DataFrame] = {}
+    for part in parts.values():
+        name = KINDS[part.run.experiment].name
+        before = [tables[name]] if name in tables else []
+        tables[name] = pd.concat([*before, part.table], ignore_index=True)
+    return Results(
+        **tables,
+        training=training,
+        curves=curves,
+        examples=sources.examples,
+        provenance=_provenance(parts),
+        notes=[*sources.notes, *_how_made(parts), *_other_models(sources)],
+    )
+
+
+def _how_made(parts: Mapping[str, Found]) -> list[str]:
+    """Notes on parts that were made with other versions, or recorded without checksums."""
+    notes, made = [], {name: versions_of(part.run.tags) for name, part in parts.items()}
+    for name, versions in made.items():
+        if change := version_change(versions, made[EVALUATED], "the evaluation with"):
+            notes.append(f"{name} was made with {change}.")
+    unchecked = [name for name, part in parts.items() if not has_digests(part.run)]
+    if unchecked:
+        notes.append(
+            f"{'; '.join(unchecked)}: recorded without checksums, by an earlier version of "
+            "prolearn, so that damage to their files since then would not be seen."
+        )
+    return notes
+
+
+def _other_models(sources: Sources) -> list[str]:
+    """Notes on parts with other models than the evaluation."""
+    evaluated, notes = _model_names(sources.first.run), []
+    for name, part in sources.parts.items():
+        others = [
+            version.uri
+            for version in part.models
+            if version.uri not in evaluated and not for_comparison(version.arch, version.recipe)
+        ]
+        if others:
+            notes.append(f"{name}: {', '.join(others)} took part there and not in this evaluation.")
+    return notes
+
+
+def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:
+    """A row for each run that a table of the report comes from."""
+    rows = [
+        _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""), "data")
+        for name, part in parts.items()
+    ]
+    versions = {version.uri: version for part in parts.values() for version in part.models}
+    rows += [
+        _provenance_row(f"Training {v.label}, seed {v.training_seed}", v, v.dataset_digest)
+        for v in versions.values()
+    ]
+    return pd.DataFrame(rows)
+
+
+def _provenance_row(
+    part: str, run: Run | ModelVersion, digest: str, data: str = "dataset"
+) -> dict[str, str]:
+    tags = run.tags
+    return {
+        "part": part,
+        "run": run.run_id,
+        "made": _day(run),
+        "data": run.params.get(data, ""),
+        "digest": digest,
+        "code": tags.get("git_commit", tags.get("prolearn_version", "")),
+        "versions": ", ".join(f"{k} {v}" for k, v in sorted(versions_of(tags).items())),
+        "machine": f"{tags.get('platform', '').partition('-')[0]}, {tags.get('cores', '')} cores",
+    }
+
+
+def _day(made: Run | ModelVersion) -> str:
+    """When a run or a version was made."""
+    return made.created.strftime("%Y-%m-%d %H:%M UTC")

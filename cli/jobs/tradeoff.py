@@ -1,0 +1,108 @@
+"""A scenario's fuel against its transfer time: plans, table and figure in a folder."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from cli.settings import Tradeoff
+from pipeline.errors import InputError
+from pipeline.figures.style import save
+from pipeline.figures.tables import write_csv
+from pipeline.plan import summary
+from pipeline.plan.document import write_plan
+from pipeline.planners.planner import Planner
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario.document import read_checked
+from pipeline.tradeoff import Point, arcs_between, knee, tradeoff
+from pipeline.tradeoff.figure import tradeoff_figure
+
+PLANS = "plans"
+"""Folder of the plans within that of the trade-off."""
+
+PLAN = "transfer-{}s.plan.json"
+"""Name of a plan's file, by its duration in s."""
+
+NOT_IN_CSV = ("min_separation_pair", "assignment", "risk", "craft_delta_v", "craft_delta_v_2norm")
+"""What of a row is no number or word; the plan files have it."""
+
+
+def trade(
+    path: Path,
+    planner: Planner,
+    out: Path,
+    settings: Tradeoff,
+    durations: tuple[float, float],
+    progress: Progress = SILENT,
+) -> Sequence[dict[str, Any]]:
+    """Plan a scenario for several durations and write the plans, a table and a figure.
+
+    Only safe plans are written as files. Those of an earlier trade-off in the folder go.
+
+    Args:
+        path: a scenario file.
+        planner: who plans.
+        out: folder for the files.
+        settings: steps, goal, and whether states may drift.
+        durations: the shortest and the longest, s.
+        progress: told of each duration.
+
+    Returns:
+        A plan's summary for each duration, with ``duration`` (s), ``nodes``, ``time_step``,
+        ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan``, or
+        None where it is not safe.
+
+    Raises:
+        InputError: for a scenario, a range or a folder that cannot be worked with.
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out is the file {out}; expected a folder.")
+    scenario = read_checked(path, allow_drift=settings.allow_drift)
+    step = scenario.problem.time_step
+    arcs = arcs_between(*durations, step, settings.steps)
+    points = tradeoff(scenario, arcs, planner, settings.goal, progress)
+    bend = _bend(points)
+    rows = [_row(point, out, knee=k == bend) for k, point in enumerate(points)]
+    for point, row in zip(points, rows, strict=True):
+        if row["plan"]:
+            write_plan(Path(row["plan"]), point.plan, point.scenario)
+    kept = {row["plan"] for row in rows}
+    for old in (out / PLANS).glob(PLAN.format("*")):
+        if str(old) not in kept:
+            old.unlink()
+    _write_table(rows, out / "tradeoff.csv")
+    title = f"{scenario.name}: n = {scenario.n}, arcs of {step:g} s, {settings.goal} goals"
+    save(tradeoff_figure(points, bend, title), out / "tradeoff")
+    return rows
+
+
+def _bend(points: Sequence[Point]) -> int | None:
+    """The knee among the safe plans, by its number among all."""
+    safe = [k for k, point in enumerate(points) if point.safe]
+    time, cost = ([getattr(points[k], name) for k in safe] for name in ("duration", "delta_v"))
+    found = knee(np.array(time, dtype=float), np.array(cost, dtype=float))
+    return None if found is None else safe[found]
+
+
+def _row(point: Point, out: Path, *, knee: bool) -> dict[str, Any]:
+    problem = point.scenario.problem
+    file = out / PLANS / PLAN.format(f"{point.duration:.9g}")
+    return {
+        "duration": point.duration,
+        "nodes": problem.nodes,
+        "time_step": problem.time_step,
+        **summary(point.plan),
+        "delta_v_lower_bound": point.delta_v_lower_bound,
+        "knee": knee,
+        "plan": str(file) if point.safe else None,
+    }
+
+
+def _write_table(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    frame = pd.DataFrame(rows)
+    for k, name in enumerate(("first_craft", "second_craft")):
+        pairs = [row["min_separation_pair"] for row in rows]
+        frame[name] = pd.array([pair and pair[k] for pair in pairs], dtype="Int64")
+    write_csv(frame.drop(columns=[*NOT_IN_CSV]), path)

@@ -1,0 +1,152 @@
+"""Typer's options from the annotated fields of frozen dataclasses, lists in options, completion."""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import MISSING, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from typing import Any, ParamSpec, TypeVar, get_type_hints
+
+import typer
+
+from pipeline.errors import InputError
+
+MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
+"""Numbers that a list on the command line may stand for, and the largest of them."""
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def with_settings(command: Callable[P, R]) -> Callable[..., R]:
+    """Give a command an option for each field of the dataclasses among its parameters.
+
+    Where ``command(settings: Evaluation, as_json: AsJson)`` is called, Typer sees the fields of
+    ``Evaluation`` in place of ``settings``, with their annotations and defaults.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {k: hint for k, hint in hints.items() if is_dataclass(hint)}
+    found: list[Parameter] = []
+    for parameter in signature(command).parameters.values():
+        group = groups.get(parameter.name)
+        annotated = parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[parameter.name])
+        found += [annotated] if group is None else _parameters(group)
+
+    @wraps(command)
+    def run(**given: Any) -> R:
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+        return command(**given)  # type: ignore[call-arg]
+
+    run.__signature__ = Signature(found)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in found}
+    return run
+
+
+def _parameters(group: Any) -> list[Parameter]:
+    """The fields of a dataclass as parameters of a function."""
+    hints = get_type_hints(group, include_extras=True)
+    return [
+        Parameter(
+            field.name,
+            Parameter.KEYWORD_ONLY,
+            default=Parameter.empty if field.default is MISSING else field.default,
+            annotation=hints[field.name],
+        )
+        for field in fields(group)
+    ]
+
+
+def given_options(context: typer.Context) -> dict[str, str]:
+    """Options on the command line, as they are written there, by the name of their parameter."""
+    found = {}
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name and source is not None and source.name == "COMMANDLINE":
+            found[parameter.name] = parameter.opts[0]
+    return found
+
+
+def refuse(context: typer.Context, names: Collection[str], reason: str) -> None:
+    """Refuse options that would have no effect.
+
+    Args:
+        context: of the command.
+        names: of its parameters.
+        reason: why they would have none, and what to do.
+
+    Raises:
+        InputError: naming the first that is given.
+    """
+    for name, option in given_options(context).items():
+        if name in names:
+            raise InputError(f"{option} is given {reason}")
+
+
+def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
+    """Whole numbers written as 10, 2,10,30 or 2..30, ascending.
+
+    Raises:
+        InputError: for anything else, or a number under ``least``.
+    """
+    numbers: set[int] = set()
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("..")
+            wanted = range(int(first), int(last or first) + 1)
+            if len(numbers) + len(wanted) > MOST_LISTED:
+                raise InputError(f"{option} is {text!r}; expected at most {MOST_LISTED} numbers.")
+            numbers |= set(wanted)
+    except (ValueError, OverflowError):
+        numbers = set()
+    if not numbers or min(numbers) < least or max(numbers) > GREATEST_LISTED:
+        given = text if len(text) < 40 else f"{text[:20]}..."
+        raise InputError(
+            f"{option} is {given!r}; expected whole numbers from {least}, such as 10, 2,10,30 or "
+            "2..30."
+        )
+    return sorted(numbers)
+
+
+def float_list(text: str, option: str) -> Sequence[float]:
+    """Numbers written as 60 or 60,72.5,240, ascending.
+
+    Raises:
+        InputError: for anything else.
+    """
+    try:
+        return sorted({float(part) for part in text.split(",")})
+    except ValueError as error:
+        raise InputError(
+            f"{option} is {text!r}; expected numbers such as 60 or 60,72.5,240."
+        ) from error
+
+
+def name_list(text: str | None) -> Sequence[str]:
+    """Names written as one,two,three."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
+def planners(incomplete: str) -> list[str]:
+    """Completion of planners: those of the package, and architectures, whose champions plan."""
+    from pipeline.planners.named import NAMES
+
+    return _beginning([*NAMES, *architectures("")], incomplete)
+
+
+def architectures(incomplete: str) -> list[str]:
+    """Completion of installed architectures; of several, joined by commas, the last."""
+    from pipeline.networks.catalogue import architecture_names
+
+    before, comma, last = incomplete.rpartition(",")
+    return [before + comma + name for name in _beginning(architecture_names(), last)]
+
+
+def families(incomplete: str) -> list[str]:
+    """Completion of families of scenarios."""
+    from pipeline.scenario.families import FAMILIES
+
+    return _beginning(FAMILIES, incomplete)
+
+
+def _beginning(names: Iterable[str], start: str) -> list[str]:
+    return sorted({name for name in names if name.startswith(start)})

@@ -1,0 +1,400 @@
+"""Settings of the jobs, a frozen dataclass each, and options that several commands have.
+
+The annotated fields become Typer's options (``cli.options.with_settings``); the jobs read the same
+values, and those of experiments become MLflow's parameters by the names of their fields.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from cli.options import architectures, planners
+from pipeline.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.flight.conditions import Conditions
+    from pipeline.orbit.problem import Problem
+    from pipeline.orbit.reference import Reference
+    from pipeline.plan import RiskLimit
+
+
+def option(text: str, *names: str, **more: Any) -> Any:
+    """An option with a help text, and names where they are not those of the field."""
+    return typer.Option(*names, help=text, **more)
+
+
+def flag(name: str, text: str) -> Any:
+    """An option without a value."""
+    return typer.Option(name, help=text)
+
+
+AsJson = Annotated[bool, flag("--json", "Print one JSON document, and all else on stderr.")]
+Jobs = Annotated[int, option("Processes; -1 for all cores.")]
+Separation = Annotated[
+    Literal["continuous", "nodes"],
+    option("Keep craft apart at all times, or at the nodes only."),
+]
+Effort = Literal["first", "default", "best"]
+Assignment = Annotated[
+    Literal["given", "optimal"],
+    option("Who takes which goal: as given, or such that the fuel is least."),
+]
+AllowDrift = Annotated[bool, flag("--allow-drift", "Accept states that are not energy-matched.")]
+PlanFile = Annotated[Path, typer.Argument(help="Plan file; - is standard input.")]
+
+Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
+TrainingSize = Annotated[int, option("Swarm size to train on.")]
+Device = Annotated[str, option("auto, cpu, cuda or mps.")]
+Resume = Annotated[
+    bool,
+    flag("--resume", "Nothing to do where data, models, settings and versions are as before."),
+]
+
+
+@dataclass(frozen=True)
+class ExperimentSettings:
+    """Settings that all experiments have."""
+
+    models: Annotated[
+        str | None,
+        option("Models, such as ff1,lstm2:paper; by default the newest trained on the data."),
+    ] = None
+    data: Annotated[str, option("Solved dataset, a folder or a URL; its test split is used.")] = (
+        "data/paper"
+    )
+    trials: Annotated[int | None, option("Most trials of each size.")] = None
+
+
+@dataclass(frozen=True)
+class Evaluation(ExperimentSettings):
+    """Settings of experiments 1 and 2."""
+
+    sizes: Annotated[
+        str | None, option("Swarm sizes, such as 2..30; by default all of the dataset.", "--n")
+    ] = None
+    timed: Annotated[int, option("Trials of each size that are timed.")] = 10
+
+
+@dataclass(frozen=True)
+class WarmStarts(ExperimentSettings):
+    """Settings of experiment 3."""
+
+    optimizer: Annotated[
+        Literal["expert", "plain"],
+        option("The expert, or a plain SCP over all pairs at the nodes, as the paper's."),
+    ] = "expert"
+    sizes: Annotated[
+        str | None,
+        option("Swarm sizes; by default 10,30 for the expert and 10 for the plain SCP.", "--n"),
+    ] = None
+    trials: Annotated[int | None, option("Trials of each size.")] = 100
+
+
+@dataclass(frozen=True)
+class TransferTimes(ExperimentSettings):
+    """Settings of experiment 4."""
+
+    n: Annotated[int, option("Swarm size.")] = 10
+    nodes: Annotated[str, option("Numbers of nodes T, at the time step of the training.")] = "6..21"
+    time_steps: Annotated[
+        str | None,
+        option(
+            "Time steps Δt in s, at the nodes of the training; by default those with the transfer "
+            "times of --nodes.",
+            "--time-step",
+        ),
+    ] = None
+    trials: Annotated[int | None, option("Most trials of each transfer time.")] = 100
+
+
+@dataclass(frozen=True)
+class Flights(ExperimentSettings):
+    """Settings of experiment 5."""
+
+    models: Annotated[
+        str | None,
+        option(
+            "Networks that answer on any time grid, such as refiner,lstm2; by default the newest "
+            "refiners trained on the data."
+        ),
+    ] = None
+    n: Annotated[int, option("Swarm size.")] = 10
+    trials: Annotated[int | None, option("Most scenarios.")] = 100
+    flights: Annotated[int, option("Flights of each scenario, each with other errors.")] = 10
+    seed: Annotated[int, option("Root seed of the errors.")] = 0
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """Settings of a training but architecture and seed; fields of the recipe change it."""
+
+    recipe: Annotated[
+        str, option("paper, tuned (on validation), or one of the architecture's own.")
+    ] = "tuned"
+    data: Data = "data/paper"
+    n: TrainingSize = 10
+    epochs: Annotated[int | None, option("Most epochs.")] = None
+    interior: Annotated[
+        str | None, option("Input between the end states: line, zeros or minimum-energy.")
+    ] = None
+    learning_rate: Annotated[float | None, option("Of Adam.")] = None
+    dropout: Annotated[float | None, option("Share of hidden outputs dropped in training.")] = None
+    batch_size: Annotated[int | None, option("Instances a step.")] = None
+    collision_weight: Annotated[
+        float | None, option("Weight of the collision penalty (ffcol, lstmcol).")
+    ] = None
+    crowded: Annotated[
+        int | None,
+        option("Crowded scenarios that the refiner learns from beside the dataset's."),
+    ] = None
+    device: Device = "auto"
+    memory: Annotated[
+        float, option("GB that data may take; larger datasets stream shard by shard.")
+    ] = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuningSettings:
+    """Settings of a search for hyperparameters."""
+
+    arch: Annotated[str, option("Architecture, such as lstm2.", autocompletion=architectures)]
+    trials: Annotated[int, option("Trials in all, earlier ones included.")] = 20
+    recipe: Annotated[str, option("Recipe that the trials start from.")] = "tuned"
+    data: Data = "data/paper"
+    n: TrainingSize = 10
+    epochs: Annotated[int | None, option("Most epochs of a trial.")] = None
+    device: Device = "auto"
+    seed: Annotated[int, option("Of the search and of each training.")] = 0
+    storage: Annotated[
+        Path | None, option("Optuna's SQLite file; optuna.db beside mlflow.db by default.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class WorkerSettings:
+    """The processes that solve a dataset, here or on a Dask cluster."""
+
+    jobs: Jobs = -1
+    backend: Annotated[
+        Literal["loky", "dask"], option("Where workers run: this machine, or a Dask cluster.")
+    ] = "loky"
+    scheduler: Annotated[
+        str | None,
+        option(
+            "Of the Dask cluster, such as tcp://10.0.0.1:8786.",
+            envvar="DASK_SCHEDULER_ADDRESS",
+            show_envvar=True,
+        ),
+    ] = None
+    scheduler_wait: Annotated[
+        float | None,
+        option("Seconds in which a scheduler that was lost may come back; 300 by default."),
+    ] = None
+
+
+@dataclass(frozen=True)
+class ProblemSettings:
+    """Orbit, time grid, collision radius and thrust limit of a problem."""
+
+    altitude: Annotated[float, option("Of the reference orbit, m.")] = 500e3
+    time_step: Annotated[float, option("Length of an interval, s.")] = 120.0
+    nodes: Annotated[int, option("Time nodes.")] = 11
+    collision_radius: Annotated[float, option("r_col, m.")] = 15.0
+    max_acceleration: Annotated[float | None, option("Limit on each component, m/s².")] = None
+
+    def problem(self) -> "Problem":
+        """The problem on a circular orbit so high above the Earth.
+
+        Raises:
+            InputError: where a value makes no sense.
+        """
+        from pipeline.orbit.problem import Problem
+        from pipeline.orbit.reference import mean_motion_at
+
+        if not self.altitude > 0:
+            raise InputError(
+                f"--altitude is {self.altitude}; expected a positive number of metres."
+            )
+        others = {name: value for name, value in vars(self).items() if name != "altitude"}
+        return Problem(mean_motion_at(self.altitude), **others)
+
+
+@dataclass(frozen=True)
+class RiskSettings:
+    """A chance constraint on separation, and the errors that it is about."""
+
+    risk: Annotated[
+        float | None,
+        option(
+            "Most probability that any pair ever comes within the collision radius, flown in open "
+            "loop with the errors that the sigmas say."
+        ),
+    ] = None
+    navigation_sigma: Annotated[
+        float | None,
+        option("With --risk: standard deviation of each component of the initial positions, m."),
+    ] = None
+    thrust_sigma: Annotated[
+        float | None,
+        option(
+            "With --risk: standard deviation of each burn's size, as a share of it, and of its "
+            "direction about each axis across it, rad."
+        ),
+    ] = None
+    velocity_sigma: Annotated[
+        float | None,
+        option(
+            "With --risk: standard deviation of each component of the initial velocities, m/s; by "
+            "default the mean motion times --navigation-sigma."
+        ),
+    ] = None
+
+    def limit(self) -> "RiskLimit | None":
+        """The limit on the risk, or None where none is given.
+
+        Raises:
+            InputError: where a risk is given without errors, or errors without a risk.
+        """
+        from pipeline.plan import RiskLimit
+
+        risk, navigation, thrust = self.risk, self.navigation_sigma, self.thrust_sigma
+        if navigation is thrust is self.velocity_sigma is None:
+            if risk is None:
+                return None
+            raise InputError(
+                f"--risk is {risk:g} and no error is given; expected --navigation-sigma, "
+                "--thrust-sigma, --velocity-sigma or several of them with it."
+            )
+        if risk is None:
+            raise InputError(
+                "a sigma is given without --risk; expected the probability that craft may come too "
+                "close with it, such as --risk 1e-3."
+            )
+        return RiskLimit(risk, navigation or 0.0, thrust or 0.0, self.velocity_sigma)
+
+
+@dataclass(frozen=True)
+class FlightConditions:
+    """Conditions in which a plan is flown; None leaves a value to the scenario."""
+
+    eccentricity: Annotated[float, option("Of the reference orbit, up to 0.01.")] = 0.001
+    inclination: Annotated[
+        float | None,
+        option("Of the reference orbit, deg; by default the scenario's, else 97.4."),
+    ] = None
+    raan: Annotated[
+        float | None,
+        option("Right ascension of its ascending node, deg; by default the scenario's, else 0."),
+    ] = None
+    argument_of_perigee: Annotated[float, option("From the ascending node, deg.")] = 90.0
+    argument_of_latitude: Annotated[
+        float | None,
+        option("Of the origin at the first node, deg; by default the scenario's, else 0."),
+    ] = None
+    no_j2: Annotated[bool, flag("--no-j2", "Leave the Earth's oblateness out.")] = False
+    drag: Annotated[
+        float | None,
+        option("Add drag: C_D A/m in the middle of the swarm, m²/kg; 0.01 is that of a CubeSat."),
+    ] = None
+    drag_spread: Annotated[
+        float | None,
+        option("By what share of it the first craft has less and the last more.  [default: 0.1]"),
+    ] = None
+
+    def about(self, reference: "Reference | None") -> "Conditions":
+        """The conditions, and where the options say nothing the scenario's reference orbit.
+
+        Raises:
+            InputError: where a value makes no sense.
+        """
+        from pipeline.flight.conditions import Conditions
+
+        if self.drag_spread is not None and self.drag is None:
+            raise InputError(
+                f"--drag-spread is {self.drag_spread:g} without --drag; expected both: add --drag "
+                "0.01."
+            )
+        asked = Conditions(
+            eccentricity=self.eccentricity,
+            argument_of_perigee_deg=self.argument_of_perigee,
+            j2=not self.no_j2,
+            ballistic=self.drag,
+        )
+        given = {
+            "inclination_deg": self.inclination,
+            "raan_deg": self.raan,
+            "argument_of_latitude_deg": self.argument_of_latitude,
+            "spread": self.drag_spread,
+        }
+        there = asked if reference is None else asked.about(reference)
+        changes: dict[str, Any] = {k: value for k, value in given.items() if value is not None}
+        return replace(there, **changes)
+
+
+def _trial(text: str, *names: str, **more: Any) -> Any:
+    return option(text, *names, rich_help_panel="Trials with errors", **more)
+
+
+@dataclass(frozen=True)
+class FlownTrials:
+    """Settings of a plan that is flown many times with errors."""
+
+    trials: Annotated[int | None, _trial("Fly so many times, with errors that differ.")] = None
+    seed: Annotated[int, _trial("Root seed of the errors.")] = 0
+    errors: Annotated[Literal["cold-gas", "none"], _trial("Size of the errors, to begin with.")] = (
+        "cold-gas"
+    )
+    error: Annotated[
+        list[str] | None,
+        _trial(
+            "Change one: magnitude=0.05. Names: position, velocity, position_bias, velocity_bias, "
+            "magnitude, direction, magnitude_fixed, direction_fixed, timing, missed.",
+            metavar="NAME=VALUE",
+        ),
+    ] = None
+    world: Annotated[
+        Literal["nonlinear", "linear"],
+        _trial("Fly in the conditions above, or in the model that plans are made for."),
+    ] = "nonlinear"
+    replan: Annotated[
+        Literal["none", "every-node"],
+        _trial("Compare with craft that are planned anew at every node."),
+    ] = "none"
+    planner: Annotated[
+        str, _trial("Who plans anew, as for `prolearn plan`.", autocompletion=planners)
+    ] = "expert"
+    effort: Annotated[Effort | None, _trial("Of the expert then, as for `prolearn plan`.")] = None
+    margin: Annotated[
+        float | None,
+        _trial(
+            "Asked for beyond r_col when planning anew, m; by default 3 sigma one interval ahead."
+        ),
+    ] = None
+    size: Annotated[
+        float, _trial("Distance of two craft's centres at which they may touch, m.")
+    ] = 0.35
+    out: Annotated[Path | None, _trial("Folder; PLAN-flown by default.")] = None
+    jobs: Annotated[int, _trial("Processes; -1 for all cores.")] = -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tradeoff:
+    """Settings of a trade-off of fuel against transfer time."""
+
+    duration: Annotated[str, option("Range of transfer times: 10..60min, 600..3600s.")]
+    steps: Annotated[int, option("Durations at most, spread over the range.")] = 20
+    goal: Annotated[
+        Literal["fixed", "moving"],
+        option(
+            "Goals are the states given, whenever they are reached, or slots that move on along "
+            "their passive orbits and are there after the scenario's own duration."
+        ),
+    ] = "fixed"
+    out: Annotated[Path | None, option("Folder; SCENARIO-tradeoff by default.")] = None
+    planner: Annotated[str, option("As for `prolearn plan`.", autocompletion=planners)] = "expert"
+    separation: Separation = "continuous"
+    effort: Annotated[Effort | None, option("As for `prolearn plan`.")] = None
+    assignment: Assignment = "given"
+    allow_drift: AllowDrift = False

@@ -1,1 +1,0 @@
-"""Stages that bring datasets, models and results together: one function a command, no terminal."""

@@ -1,0 +1,129 @@
+"""MLflow's entities (parameters, metrics, datasets, pages of results) from and as plain values."""
+
+import json
+import logging
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, SupportsFloat
+
+from mlflow.entities import Dataset, DatasetInput, InputTag, Metric
+
+from pipeline.text import visible
+from pipeline.urls import public, public_url
+
+TRAINING_DATA, EVALUATION_DATA = "training", "evaluation"
+"""What MLflow calls a dataset's use."""
+
+DIGEST_LENGTH = 36
+"""Longest digest that MLflow takes for a dataset; the parameter has it in full."""
+
+QUOTED = 40
+"""Characters of a malformed value that a sentence quotes."""
+
+LARGEST_COUNT = 1e15
+
+_WHOLE = re.compile(r"-?[0-9]{1,15}")
+
+
+def pages(search: Callable[..., Any], **query: Any) -> Iterator[Any]:
+    """All results of one of MLflow's searches, page after page."""
+    token = None
+    while True:
+        page = search(page_token=token, **query)
+        yield from page
+        token = page.token
+        if not token:
+            return
+
+
+def recorded(params: Mapping[str, Any]) -> dict[str, str]:
+    """Parameters as the store keeps them: as text, without the secrets of URLs."""
+    return {key: str(without_secrets(value)) for key, value in params.items()}
+
+
+def without_secrets(value: Any) -> Any:
+    """A parameter's value without the secrets of a URL; any other stays what it is."""
+    text = str(value)
+    return public_url(text) if "://" in text else value
+
+
+def now() -> int:
+    """The time that metrics have, ms since 1970."""
+    return int(time.time() * 1000)
+
+
+def metrics_now(
+    metrics: Mapping[str, SupportsFloat],
+    model_id: str | None = None,
+    step: int = 0,
+    stamp: int | None = None,
+) -> list[Any]:
+    """MLflow's metrics for values reached by now, of a run and of a model that it logged."""
+    stamp = now() if stamp is None else stamp
+    return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in metrics.items()]
+
+
+def curve_metrics(history: Mapping[str, Sequence[float | int]]) -> list[Any]:
+    """Learning curves as MLflow's metrics; step = epoch."""
+    stamp = now()
+    names = {"train_loss": "train_loss", "valid_loss": "valid_loss", "seconds": "epoch_seconds"}
+    return [
+        Metric(name, float(value), stamp, int(epoch))
+        for column, name in names.items()
+        for epoch, value in zip(history["number"], history[column], strict=True)
+    ]
+
+
+def dataset_input(
+    path: str, digest: str, context: str, profile: Mapping[str, Any] | None = None
+) -> Any:
+    """MLflow's record that a run has used a dataset.
+
+    Args:
+        path: the dataset's folder, as given; the secrets of a URL are left out.
+        digest: of its content.
+        context: TRAINING_DATA or EVALUATION_DATA.
+        profile: further facts about it.
+    """
+    path = public_url(path)
+    # A run has a dataset of one name and digest once, whatever it used it for.
+    suffix = "" if context == TRAINING_DATA else f"-{context}"
+    entity = Dataset(
+        name=(Path(path).name or path) + suffix,
+        digest=digest[:DIGEST_LENGTH],
+        source_type="local",
+        source=json.dumps({"uri": path}),
+        profile=json.dumps({"digest": digest, **(profile or {})}, default=str),
+    )
+    return DatasetInput(entity, [InputTag("mlflow.data.context", context)])
+
+
+def whole(text: str) -> int | None:
+    """A whole number in ordinary digits, or None where the text is none."""
+    return int(text) if _WHOLE.fullmatch(text) else None
+
+
+def whole_metric(value: float | None) -> int | None:
+    """A metric that counts something, or None."""
+    return None if value is None or not abs(value) < LARGEST_COUNT else int(value)
+
+
+def moment(milliseconds: int | None) -> datetime:
+    """A time of MLflow's as a date in UTC; 1970-01-01 where it is none."""
+    try:
+        return datetime.fromtimestamp((milliseconds or 0) / 1000, UTC)
+    except (ValueError, OverflowError, OSError):
+        return datetime.fromtimestamp(0, UTC)
+
+
+def own_tags(tags: Mapping[str, str]) -> dict[str, str]:
+    """A run's tags without those that MLflow sets."""
+    return {k: v for k, v in tags.items() if "mlflow." not in k}
+
+
+def warn(sentence: str) -> None:
+    """Say on stderr what of a store is left out, and why."""
+    logging.getLogger("prolearn").warning("%s", visible(public(sentence)))
