@@ -45,15 +45,7 @@ PARENT = "mlflow_run_id"
 
 @dataclass(frozen=True)
 class Search:
-    """A search: its settings, the recipe it starts from, and its data.
-
-    Attributes:
-        settings: as asked for.
-        recipe: the recipe that trials start from.
-        learn: examples to learn from.
-        valid: examples that decide.
-        dataset: where they are from.
-    """
+    """A search: its settings, the recipe that trials start from, and its data."""
 
     settings: TuningSettings
     recipe: Recipe
@@ -103,25 +95,15 @@ class Search:
 
 @dataclass(frozen=True)
 class Tuned:
-    """The outcome of a search so far.
+    """The outcome of a search so far."""
 
-    Attributes:
-        study: its name in the storage.
-        storage: the SQLite file.
-        run_id: MLflow's run that holds those of the trials.
-        trials: how many are complete.
-        objective: the metric that counts.
-        value: the least of it.
-        best: recipe fields of the best trial.
-    """
-
-    study: str
-    storage: Path
-    run_id: str
-    trials: int
-    objective: str
-    value: float
-    best: Mapping[str, Any]
+    study: str  # its name in the storage
+    storage: Path  # the SQLite file
+    run_id: str  # of MLflow, which holds the runs of the trials
+    trials: int  # complete ones
+    objective: str  # the metric that counts
+    value: float  # the least of it
+    best: Mapping[str, Any]  # recipe fields of the best trial
 
     @property
     def in_words(self) -> str:
