@@ -44,7 +44,7 @@ PARENT = "mlflow_run_id"
 
 
 @dataclass(frozen=True)
-class Search:
+class RecipeSearch:
     """A search: its settings, the recipe that trials start from, and its data."""
 
     settings: TuningSettings
@@ -129,7 +129,7 @@ def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
     recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
     learn, valid = sources(recipe, data, n, seed=seed)
     dataset = DatasetInfo(data, read_manifest(data).digest(n), len(learn), len(valid))
-    search = Search(settings, recipe, learn, valid, dataset)
+    search = RecipeSearch(settings, recipe, learn, valid, dataset)
     with opened() as opened_store:
         store = with_experiment(opened_store, TUNING)
         path = (settings.storage or _storage_beside(store)).absolute()
@@ -145,7 +145,7 @@ def _storage_beside(store: Store) -> Path:
 
 
 @contextmanager
-def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
+def _parent(store: Store, study: "Study", search: RecipeSearch) -> Iterator[str]:
     """The run that holds those of the trials: the study's own, wherever it began."""
     known = study.user_attrs.get(PARENT)
     try:
@@ -162,7 +162,9 @@ def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
         yield run_id
 
 
-def _search(study: "Study", store: Store, search: Search, run_id: str, progress: Progress) -> None:
+def _search(
+    study: "Study", store: Store, search: RecipeSearch, run_id: str, progress: Progress
+) -> None:
     trials = search.settings.trials
     last = min(trials, complete(study))
     progress.expect(trials - last)
@@ -189,7 +191,7 @@ def _search(study: "Study", store: Store, search: Search, run_id: str, progress:
     progress.end("others diverged")
 
 
-def _trial(trial: "Trial", store: Store, search: Search) -> float:
+def _trial(trial: "Trial", store: Store, search: RecipeSearch) -> float:
     """Train once and record it as a nested run; what the objective comes to."""
     unused = unused_fields(find(search.settings.arch))
     recipe = replace(search.recipe, **suggested(trial, unused))
@@ -203,7 +205,7 @@ def _trial(trial: "Trial", store: Store, search: Search) -> float:
     return record.metrics[search.objective]
 
 
-def _found(study: "Study", search: Search, path: Path, run_id: str) -> Tuned:
+def _found(study: "Study", search: RecipeSearch, path: Path, run_id: str) -> Tuned:
     trials = complete(study)
     if not trials:
         raise ProlearnError(

@@ -11,6 +11,7 @@ import pytest
 from rights import read_only
 
 from cli.jobs.tune import tune
+from cli.settings import TuningSettings
 from pipeline.errors import ProlearnError
 from registry.running import recorded_run, reopened_run
 from registry.store import EVALUATION, connect
@@ -132,7 +133,6 @@ def test_a_search_that_was_killed_is_closed_with_its_trial_and_can_be_gone_on_wi
     killed = """
 import os, signal
 from cli.jobs.tune import tune
-from cli.settings import TuningSettings
 from cli.settings import TuningSettings
 from pipeline.progress import Progress
 
