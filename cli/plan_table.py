@@ -40,18 +40,11 @@ def print_plans(rows: Sequence[Row]) -> None:
     adrift = [row["passive_safety"] for row in rows if row["passive_safety"]]
     headings = ["scenario", "planner", *HEADINGS]
     lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
-    if any(row["risk"] for row in rows):
-        headings += ["risk\n≤", "safety\ncosts"]
-        for row, line in zip(rows, lines, strict=True):
-            line += _risk(row)
-    if adrift:
-        headings += ["adrift\nfrom", "apart\nm"]
-        for row, line in zip(rows, lines, strict=True):
-            line += _adrift(row["passive_safety"])
-    if assigned:
-        headings.append("saved\n≥")
-        for row, line in zip(rows, lines, strict=True):
-            line.append(_saved(row["assignment"]))
+    for name, (names, extra) in EXTRA.items():
+        if any(row[name] for row in rows):
+            headings += names
+            for row, line in zip(rows, lines, strict=True):
+                line += extra(row)
     print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
     if len(rows) == 1:
         _print_craft(rows[0])
@@ -96,18 +89,20 @@ def who(row: Row) -> str:
     return f"{row['planner']} ({row['status']})" if wrong(row) else row["planner"]
 
 
-def _adrift(found: Row | None) -> list[str]:
+def _adrift(row: Row) -> list[str]:
     """The craft adrift that comes closest to another, since which node, and how close."""
+    found = row["passive_safety"]
     if found is None or found["pair"] is None:
         return [MISSING] * 2
     return [f"{found['pair'][0]}@{found['node']}", f"{found['min_separation']:.2f}"]
 
 
-def _saved(assignment: Row | None) -> str:
+def _saved(row: Row) -> list[str]:
     """What the assignment saves at least, of the least fuel in the given order."""
+    assignment = row["assignment"]
     if assignment is None or assignment["saving"] is None:
-        return MISSING
-    return f"{assignment['saving']:.1%}".replace("-0.0%", "0.0%")
+        return [MISSING]
+    return [f"{assignment['saving']:.1%}".replace("-0.0%", "0.0%")]
 
 
 def _risk(row: Row) -> list[str]:
@@ -117,6 +112,14 @@ def _risk(row: Row) -> list[str]:
         return [MISSING] * 2
     bare = risk["fuel_without"]
     return [number(risk["bound"]), f"{row['fuel'] / bare - 1:.2%}" if bare else MISSING]
+
+
+EXTRA = {
+    "risk": (("risk\n≤", "safety\ncosts"), _risk),
+    "passive_safety": (("adrift\nfrom", "apart\nm"), _adrift),
+    "assignment": (("saved\n≥",), _saved),
+}
+"""Columns of what some plans have, by its name in a row: headings, and their cells."""
 
 
 def _remarks(row: Row) -> list[str]:

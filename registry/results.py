@@ -40,15 +40,7 @@ AT_ONCE = 20
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run of an experiment, without its files.
-
-    Attributes:
-        experiment: its name.
-        run_id: its MLflow run.
-        created: when it started.
-        params: parameters of the run.
-        tags: what it was made with, such as ``git_commit``.
-    """
+    """A finished run of an experiment, without its files; tags say what it was made with."""
 
     experiment: str
     run_id: str
@@ -106,13 +98,8 @@ def earlier_run(
 ) -> str | None:
     """The newest finished run of an experiment, where it had these parameters and versions.
 
-    Args:
-        experiment: of EXPERIMENTS but TRAINING.
-        params: settings.
-        kind: those of the settings that tell kinds of runs apart: the newest run of the same kind
-            is looked at.
-        progress: told where a run with these parameters does not count, since it was made with
-            other versions or is damaged.
+    ``kind`` names the parameters that tell kinds of runs apart, of which the newest counts.
+    ``progress`` is told where a run was made with other versions or is damaged.
     """
     wanted = recorded(params)
     run = latest(experiment, {name: wanted[name] for name in kind})
@@ -131,12 +118,7 @@ def earlier_run(
 
 
 def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | None:
-    """The newest finished run of an experiment, or None.
-
-    Args:
-        experiment: of EXPERIMENTS but TRAINING.
-        having: parameters that the run must have, such as the optimizer of WARMSTART.
-    """
+    """The newest finished run of an experiment with some parameters, or None."""
     with opened(create=False) as store:
         return next(_finished(store, experiment, having), None)
 

@@ -68,13 +68,6 @@ def record_training(
     The first version of a model becomes its champion, but for recipes that are there to be
     compared with.
 
-    Args:
-        trained: the trained network and its history.
-        recipe: its recipe; each field becomes a parameter.
-        seed: its seed.
-        dataset: what it was trained on.
-        metrics: further metrics, such as ``valid_position_rmse`` in m.
-
     Raises:
         ProlearnError: where the store fails; the network is then kept in ``unregistered/``, which
             the message names.
@@ -197,7 +190,7 @@ def add_model_results(
         version: the model.
         metrics: by step, then by name.
         figures: a folder whose content becomes the run's artifacts ``figures/``.
-        dataset: folder and digest of the dataset that it was evaluated on.
+        dataset: folder and digest of what it was evaluated on.
     """
     with opened(create=False) as store:
         try:

@@ -35,36 +35,22 @@ PARAM_OF_FIELD = {"name": "recipe", "epochs": "most_epochs"}
 
 @dataclass(frozen=True)
 class DatasetInfo:
-    """The dataset of a training.
+    """The dataset of a training."""
 
-    Attributes:
-        path: its folder, as given.
-        digest: of its rows of the swarm size that was trained on.
-        train_instances: instances trained on.
-        valid_instances: instances validated on.
-    """
-
-    path: str
-    digest: str
+    path: str  # its folder, as given
+    digest: str  # of its rows of the swarm size that was trained on
     train_instances: int
     valid_instances: int
 
 
 @dataclass(frozen=True)
 class TrainingRecord:
-    """The record of a training.
-
-    Attributes:
-        params: settings.
-        metrics: results.
-        history: columns number, train_loss, valid_loss and seconds, a row an epoch.
-        tags: versions, platform and commit.
-    """
+    """The record of a training."""
 
     params: Mapping[str, Any]
     metrics: Mapping[str, float]
-    history: Mapping[str, Sequence[float | int]]
-    tags: Mapping[str, str]
+    history: Mapping[str, Sequence[float | int]]  # number, train_loss, valid_loss, seconds
+    tags: Mapping[str, str]  # versions, platform and commit
 
 
 def record_of(
@@ -76,16 +62,7 @@ def record_of(
     metrics: Mapping[str, SupportsFloat],
     tags: Mapping[str, str],
 ) -> TrainingRecord:
-    """The record of a training.
-
-    Args:
-        trained: the trained network and its history.
-        recipe: its recipe; each field becomes a parameter.
-        seed: its seed.
-        dataset: what it was trained on.
-        metrics: further metrics, such as ``valid_position_rmse`` in m.
-        tags: what it was made with.
-    """
+    """The record of a training; each field of its recipe becomes a parameter."""
     best = next(e for e in trained.history if e.number == trained.best_epoch)
     rows = [asdict(epoch) for epoch in trained.history]
     return TrainingRecord(

@@ -25,37 +25,21 @@ _left_out: set[tuple[str, str]] = set()
 
 @dataclass(frozen=True)
 class ModelVersion:
-    """One version of a registered model.
+    """One version of a registered model, with its training run."""
 
-    Attributes:
-        name: of the registered model, ``prolearn-<arch>``.
-        version: number of the version, from 1.
-        arch: architecture.
-        recipe: training recipe.
-        run_id: its training run.
-        model_id: MLflow's id of the logged model.
-        aliases: such as ``champion``.
-        dataset_digest: of the dataset that it was trained on.
-        created: when it was registered.
-        params: parameters of the training run.
-        metrics: latest value of each metric of the training run, evaluations included.
-        tags: tags of the training run, such as the versions of what it was made with.
-        contest: how the comparison with the champion ended; empty where none was made.
-    """
-
-    name: str
-    version: int
+    name: str  # of the registered model, prolearn-<arch>
+    version: int  # from 1
     arch: str
     recipe: str
-    run_id: str
-    model_id: str
-    aliases: tuple[str, ...]
-    dataset_digest: str
-    created: datetime
-    params: Mapping[str, str]
-    metrics: Mapping[str, float]
-    tags: Mapping[str, str]
-    contest: str = ""
+    run_id: str  # of its training
+    model_id: str  # of MLflow's logged model
+    aliases: tuple[str, ...]  # such as champion
+    dataset_digest: str  # of the rows that it was trained on
+    created: datetime  # when it was registered
+    params: Mapping[str, str]  # of the run
+    metrics: Mapping[str, float]  # latest values of the run, evaluations included
+    tags: Mapping[str, str]  # of the run, such as the versions of what it was made with
+    contest: str = ""  # how the comparison with the champion ended; empty where none was made
 
     def __post_init__(self) -> None:
         """Refuse a training run whose seed or swarm size is no number."""

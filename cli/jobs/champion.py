@@ -26,12 +26,7 @@ SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"
 
 @dataclass(frozen=True)
 class Contest:
-    """The outcome of comparing a version with the champion.
-
-    Attributes:
-        champion: the champion now, or None.
-        reason: why, in a sentence.
-    """
+    """The outcome of comparing a version with the champion: who is it now, and why."""
 
     champion: ModelVersion | None
     reason: str
@@ -60,13 +55,7 @@ def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
 
 
 def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Contest:
-    """Make a new version the champion where it does better on its validation data.
-
-    Args:
-        version: the new one.
-        trials: of it, on validation scenarios of the data.
-        data: what it was trained on.
-    """
+    """Make a new version the champion where it does better on its validation data."""
     contest = _contest(version, trials, data)
     # Last: where this is missing, ``train --resume`` compares once more.
     note_contest(version, contest.reason)
@@ -94,11 +83,8 @@ def promote(
 ) -> tuple[ModelVersion, str]:
     """Make a version the champion of its registered model; the champion now, and why.
 
-    Args:
-        name: the registered model, or its architecture.
-        number: of the version.
-        data: whose validation split decides; by default what the version was trained on.
-        force: also where it does no better than the champion, which is then not looked at.
+    The validation split of the data decides, by default of what the version was trained on;
+    with ``force`` nothing is compared.
 
     Raises:
         InputError: where there is no such version, it does no better than the champion, or there

@@ -38,17 +38,9 @@ def fly_trials(
     planner: Planner | None = None,
     progress: Progress = SILENT,
 ) -> Sequence[Summary]:
-    """Fly a plan many times, with errors, and write what comes of it; a summary of each loop.
+    """Fly a plan many times with errors, into a folder of files; a summary of each loop.
 
-    Args:
-        plan: what is flown.
-        scenario: that it is for.
-        world: in which it is flown.
-        errors: what goes wrong.
-        out: folder for the files.
-        settings: trials, seed, margin, size and processes.
-        planner: plans anew at every node, in further loops beside the open one; or None.
-        progress: told of each portion.
+    A planner plans anew at every node, in further loops beside the open one.
 
     Raises:
         InputError: for numbers or a folder that cannot be worked with.

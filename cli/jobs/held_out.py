@@ -25,18 +25,11 @@ COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Test scenarios of a dataset, and the networks that are tried on them.
-
-    Attributes:
-        settings: of the experiment.
-        digest: of the dataset's content.
-        scenarios: by swarm size.
-        networks: registered ones.
-    """
+    """Test scenarios of a dataset, and the networks that are tried on them."""
 
     settings: ExperimentSettings
-    digest: str
-    scenarios: Mapping[int, Sequence[Scenario]]
+    digest: str  # of the dataset's content
+    scenarios: Mapping[int, Sequence[Scenario]]  # by swarm size
     networks: Sequence[EvaluatedNetwork]
 
     def run(
@@ -79,10 +72,7 @@ def held_out(
 ) -> HeldOut:
     """What an experiment is run on: of each size the first scenarios by their index.
 
-    Args:
-        settings: of the experiment.
-        sizes: swarm sizes, or all of the dataset.
-        choice: which of the newest trainings take part where no models are named.
+    Without sizes those of the dataset, and without models in the settings ``choice`` takes part.
 
     Raises:
         InputError: for unknown models or models of another problem than the data's, for sizes

@@ -27,13 +27,8 @@ from registry.version import PREFIX, ModelVersion
 class EvaluatedNetwork(EvaluatedPlanner):
     """A registered network in the experiments, flown and as predicted.
 
-    Tables call it by its architecture, and by its version too where trainings of one recipe differ
-    in more than their seed.
-
-    Attributes:
-        planner: the network flown.
-        predictor: the network.
-        version: what the registry knows about it.
+    Its name is its architecture, and its version too where trainings of one recipe differ in more
+    than their seed.
     """
 
     planner: NetworkPlanner
@@ -86,12 +81,8 @@ def networks(
 ) -> list[EvaluatedNetwork]:
     """The networks of some references; without any, the newest that were trained on some data.
 
-    They are in the same order whatever that of the references is.
-
-    Args:
-        references: models; none means the newest trainings of each architecture and recipe.
-        data: the dataset that they are to be tried on.
-        choice: which of these.
+    They are in the same order whatever that of the references is; ``choice`` is made where there
+    are none.
 
     Raises:
         InputError: for a reference to nothing, a model of another orbit or time grid than the
@@ -135,12 +126,8 @@ def model_planner(
 ) -> Planner:
     """The planner that a reference to a model names.
 
-    Args:
-        reference: a registered model.
-        requirements: what its plans must satisfy.
-        effort: of the expert after the model, of EFFORTS, as in ``with_expert``.
-        raw: leave the model's flown plan as it is, safe or not; otherwise the expert comes after
-            it, where it answers with controls only if that plan is not proven safe.
+    The expert comes after it with some effort, of EFFORTS, as in ``with_expert``: unless ``raw``,
+    which leaves the model's flown plan as it is, safe or not.
 
     Raises:
         InputError: for a name that no planner has, where the registry has no such model, or for

@@ -34,19 +34,12 @@ SAME = (*DATA, "models")
 
 @dataclass(frozen=True)
 class Part:
-    """A run that a report has beside the evaluation.
-
-    Attributes:
-        experiment: what it is a run of.
-        command: that makes one.
-        having: parameters that it must have.
-        same: parameters that it must share with the evaluation.
-    """
+    """A run that a report has beside the evaluation."""
 
     experiment: str
-    command: str
-    having: Mapping[str, str] = field(default_factory=dict)
-    same: Sequence[str] = SAME
+    command: str  # that makes such a run
+    having: Mapping[str, str] = field(default_factory=dict)  # parameters that it must have
+    same: Sequence[str] = SAME  # parameters that it must share with the evaluation
 
 
 PARTS = {
@@ -67,13 +60,7 @@ PARTS = {
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A run that is in the report.
-
-    Attributes:
-        run: the run.
-        table: a row for each trial.
-        models: those of the run that are still registered.
-    """
+    """A run that is in the report, with its table and the models that are still registered."""
 
     run: Run
     table: pd.DataFrame
@@ -82,27 +69,16 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """An evaluation and what goes with it.
+    """An evaluation and the runs beside it that a report is made from."""
 
-    Attributes:
-        first: the evaluation.
-        examples: transfers to draw.
-        parts: runs beside it, by name.
-        notes: what a reader must know of what is left out.
-    """
-
-    first: Found
-    examples: Sequence[Example]
-    parts: Mapping[str, Found]
-    notes: Sequence[str]
+    first: Found  # the evaluation
+    examples: Sequence[Example]  # transfers to draw
+    parts: Mapping[str, Found]  # runs beside it, by name
+    notes: Sequence[str]  # on what is left out
 
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
-    """Write the report of an evaluation into a folder.
-
-    Args:
-        out: the folder.
-        run_id: the evaluation's run; the newest by default.
+    """Write the report of an evaluation, the newest by default, into a folder.
 
     Raises:
         InputError: where nothing was evaluated yet, there is no such run, or it is damaged.

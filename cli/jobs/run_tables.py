@@ -31,14 +31,9 @@ from registry.training import add_model_results
 
 @dataclass(frozen=True)
 class Kind:
-    """The table that runs of an experiment have.
+    """The table that runs of an experiment have, and how its trials are averaged."""
 
-    Attributes:
-        name: in ``TABLES``, which has its columns, and in a report's ``Results``.
-        averages: how its trials are averaged.
-    """
-
-    name: str
+    name: str  # in ``TABLES``, which has its columns, and in a report's ``Results``
     averages: Callable[[pd.DataFrame], pd.DataFrame]
 
 
@@ -120,14 +115,7 @@ def averages(run_id: str) -> list[dict[str, Any]]:
 def add_to_model(
     network: EvaluatedNetwork, trials: pd.DataFrame, scenario: Scenario, dataset: tuple[str, str]
 ) -> None:
-    """Add metrics, figures and the dataset to a network's run.
-
-    Args:
-        network: the network.
-        trials: of all planners, columns of ``pipeline.experiments.trials.Trial``.
-        scenario: a transfer to draw.
-        dataset: folder and digest of the dataset.
-    """
+    """Add metrics, figures and the dataset (folder, digest) of an evaluation to a network's run."""
     same = (trials.planner == network.planner.name) & (trials.recipe == network.recipe)
     mine = summarize(trials[same & (trials.training_seed == network.training_seed)])
     beside = summarize(trials[trials.planner == Expert().name])

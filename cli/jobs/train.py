@@ -39,16 +39,9 @@ def trained_before(
 ) -> tuple[ModelVersion, Contest | None] | None:
     """The newest version that was trained like this, by this code, on the same data, if any.
 
-    Where its training was killed before it was compared with the champion, it is now.
-
-    Args:
-        arch: name of the architecture.
-        seed: of weights, order, dropout and fresh scenarios.
-        settings: the others; it must have been trained on their device where they name one.
-        progress: told where one was trained like this by other versions, which does not count.
-
-    Returns:
-        The version, and the outcome of its contest where that was left to do.
+    It must have been trained on the device of the settings where they name one. Where its training
+    was killed before it was compared with the champion, it is now, and the outcome is returned.
+    ``progress`` is told where other versions trained one like this, which does not count.
 
     Raises:
         InputError: for an unknown name, a missing dataset, settings that make no sense, or where
@@ -89,14 +82,7 @@ def train_model(
 ) -> tuple[ModelVersion, Contest]:
     """Train a network, register the model, and compare it with the champion.
 
-    Args:
-        arch: name of the architecture.
-        seed: of weights, order, dropout and fresh scenarios.
-        settings: the others.
-        progress: told of crowded scenarios as they are drawn, and of each epoch.
-
-    Returns:
-        The new version, and the outcome of its contest.
+    The seed is that of weights, order, dropout and fresh scenarios.
 
     Raises:
         InputError: for an unknown name, a missing dataset, or settings that make no sense.

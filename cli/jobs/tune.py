@@ -42,16 +42,8 @@ PARENT = "mlflow_run_id"
 
 
 @dataclass(frozen=True)
-class Search:
-    """A search: its settings, the recipe it starts from, and its data.
-
-    Attributes:
-        settings: as asked for.
-        recipe: the recipe that trials start from.
-        learn: examples to learn from.
-        valid: examples that decide.
-        dataset: where they are from.
-    """
+class RecipeSearch:
+    """A search: its settings, the recipe that trials start from, and its data."""
 
     settings: TuningSettings
     recipe: Recipe
@@ -101,25 +93,15 @@ class Search:
 
 @dataclass(frozen=True)
 class Tuned:
-    """The outcome of a search so far.
+    """The outcome of a search so far."""
 
-    Attributes:
-        study: its name in the storage.
-        storage: the SQLite file.
-        run_id: MLflow's run that holds those of the trials.
-        trials: how many are complete.
-        objective: the metric that counts.
-        value: the least of it.
-        best: recipe fields of the best trial.
-    """
-
-    study: str
-    storage: Path
-    run_id: str
-    trials: int
-    objective: str
-    value: float
-    best: Mapping[str, Any]
+    study: str  # its name in the storage
+    storage: Path  # the SQLite file
+    run_id: str  # of MLflow, which holds the runs of the trials
+    trials: int  # complete ones
+    objective: str  # the metric that counts
+    value: float  # the least of it
+    best: Mapping[str, Any]  # recipe fields of the best trial
 
     @property
     def in_words(self) -> str:
@@ -145,7 +127,7 @@ def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
     recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
     learn, valid = sources(recipe, data, n, seed=seed)
     dataset = DatasetInfo(data, read_manifest(data).digest(n), len(learn), len(valid))
-    search = Search(settings, recipe, learn, valid, dataset)
+    search = RecipeSearch(settings, recipe, learn, valid, dataset)
     with opened() as opened_store:
         store = with_experiment(opened_store, TUNING)
         path = (settings.storage or _storage_beside(store)).absolute()
@@ -161,7 +143,7 @@ def _storage_beside(store: Store) -> Path:
 
 
 @contextmanager
-def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
+def _parent(store: Store, study: "Study", search: RecipeSearch) -> Iterator[str]:
     """The run that holds those of the trials: the study's own, wherever it began."""
     known = study.user_attrs.get(PARENT)
     try:
@@ -178,7 +160,9 @@ def _parent(store: Store, study: "Study", search: Search) -> Iterator[str]:
         yield run_id
 
 
-def _search(study: "Study", store: Store, search: Search, run_id: str, progress: Progress) -> None:
+def _search(
+    study: "Study", store: Store, search: RecipeSearch, run_id: str, progress: Progress
+) -> None:
     trials = search.settings.trials
     last = min(trials, complete(study))
     progress.expect(trials - last)
@@ -205,7 +189,7 @@ def _search(study: "Study", store: Store, search: Search, run_id: str, progress:
     progress.end("others diverged")
 
 
-def _trial(trial: "Trial", store: Store, search: Search) -> float:
+def _trial(trial: "Trial", store: Store, search: RecipeSearch) -> float:
     """Train once and record it as a nested run; what the objective comes to."""
     unused = unused_fields(find(search.settings.arch))
     recipe = replace(search.recipe, **suggested(trial, unused))
@@ -219,7 +203,7 @@ def _trial(trial: "Trial", store: Store, search: Search) -> float:
     return record.metrics[search.objective]
 
 
-def _found(study: "Study", search: Search, path: Path, run_id: str) -> Tuned:
+def _found(study: "Study", search: RecipeSearch, path: Path, run_id: str) -> Tuned:
     trials = complete(study)
     if not trials:
         raise ProlearnError(
