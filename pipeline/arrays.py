@@ -7,5 +7,7 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     Array = npt.NDArray[Any]
+    ArrayOrNumber = npt.NDArray[Any]
 else:
     Array = np.ndarray
+    ArrayOrNumber = np.ndarray | np.generic  # which numpy gives for an array of no dimension

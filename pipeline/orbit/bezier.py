@@ -5,7 +5,7 @@ from math import comb
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, ArrayOrNumber
 
 MAX_SPLITS = 40  # more than enough: each split at least quarters the error of the bracket
 # Enough to be within rounding of a minimum on a stretch where motion is nearly uniform
@@ -21,12 +21,12 @@ SQUARED = np.array(
 )
 
 
-def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
     """Products of vectors."""
     return np.vecdot(a, b)
 
 
-def norm(a: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+def norm(a: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
     """Length of vectors."""
     return np.sqrt(dot(a, a))
 

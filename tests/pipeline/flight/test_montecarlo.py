@@ -20,10 +20,13 @@ from pipeline.flight.loops import Loop
 from pipeline.flight.montecarlo import MonteCarlo, fly_all
 from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
+from pipeline.networks.model import load
+from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.planners.classical import Expert
 from pipeline.planners.named import named_planner
+from pipeline.planners.network import NetworkPlanner
 from pipeline.planners.planner import identity
 from pipeline.scenario import draw
 
@@ -173,16 +176,22 @@ def test_another_planner_or_effort_does_not_either(undisturbed, planner, named):
 
 
 def test_networks_are_told_apart_by_their_weights():
-    refiner = named_planner("refiner")
-    model = refiner.network.model
+    model = load(FOLDER)
     other = deepcopy(model.network)
     next(other.parameters())[0] += 1e-3
-    changed = replace(
-        refiner, network=replace(refiner.network, model=replace(model, network=other))
+    networks = (model, replace(model, network=other), named_planner("refiner").network.model)
+    one, changed, packaged = (
+        identity(NetworkPlanner(network, "refiner"))
+        for network in (
+            model,
+            replace(model, network=other),
+            named_planner("refiner").network.model,
+        )
     )
-    assert identity(refiner) == identity(named_planner("refiner"))
-    assert identity(refiner) != identity(changed)
-    assert json.loads(json.dumps(identity(refiner))) == identity(refiner)
+    assert one["model"]["digest"] == packaged["model"]["digest"] != changed["model"]["digest"]
+    refiner = identity(named_planner("refiner"))
+    assert refiner == identity(named_planner("refiner"))
+    assert json.loads(json.dumps(refiner)) == refiner
 
 
 def copied(one, other):
