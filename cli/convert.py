@@ -67,7 +67,7 @@ def convert(
 
 
 def _default(plan: Path, to: Form) -> Path:
-    """Where a plan goes that is told no place."""
+    """Where a plan goes without --out."""
     if plan == STDIO:
         return STDIO
     return plan.with_suffix("" if to == "oem" else f".{to}")

@@ -136,8 +136,8 @@ def plan(
                 write_plan(target, made, made.flown(scenario))
                 problem = scenario.problem
                 off = model_error(made.states, problem.mean_motion, problem.duration).total
-                told = {"model_error": off, "collision_radius": problem.collision_radius}
-                rows.append({"scenario": str(path), "plan": str(target), **summary(made), **told})
+                more = {"model_error": off, "collision_radius": problem.collision_radius}
+                rows.append({"scenario": str(path), "plan": str(target), **summary(made), **more})
                 shown.done()
     with beside(not to_people):
         print_json(rows) if as_json else print_plans(rows)

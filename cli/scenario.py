@@ -184,8 +184,8 @@ def check(
         found = diagnostics(asked)
     fine = all(finding.fine for finding in found)
     if as_json:
-        told = [{**asdict(finding), "fine": finding.fine} for finding in found]
-        print_json({"scenario": str(scenario), "fine": fine, "findings": told})
+        listed = [{**asdict(finding), "fine": finding.fine} for finding in found]
+        print_json({"scenario": str(scenario), "fine": fine, "findings": listed})
     else:
         echo(f"{scenario}: {_about(asked)}", "")
         _show(found)
