@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import pandas as pd
 import typer
 
+from benchmarks.rule import Rule, own_rounds, with_rounds
 from cli.jobs.held_out import HeldOut, held_out, listed
 from cli.jobs.networks import EvaluatedNetwork, newest_on
 from cli.options import int_list, with_settings
@@ -25,10 +26,8 @@ from pipeline.experiments.ablations import SHORT, TUNED
 from pipeline.experiments.records import TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import DECOUPLED
-from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import NetworkPlanner
-from pipeline.planners.rule import Rule
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
 from pipeline.storage.folder import Where

@@ -19,17 +19,18 @@ import torch
 import typer
 from threadpoolctl import threadpool_limits
 
+from benchmarks.rule import Rule
 from benchmarks.tables import Row, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import Model, load
-from pipeline.networks.refiner.other_rounds import own_rounds
-from pipeline.networks.refiner.packaged import packaged
+from pipeline.networks.refiner.packaged import TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Plan
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import ONE_SOLVE, FallbackPlanner, NetworkPlanner
-from pipeline.planners.rule import Rule
 from pipeline.scenario import Scenario, draw
+
+Trained = Model | TrainedRefiner
 
 SEED = 2022
 BATCHES = {"rings": {10: 500, 30: 150, 100: 16}, "dense": {10: 150}}
@@ -61,10 +62,11 @@ def main(
     write_json(out / "fallback.json", rows)
 
 
-def _compared(network: Model, family: str, n: int, count: int, split: str) -> list[Row]:
+def _compared(network: Trained, family: str, n: int, count: int, split: str) -> list[Row]:
     """A line for each planner, on scenarios of one size."""
     scenarios = [draw(family, SEED, n, k, Problem(), split) for k in range(count)]
-    flown, rounds = NetworkPlanner(network, "network"), own_rounds(network) or 0
+    flown = NetworkPlanner(network, "network")
+    rounds = network.rounds if isinstance(network, TrainedRefiner) else network.config["rounds"]
     own = next(baseline for baseline in BASELINES if baseline.name == "own LP")
     planners: dict[str, Plans] = {
         "decoupled optima": own.plan,
@@ -96,7 +98,7 @@ def _one_solve(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Pla
     return solve_many(scenarios, seeds, ONE_SOLVE)
 
 
-def _answer(network: Model, scenarios: Sequence[Scenario]) -> list[Plan]:
+def _answer(network: Trained, scenarios: Sequence[Scenario]) -> list[Plan]:
     """What the network alone takes, without a certificate."""
     initial, goal = (np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal"))
     network.answer(initial, goal, scenarios[0].problem.collision_radius)

@@ -28,8 +28,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 from pipeline.training.data import Preparation, Prepared
-from pipeline.training.descent import Descent
-from pipeline.training.loop import Task, pass_over
+from pipeline.training.loop import Descent, Task, pass_over
 
 SEED = 2022
 N = 10

@@ -18,8 +18,7 @@ from pipeline.figures.style import save as save_figure
 from pipeline.figures.style import styles
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
-from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.ablations import for_comparison
+from pipeline.networks.recipes import Recipe, for_comparison
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained

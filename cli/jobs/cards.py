@@ -4,14 +4,11 @@ from collections.abc import Iterable, Mapping
 
 from pipeline.markdown import Markdown, code, formatted, table
 from pipeline.networks.model import Model
-from pipeline.networks.onnx_check import TOLERANCE
-from pipeline.networks.onnx_export import Exported
-from pipeline.networks.refiner.best import STEADY
+from pipeline.networks.onnx_export import TOLERANCE, Exported
+from pipeline.networks.refiner.model import SAFE, STEADY
 from pipeline.networks.refiner.on_board.check import TOLERANCE as CRAFT_TOLERANCE
 from pipeline.networks.refiner.on_board.export import ExportedCraft
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
-from pipeline.networks.refiner.on_board.values import value
-from pipeline.networks.refiner.rounds import SAFE
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, value
 from pipeline.templates import template
 from registry.version import ModelVersion
 

@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import for_comparison
+from pipeline.networks.recipes import for_comparison
 from pipeline.planners.network import NetworkPlanner
 from pipeline.storage.folder import Where
 from registry.models import champion_of, load, note_contest, resolve, set_champion

@@ -7,11 +7,12 @@ from pathlib import Path
 from cli.jobs.cards import BY_SIZE, Measured, craft_card, model_card
 from pipeline.errors import InputError
 from pipeline.files import write_text
+from pipeline.networks.model import load as load_network
 from pipeline.networks.onnx_export import Exported
 from pipeline.networks.onnx_export import export as export_onnx
-from pipeline.networks.refiner.ablations import REFINER
+from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
-from pipeline.networks.refiner.packaged import packaged
+from pipeline.networks.refiner.packaged import FOLDER
 from registry.models import load
 from registry.training import model_metric_by_size
 from registry.version import PREFIX, ModelVersion
@@ -62,7 +63,7 @@ def export(
             refiner is asked for n or flown.
         ProlearnError: where the store fails, or the file does not answer as the model does.
     """
-    model, version = (packaged(), None) if reference is None else load(reference)
+    model, version = (load_network(FOLDER), None) if reference is None else load(reference)
     known: dict[str, str] = {"uri": PACKAGED}
     measured: Measured = {}
     if version is not None:

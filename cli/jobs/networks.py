@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.networks.catalogue import architecture_names
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import REFINER, for_comparison
+from pipeline.networks.recipes import REFINER, for_comparison
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
 from pipeline.planners.classical import BASELINES, Expert

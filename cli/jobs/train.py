@@ -10,10 +10,8 @@ from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.recipes import Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.families import SEEDS
-from pipeline.training.device import training_device
-from pipeline.training.loop import train
-from pipeline.training.sources import sources
-from pipeline.training.validation import POSITION_RMSE, position_rmse
+from pipeline.training.data import sources
+from pipeline.training.loop import POSITION_RMSE, position_rmse, train, training_device
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
 from registry.models import list_versions, load

@@ -19,11 +19,9 @@ from pipeline.networks.recipes import MOST, Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
-from pipeline.training.device import training_device
-from pipeline.training.loop import train
-from pipeline.training.sources import sources
-from pipeline.training.study import complete, open_study, suggested
-from pipeline.training.validation import POSITION_RMSE, position_rmse
+from pipeline.training.data import sources
+from pipeline.training.loop import POSITION_RMSE, position_rmse, train, training_device
+from pipeline.training.search import complete, open_study, suggested
 from registry.entities import curve_metrics, metrics_now
 from registry.environment import TRAINED_BY, environment_tags
 from registry.running import recorded_run, reopened_run

@@ -37,7 +37,7 @@ ENOUGH = 0.5
 """Share of the risk asked for from which a plan is not needlessly safe."""
 
 AIM = 0.75
-"""Share of it that is aimed for."""
+"""Share of it that the next number of standard deviations is chosen for."""
 
 
 def solve(

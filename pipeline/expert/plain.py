@@ -100,10 +100,10 @@ class PlainScp:
                 f"program was compiled for: {self.n} craft and {self.problem}."
             )
         blank = np.zeros((self.n, self.problem.nodes, 6))
-        aim = blank if seed is None else checked_seed(scenario, seed)
+        reference = blank if seed is None else checked_seed(scenario, seed)
         optima = decoupled_optima(scenario.initial, scenario.goal, self.problem)
         bound, proof = optima.bound()
-        found = self._search(scenario, aim, bound)
+        found = self._search(scenario, reference, bound)
         controls = optima.controls if found.controls is None else found.controls
         timing = {"plan": perf_counter() - started}
         made = Made(controls, bound, proof, found.convex_solves, timing)
@@ -113,17 +113,17 @@ class PlainScp:
         given_up = f"no plan clear at the nodes after {found.convex_solves} convex solves"
         return replace(plan, status=UNSOLVED, message=given_up)
 
-    def _search(self, scenario: Scenario, aim: Seed, bound: float) -> _Found:
+    def _search(self, scenario: Scenario, reference: Seed, bound: float) -> _Found:
         """Solve and linearize anew until an iterate that is clear at the nodes is good enough."""
         best, least = _Found(), np.inf
         for solves in range(1, MAX_ROUNDS + 1):
             best = replace(best, convex_solves=solves)
-            optimum = self._optimum(scenario, aim)
+            optimum = self._optimum(scenario, reference)
             if optimum is None:
                 break
             controls = meet_goal(scenario.initial, optimum, scenario.goal, self.problem)
-            aim = fly(scenario.initial, controls, self.problem)
-            if node_collisions(aim, self.problem.collision_radius):
+            reference = fly(scenario.initial, controls, self.problem)
+            if node_collisions(reference, self.problem.collision_radius):
                 best = best if best.clear else replace(best, controls=controls)
                 continue
             used = float(fuel(controls))
@@ -134,9 +134,9 @@ class PlainScp:
                 break
         return best
 
-    def _optimum(self, scenario: Scenario, aim: Seed) -> Float[Array, "n intervals 3"] | None:
+    def _optimum(self, scenario: Scenario, reference: Seed) -> Float[Array, "n intervals 3"] | None:
         """The program's controls with half-spaces about node states, m/s², or None."""
-        apart = self._half_spaces(aim)
+        apart = self._half_spaces(reference)
         A = sparse.vstack([self._equal, self._within, -apart], format="csc")
         equalities, bounds = self._equal.shape[0], self._bounds
         b, cost = np.zeros(A.shape[0]), np.zeros(A.shape[1])
@@ -156,10 +156,10 @@ class PlainScp:
         controls = np.asarray(found.x)[bounds : 2 * bounds].reshape(-1, 3, self.n)
         return np.ascontiguousarray(UNIT * controls.transpose(2, 0, 1))
 
-    def _half_spaces(self, aim: Seed) -> sparse.csr_array:
+    def _half_spaces(self, reference: Seed) -> sparse.csr_array:
         """Rows n̂ · (pᵢ - pⱼ) of every pair at every inner node, Eq. 5 linearized."""
         inner, both, n = self.problem.nodes - 2, np.array(self._pairs), self.n
-        apart = (aim[both[0], 1:-1] - aim[both[1], 1:-1]).swapaxes(0, 1).reshape(-1, 6)
+        apart = (reference[both[0], 1:-1] - reference[both[1], 1:-1]).swapaxes(0, 1).reshape(-1, 6)
         normal = directions(apart[:, :3], apart[:, 3:]).reshape(inner, -1, 3)
         time, component = np.arange(2, inner + 2)[:, None, None], np.arange(3)
         column = 2 * self._bounds + 6 * n * time + n * component + both[:, None, :, None]

@@ -13,7 +13,7 @@ half-space cuts linearized about a trajectory. The iteration cannot cycle:
 
 A cluster whose program the solver fails at keeps what it has; the others go on. The search ends
 with the cheapest iterate of each scenario that it has seen safe as a whole. Scenarios are searched
-side by side: what is done for all craft at once is done for all scenarios at once.
+side by side: operations on all craft act on all scenarios at once.
 """
 
 from collections.abc import Sequence

@@ -12,20 +12,57 @@ Then ``mine`` can be trained, saved, loaded, evaluated and planned with like the
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-from jaxtyping import Float
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
 from torch import Tensor, nn
 
+from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.catalogue import entry_point
+from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import RECIPES, Recipe
-from pipeline.networks.swarms import Batch, Swarms
+from pipeline.orbit.problem import Problem
 
-Answer = Literal["states", "controls"]
+Batch = Mapping[str, Tensor]
+"""What an architecture has prepared for some swarms; the first axis of each tensor is theirs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swarms:
+    """Some swarms of one size on one orbit and time grid, in float64 on the CPU.
+
+    Attributes:
+        states: the expert's node states; not numbers where it has not planned, or None.
+    """
+
+    problem: Problem  # orbit and time grid
+    initial: Float64[Tensor, "b n 6"]  # m and m/s
+    goal: Float64[Tensor, "b n 6"]  # m and m/s
+    collision_radius: Float64[Tensor, "b"]  # of each swarm, m; it need not be the problem's
+    states: Float64[Tensor, "b n T 6"] | None = None
+
+
+def swarms(
+    problem: Problem,
+    initial: Float[Array, "b n 6"],
+    goal: Float[Array, "b n 6"],
+    states: Float[Array, "b n T 6"] | None = None,
+) -> Swarms:
+    """Swarms that share a problem, its collision radius included, without copies of the arrays."""
+    radius = torch.full((len(initial),), problem.collision_radius, dtype=torch.float64)
+    labels = None if states is None else _tensor(states)
+    return Swarms(problem, _tensor(initial), _tensor(goal), radius, labels)
+
+
+def _tensor(values: Float[Array, "..."]) -> Float64[Tensor, "..."]:
+    """The same numbers, in the same memory where torch can share it."""
+    return torch.from_numpy(np.require(values, np.float64, ["C", "W"]))
 
 
 @runtime_checkable
@@ -39,22 +76,18 @@ class Architecture(Protocol):
     @property
     def config(self) -> Mapping[str, Any]:
         """Sizes as plain JSON values; they are stored with each model."""
-        ...
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
         """By recipe name, the fields of ``pipeline.networks.recipes.Recipe`` that differ."""
-        ...
 
     @property
     def answers(self) -> Answer:
         """What it answers with: "states" at the nodes, or "controls" of the intervals."""
-        ...
 
     @property
     def objective(self) -> str:
         """The metric of a training that a search for better recipes makes small."""
-        ...
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """An untrained module.
@@ -69,7 +102,6 @@ class Architecture(Protocol):
             encoding: swarm size, nodes and problem that the network is for.
             dropout: share of each hidden layer's outputs to drop in training.
         """
-        ...
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
         """What loss and score need of some swarms, on the CPU.
@@ -79,13 +111,11 @@ class Architecture(Protocol):
         Raises:
             InputError: where it needs the expert's plans and there are none.
         """
-        ...
 
     def loss(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """What training makes small: a mean over a batch, on the network's device."""
-        ...
 
     def score(
         self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
@@ -94,13 +124,11 @@ class Architecture(Protocol):
 
         It is a mean over a batch of validation data, without gradients.
         """
-        ...
 
     def answer(
         self, network: nn.Module, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ _"]:
         """States (b, n, T, 6), m and m/s, or controls (b, n, T-1, 3), m/s², for any n ≥ 1."""
-        ...
 
 
 def unused_fields(architecture: Architecture) -> frozenset[str]:

@@ -19,11 +19,9 @@ class AnyEntryPoint(Protocol):
     @property
     def value(self) -> str:
         """Module and object."""
-        ...
 
     def load(self) -> Any:
         """The object."""
-        ...
 
 
 def architecture_names() -> tuple[str, ...]:

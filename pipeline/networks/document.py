@@ -1,14 +1,91 @@
-"""model.json (schema prolearn.model/1): all of a trained model but its weights."""
+"""What every trained network has, without torch: model.json, its weights' file, and answers.
 
-from typing import Annotated, Any, Literal
+The schema of model.json is prolearn.model/1: all of a trained model but its weights.
+"""
 
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol, TypeVar, runtime_checkable
+
+from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from safetensors import SafetensorError
 
-from pipeline.documents import CHECKSUM, without_checksum
-from pipeline.networks.encoding import Encoding
+from pipeline.arrays import Array
+from pipeline.documents import CHECKSUM, read_document, without_checksum
+from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 
-WHAT = "a model of schema prolearn.model/1: update prolearn or train the model again"
+WEIGHTS_FILE = "weights.safetensors"
+DOCUMENT_FILE = "model.json"
+
+COLUMNS_AT_ONCE = 50_000
+"""Columns n·T of all instances answered together; a few hundred MB in the widest network."""
+
+Answer = Literal["states", "controls"]
+
+Ends = Float[Array, "N n 6"]
+
+Weights = TypeVar("Weights")
+
+
+@runtime_checkable
+class TrainedNetwork(Protocol):
+    """What planners need of a trained network, whether it runs on torch or not."""
+
+    @property
+    def architecture(self) -> str:
+        """Its name."""
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of its training data."""
+
+    @property
+    def answers(self) -> Answer:
+        """What it answers with."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that decides its answers."""
+
+    def on(self, problem: Problem) -> "TrainedNetwork":
+        """The same weights for another problem: other nodes, step or orbit.
+
+        Raises:
+            InputError: where the weights do not fit.
+        """
+
+    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ _"]:
+        """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s².
+
+        Args:
+            initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
+            goal: their goal states.
+            collision_radius: r_col, m, for networks that read it.
+
+        Raises:
+            InputError: where the two differ in shape or are not states of swarms.
+        """
+
+
+def portions(initial: Array, goal: Array, nodes: int) -> Iterator[slice]:
+    """The swarms that are answered together; one portion of none where there is none.
+
+    Raises:
+        InputError: where the two differ in shape or are not states of swarms.
+    """
+    n, components = initial.shape[-2:]
+    if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
+        raise InputError(
+            f"initial has shape {initial.shape} and goal {goal.shape}; expected (N, n, 6) for "
+            "both, with at least one spacecraft."
+        )
+    step = max(1, COLUMNS_AT_ONCE // (n * nodes))
+    for start in range(0, max(1, len(initial)), step):
+        yield slice(start, start + step)
+
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Scale = Annotated[list[Positive], Field(min_length=6, max_length=6)]
@@ -53,13 +130,45 @@ class ModelDocument(BaseModel):
         return without_checksum(fields) if checked else fields
 
     @property
-    def encoding(self) -> Encoding:
-        """The encoding that the fields describe."""
-        return Encoding(
-            problem=Problem(**self.problem.model_dump()),
-            n=self.n_train,
-            interior=self.interior,
-            target=self.target,
-            input_scale=tuple(self.input_scale),
-            target_scale=tuple(self.target_scale),
+    def digest(self) -> str:
+        """SHA-256 of the fields, and so of the weights too."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
+
+
+def read_model(folder: Path) -> ModelDocument:
+    """The model.json of a folder.
+
+    Raises:
+        InputError: where it is missing, damaged or of another schema.
+    """
+    what = "a model of schema prolearn.model/1: update prolearn or train the model again"
+    return read_document(folder / DOCUMENT_FILE, ModelDocument, what)
+
+
+def read_weights(folder: Path, digest: str, parse: Callable[[bytes], Weights]) -> Weights:
+    """The weights of a folder, of which nothing is executed.
+
+    Args:
+        folder: where the file is.
+        digest: SHA-256 that it must have.
+        parse: of safetensors, for arrays or tensors.
+
+    Raises:
+        InputError: where the file is missing, another or damaged.
+    """
+    path = folder / WEIGHTS_FILE
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error}); expected weights.") from error
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise InputError(
+            f"{path} is not the file that {DOCUMENT_FILE} was written for (weights_sha256 "
+            "differs); copy the model again or train it again."
         )
+    try:
+        return parse(content)
+    except (SafetensorError, KeyError, ValueError) as error:
+        raise InputError(
+            f"{path} holds no safetensors ({error}); train the model again."
+        ) from error

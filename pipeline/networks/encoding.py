@@ -1,5 +1,6 @@
 """How states become what a network reads and answers, and back."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,22 +11,46 @@ from torch import Tensor
 from pipeline.arrays import Array
 from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError
-from pipeline.networks.interior import INTERIORS
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 
-STATES = "states"
-"""The answer is the trajectory itself, as in the paper."""
+Ends = Float[Array, "*batch 6"]
+Trajectories = Float[Array, "*batch T 6"]
 
-OFFSET = "offset"
-"""The answer is the trajectory's offset from the input's."""
+
+def line(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+    """The straight line from initial to goal state, in m and m/s."""
+    return straight_line(initial, goal, problem.nodes)
+
+
+def zeros(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+    """Nothing but the first and last state of each craft."""
+    states = np.zeros((*initial.shape[:-1], problem.nodes, 6))
+    states[..., 0, :], states[..., -1, :] = initial, goal
+    return states
+
+
+def least_energy(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+    """Each craft's own transfer of minimum energy, in closed form."""
+    return fly(initial, minimum_energy(initial, goal, problem), problem)
+
+
+INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
+    "line": line,
+    "zeros": zeros,
+    "minimum-energy": least_energy,
+}
+"""By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
+
+STATES = "states"  # the answer is the trajectory itself, as in the paper
+OFFSET = "offset"  # the answer is the trajectory's offset from the input's
 
 TARGETS = (STATES, OFFSET)
 
 COMMON = "common"
 """One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix."""
 
-COMPONENT = "component"
-"""A scale for each component, so that each is near 1."""
+COMPONENT = "component"  # a scale for each component, so that each is near 1
 
 SCALINGS = (COMMON, COMPONENT)
 
@@ -35,23 +60,14 @@ LEAST_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class Encoding:
-    """The paper's 6 x nT matrix, craft after craft, with its largest components near 1.
+    """The paper's 6 x nT matrix, craft after craft, with its largest components near 1."""
 
-    Attributes:
-        problem: orbit, time grid and collision radius of the training data.
-        n: spacecraft in each training instance.
-        interior: what stands in the input between initial and goal state, of INTERIORS.
-        target: STATES or OFFSET.
-        input_scale: what each component of the inputs is divided by, m and m/s.
-        target_scale: the same of the targets.
-    """
-
-    problem: Problem
-    n: int
-    interior: str
-    target: str
-    input_scale: tuple[float, ...]
-    target_scale: tuple[float, ...]
+    problem: Problem  # orbit, time grid and collision radius of the training data
+    n: int  # spacecraft in each training instance
+    interior: str  # what stands in the input between initial and goal state, of INTERIORS
+    target: str  # STATES or OFFSET
+    input_scale: tuple[float, ...]  # what each component of the inputs is divided by, m and m/s
+    target_scale: tuple[float, ...]  # the same of the targets
 
     def __post_init__(self) -> None:
         """Refuse names that mean nothing here."""

@@ -3,19 +3,36 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
-from typing import Any
+from itertools import combinations, pairwise
+from math import ceil, comb
+from typing import Annotated, Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
 from pipeline.arrays import Array
-from pipeline.networks.combinations import combinations_of
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.layers import hidden_layers
 from pipeline.networks.supervised import Supervised
+
+MAX_WIDTH = 1_000_000  # more neurons in a layer than this is a mistake
+
+Width = Annotated[int, Field(ge=1, le=MAX_WIDTH, strict=True)]
+
+
+class Layers(BaseModel):
+    """Neurons of each hidden layer, in order."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    hidden: list[Width] = Field(min_length=1, max_length=100)
+
+
+def hidden_layers(config: Mapping[str, Any]) -> list[int]:
+    """The ``hidden`` of a configuration; ValueError where it makes no sense."""
+    return Layers.model_validate(dict(config)).hidden
 
 
 @dataclass(frozen=True)
@@ -24,14 +41,10 @@ class FeedForward(Supervised):
 
     Its input has a fixed size. A smaller swarm is padded with virtual craft at rest in the
     origin; a larger one is answered with the average over combinations of its craft.
-
-    Attributes:
-        hidden: neurons of each hidden layer.
-        collision: whether the loss has the collision penalty.
     """
 
-    hidden: tuple[int, ...]
-    collision: bool = False
+    hidden: tuple[int, ...]  # neurons of each hidden layer
+    collision: bool = False  # whether the loss has the collision penalty
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -84,6 +97,47 @@ def _shares(n: int, size: int) -> Float[Array, "n _"]:
     craft = combinations_of(n, size).flatten()
     member = np.arange(n)[:, None] == craft
     return member / member.sum(axis=1, keepdims=True)
+
+
+MOST_COMBINATIONS = 100  # the paper's limit on combinations an instance
+
+
+@lru_cache(maxsize=64)
+def combinations_of(n: int, size: int) -> Int[Array, "k size"]:
+    """Distinct combinations of ``size`` of n craft, every craft in some; a function of both alone.
+
+    All of them where there are at most MOST_COMBINATIONS. Otherwise random permutations, cut into
+    pieces of ``size`` with the last piece wrapping round, until there are so many: so craft are in
+    nearly equally many. More only where fewer could not hold every craft.
+
+    Args:
+        n: craft in the swarm, at least ``size``.
+        size: craft in a combination.
+
+    Returns:
+        Indices of craft, ascending in each row; read-only.
+    """
+    if comb(n, size) <= MOST_COMBINATIONS:
+        chosen = _all_combinations(n, size)
+    else:
+        chosen = _random_combinations(n, size, max(MOST_COMBINATIONS, ceil(n / size)))
+    chosen.flags.writeable = False
+    return chosen
+
+
+def _all_combinations(n: int, size: int) -> Int[Array, "k size"]:
+    return np.array(list(combinations(range(n), size)))
+
+
+def _random_combinations(n: int, size: int, count: int) -> Int[Array, "k size"]:
+    rng = np.random.default_rng([n, size])
+    pieces = ceil(n / size)
+    chosen: dict[tuple[int, ...], None] = {}  # a set that keeps the order
+    while len(chosen) < count:
+        # The first permutation's pieces are distinct, so all of them stay, and cover every craft.
+        rows = np.resize(rng.permutation(n), (pieces, size))
+        chosen.update(dict.fromkeys(tuple(row) for row in np.sort(rows, axis=1).tolist()))
+    return np.array(list(chosen)[:count])
 
 
 FF1 = FeedForward((180,))

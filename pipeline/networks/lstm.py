@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.layers import hidden_layers
+from pipeline.networks.feedforward import hidden_layers
 from pipeline.networks.supervised import Supervised
 
 STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
@@ -40,15 +40,10 @@ class Columns(nn.Module):
 
 @dataclass(frozen=True)
 class Lstm(Supervised):
-    """LSTM layers over the craft's trajectories, one after the other, so for any number of them.
+    """LSTM layers over the craft's trajectories, one after the other, so for any number of them."""
 
-    Attributes:
-        hidden: units of each LSTM layer.
-        collision: whether the loss has the collision penalty.
-    """
-
-    hidden: tuple[int, ...]
-    collision: bool = False
+    hidden: tuple[int, ...]  # units of each LSTM layer
+    collision: bool = False  # whether the loss has the collision penalty
 
     @property
     def config(self) -> Mapping[str, Any]:

@@ -1,7 +1,7 @@
 """A trained model: a value that answers swarms, in a folder when it is not in memory."""
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,49 +9,42 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
-from safetensors import SafetensorError
 from safetensors.torch import load as tensors_from
 from safetensors.torch import save as tensors_to
 from torch import Tensor, nn
 
 from pipeline.arrays import Array
-from pipeline.documents import read_document, with_checksum, write_document
+from pipeline.documents import with_checksum, write_document
 from pipeline.errors import InputError
 from pipeline.files import published
-from pipeline.networks.architecture import Answer, find
-from pipeline.networks.document import WHAT, ModelDocument, ProblemFields
+from pipeline.networks.architecture import Swarms, find, swarms
+from pipeline.networks.document import (
+    DOCUMENT_FILE,
+    WEIGHTS_FILE,
+    Answer,
+    ModelDocument,
+    ProblemFields,
+    portions,
+    read_model,
+    read_weights,
+)
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.swarms import Swarms, swarms
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-
-WEIGHTS_FILE = "weights.safetensors"
-DOCUMENT_FILE = "model.json"
 
 NO_NETWORK = (ValueError, TypeError, KeyError, RuntimeError)
 """What an architecture raises where a configuration makes no network."""
 
-COLUMNS_AT_ONCE = 50_000
-"""Columns n·T of all instances answered together; a few hundred MB in the widest network."""
-
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A trained network with all that is needed to use it.
+    """A trained network with all that is needed to use it."""
 
-    Attributes:
-        architecture: its name.
-        config: its sizes.
-        recipe: name of the recipe that it was trained by.
-        encoding: how states become its input and its answer becomes states.
-        network: the module, for answers only.
-    """
-
-    architecture: str
-    config: Mapping[str, Any]
-    recipe: str
-    encoding: Encoding
-    network: nn.Module
+    architecture: str  # its name
+    config: Mapping[str, Any]  # its sizes
+    recipe: str  # name of the recipe that it was trained by
+    encoding: Encoding  # how states become its input and its answer becomes states
+    network: nn.Module  # the module, for answers only
 
     def __post_init__(self) -> None:
         """Switch off what only training needs: dropout and gradients."""
@@ -70,8 +63,7 @@ class Model:
     @property
     def digest(self) -> str:
         """SHA-256 of all that decides its answers."""
-        _, document = _documented(self)  # which has the weights' digest
-        return hashlib.sha256(document.model_dump_json().encode()).hexdigest()
+        return _documented(self)[1].digest
 
     def on(self, problem: Problem) -> "Model":
         """The same weights and scales for another problem: other nodes, step or orbit.
@@ -118,39 +110,16 @@ class Model:
     def answer(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"], collision_radius: float
     ) -> Float[Array, "N n _ _"]:
-        """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s².
-
-        Args:
-            initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
-            goal: their goal states.
-            collision_radius: r_col, m, for networks that read it.
-
-        Raises:
-            InputError: where the two differ in shape or are not states of swarms.
-        """
-        n, components = initial.shape[-2:]
-        if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
-            raise InputError(
-                f"initial has shape {initial.shape} and goal {goal.shape}; expected (N, n, 6) for "
-                "both, with at least one spacecraft."
-            )
+        """As in ``TrainedNetwork``."""
         problem = replace(self.problem, collision_radius=collision_radius)
-        return np.concatenate([self._answer(some) for some in portions(problem, initial, goal)])
+        every = portions(initial, goal, problem.nodes)
+        asked = (swarms(problem, initial[part], goal[part]) for part in every)
+        return np.concatenate([self._answer(some) for some in asked])
 
     @torch.inference_mode()
     def _answer(self, asked: Swarms) -> Float[Array, "b n _ _"]:
         answer = find(self.architecture).answer(self.network, asked, self.encoding)
         return np.asarray(answer.double().cpu().numpy())
-
-
-def portions(
-    problem: Problem, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
-) -> Iterator[Swarms]:
-    """Swarms, as many at once as are answered together; one portion of none where there is none."""
-    step = max(1, COLUMNS_AT_ONCE // (initial.shape[1] * problem.nodes))
-    for start in range(0, max(1, len(initial)), step):
-        part = slice(start, start + step)
-        yield swarms(problem, initial[part], goal[part])
 
 
 def save(model: Model, folder: Path) -> None:
@@ -187,8 +156,15 @@ def load(folder: Path) -> Model:
         InputError: where a file is missing, damaged, of another schema, or does not fit the
             other, or where the architecture is not installed.
     """
-    document = read_document(folder / DOCUMENT_FILE, ModelDocument, WHAT)
-    encoding = document.encoding
+    document = read_model(folder)
+    encoding = Encoding(
+        problem=Problem(**document.problem.model_dump()),
+        n=document.n_train,
+        interior=document.interior,
+        target=document.target,
+        input_scale=tuple(document.input_scale),
+        target_scale=tuple(document.target_scale),
+    )
     try:
         network = _skeleton(document.architecture, document.config, encoding)
     except NO_NETWORK as error:
@@ -196,7 +172,7 @@ def load(folder: Path) -> Model:
             f"{folder / DOCUMENT_FILE}: config is {document.config}, of which architecture "
             f"{document.architecture!r} makes no network; train the model again."
         ) from error
-    weights = _read_weights(folder / WEIGHTS_FILE, document.weights_sha256)
+    weights = read_weights(folder, document.weights_sha256, tensors_from)
     _check_weights(folder / WEIGHTS_FILE, weights, network.state_dict())
     network.load_state_dict(weights, assign=True)
     return Model(document.architecture, document.config, document.recipe, encoding, network)
@@ -221,24 +197,6 @@ def _misfit(model: Model, problem: Problem) -> InputError:
         f"{problem.time_step:.9g}; expected a problem that they fit: train on data of this kind, "
         "or take a network whose size does not depend on the time grid, such as lstm1."
     )
-
-
-def _read_weights(path: Path, digest: str) -> dict[str, Tensor]:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error}); expected weights.") from error
-    if hashlib.sha256(content).hexdigest() != digest:
-        raise InputError(
-            f"{path} is not the file that {DOCUMENT_FILE} was written for (weights_sha256 "
-            "differs); copy the model again or train it again."
-        )
-    try:
-        return tensors_from(content)
-    except (SafetensorError, KeyError, ValueError) as error:
-        raise InputError(
-            f"{path} holds no safetensors ({error}); train the model again."
-        ) from error
 
 
 def _check_weights(path: Path, given: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> None:

@@ -1,44 +1,212 @@
-"""A model as one ONNX file, which is checked against torch before it takes its name."""
+"""A model as one ONNX file for use on board, compared with torch before it takes its name."""
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor, nn
 from torch.export import Dim
 
-from pipeline.errors import InputError, check_range
+from pipeline.arrays import Array
+from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.files import published
 from pipeline.networks.architecture import find
+from pipeline.networks.encoding import INTERIORS, Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.onboard import OnBoard, OnBoardFlown
-from pipeline.networks.onnx_check import Checked, check
-from pipeline.networks.onnx_files import traced, write
+from pipeline.networks.onnx_files import open_session, traced, write
 from pipeline.networks.supervised import Supervised
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly, project_to_flyable
 from pipeline.scenario.scenario import MOST_CRAFT
 
 SCHEMA = "prolearn.onnx/1"
 
-TRACED = 9
-"""Craft with which the graph is traced: neither 0 nor 1, which torch treats as constants."""
+TRACED = 9  # craft with which the graph is traced: neither 0 nor 1, which torch treats as constants
+
+
+TOLERANCE = 1e-5  # largest difference from torch, as a share of a component's root mean square
+
+SIZES = (1, 2, 10, 30, 100)
+"""Swarm sizes that are checked and timed, as far as the file answers for them."""
+
+INSTANCES = 4
+WARM_UP = 5
+REPEATS = 50
+
+
+@dataclass(frozen=True)
+class GraphCheck:
+    """What was measured."""
+
+    n: int | None  # the only number of craft that the file answers for, or None
+    most: int | None  # the greatest number that it answers for, or None where there is no limit
+    difference: float  # largest difference from torch, as a share of a component's root mean square
+    metres: float  # largest difference of a position, m
+    seconds: Mapping[int, float]  # median time of one instance on one core, by swarm size
+
+    @property
+    def sizes(self) -> str:
+        """The swarm sizes that the file answers for, in words."""
+        if self.n is not None:
+            return f"n = {self.n}"
+        return "any n" if self.most is None else f"n = 1 to {self.most}"
+
+
+def check(path: Path, model: Model, n: int | None, *, flown: bool) -> GraphCheck:
+    """Run a file on random swarms, and find out how large they may be.
+
+    Raises:
+        InputError: where onnxruntime is not installed.
+        ProlearnError: where its answer differs from torch's by more than TOLERANCE.
+    """
+    session = open_session(path)
+    differences: dict[int, tuple[float, float]] = {}
+    for sizes, most in _claims(model, n):
+        for size in sizes:
+            differences[size] = _difference(session, model, size, flown=flown)
+        shares, metres = zip(*(differences[size] for size in sizes), strict=True)
+        if max(shares) <= TOLERANCE:
+            seconds = {size: _seconds(session, model, size) for size in sizes}
+            return GraphCheck(n, most, max(shares), max(metres), seconds)
+    raise ProlearnError(
+        f"onnxruntime's answer differs from torch's by {max(shares):.2g} of a component's root "
+        f"mean square; expected at most {TOLERANCE:g}: the file was not written."
+    )
+
+
+def _claims(model: Model, n: int | None) -> list[tuple[list[int], int | None]]:
+    """Swarm sizes to check, the widest claim first, and the greatest size then claimed."""
+    if n is not None:
+        return [([n], n)]
+    sizes = sorted({*SIZES, model.n_train})
+    return [(sizes, None), ([s for s in sizes if s <= model.n_train], model.n_train)]
+
+
+def _ends(model: Model, n: int, instances: int) -> dict[str, Float[Array, "N n 6"]]:
+    """Random end states as large as the training data's, in float32."""
+    rng = np.random.default_rng(n)
+    scale = np.array(model.encoding.input_scale)
+    drawn = rng.normal(size=(2, instances, n, 6)) * scale
+    return {"initial": drawn[0].astype(np.float32), "goal": drawn[1].astype(np.float32)}
+
+
+def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[float, float]:
+    """As ``GraphCheck.difference`` and ``GraphCheck.metres``; infinite where it does not answer."""
+    ends = _ends(model, n, INSTANCES)
+    try:
+        given: Sequence[Array] = session.run(None, ends)
+    except Exception:  # onnxruntime's own kinds, all directly under Exception
+        return math.inf, math.inf
+    wanted = _wanted(model, *(e.astype(np.float64) for e in ends.values()), flown=flown)
+    if [g.shape for g in given] != [w.shape for w in wanted]:
+        return math.inf, math.inf
+    shares = [
+        np.abs(g - w).max(axis=(0, 1, 2)) / np.sqrt(np.square(w).mean(axis=(0, 1, 2)))
+        for g, w in zip(given, wanted, strict=True)
+    ]
+    metres = np.abs(given[0] - wanted[0])[..., :3].max()
+    return float(np.concatenate(shares).max()), float(metres)
+
+
+def _wanted(
+    model: Model, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"], *, flown: bool
+) -> list[Array]:
+    """Torch's answer."""
+    predicted = model.predict(initial, goal)
+    if not flown:
+        return [predicted]
+    controls = project_to_flyable(predicted, initial, goal, model.problem)
+    return [fly(initial, controls, model.problem), controls]
+
+
+def _seconds(session: Any, model: Model, n: int) -> float:
+    """Median time of one instance, after a few to warm up."""
+    ends = _ends(model, n, 1)
+    times = []
+    for _ in range(WARM_UP + REPEATS):
+        started = time.perf_counter()
+        session.run(None, ends)
+        times.append(time.perf_counter() - started)
+    return float(np.median(times[WARM_UP:]))
+
+
+class OnBoard(nn.Module):
+    """Encoding, network and decoding in float32, all of it torch, for any batch."""
+
+    read: Tensor  # linear map from both end states of a craft to its input trajectory, (12, 6T)
+
+    def __init__(self, architecture: Supervised, model: Model) -> None:
+        super().__init__()
+        self.architecture = architecture
+        self.encoding = model.encoding
+        self.network = model.network
+        self.register_buffer("read", torch.from_numpy(input_map(model.encoding)).float())
+
+    def forward(
+        self, initial: Float[Tensor, "b n 6"], goal: Float[Tensor, "b n 6"]
+    ) -> tuple[Tensor, ...]:
+        """Node states (b, n, T, 6), m and m/s, as the network predicts them."""
+        ends = torch.cat([initial, goal], dim=-1)  # (b, n, 12)
+        inputs = (ends @ self.read).reshape(*initial.shape[:2], -1, 6)  # (b, n, T, 6)
+        output = self.architecture.forward(self.network, inputs, self.encoding)
+        return (self.encoding.decode(output, inputs),)
+
+
+class OnBoardFlown(OnBoard):
+    """The same, then projected onto the transfers that obey the dynamics and both ends."""
+
+    flyable: Tensor  # from predicted states and both ends to flown ones and controls
+
+    def __init__(self, architecture: Supervised, model: Model) -> None:
+        super().__init__(architecture, model)
+        self.register_buffer("flyable", torch.from_numpy(flyable_map(model.problem)))
+
+    def forward(
+        self, initial: Float[Tensor, "b n 6"], goal: Float[Tensor, "b n 6"]
+    ) -> tuple[Tensor, ...]:
+        """Node states (b, n, T, 6) that can be flown, and their controls (b, n, T-1, 3), m/s²."""
+        (predicted,) = super().forward(initial, goal)
+        T = self.encoding.problem.nodes
+        known = torch.cat([predicted.flatten(2), initial, goal], dim=-1).double()
+        # In float64: what the controls reach is a small difference of large terms.
+        flown = (known @ self.flyable).float()  # (b, n, 6T + 3(T-1))
+        states, controls = flown[..., : 6 * T], flown[..., 6 * T :]
+        return states.reshape(predicted.shape), controls.reshape(*initial.shape[:2], T - 1, 3)
+
+
+def input_map(encoding: Encoding) -> Float[Array, "12 _"]:
+    """What a craft's encoded input is of its initial and goal state: every interior is linear."""
+    unit = np.eye(12)
+    given = INTERIORS[encoding.interior](unit[:, :6], unit[:, 6:], encoding.problem)
+    return (given / np.array(encoding.input_scale)).reshape(12, -1)
+
+
+@lru_cache(maxsize=8)
+def flyable_map(problem: Problem) -> Float[Array, "_ _"]:
+    """Flown states and controls of a craft from its predicted states and both ends: linear too."""
+    T = problem.nodes
+    unit = np.eye(6 * T + 12)
+    states, initial, goal = np.split(unit, [6 * T, 6 * T + 6], axis=1)
+    controls = project_to_flyable(states.reshape(-1, T, 6), initial, goal, problem)
+    flown = fly(initial, controls, problem)
+    return np.hstack([flown.reshape(len(unit), -1), controls.reshape(len(unit), -1)])
 
 
 @dataclass(frozen=True)
 class Exported:
-    """An ONNX file and what was measured of it.
+    """An ONNX file and what was measured of it."""
 
-    Attributes:
-        path: the file.
-        kib: its size, KiB.
-        flown: whether it answers with transfers that can be flown, and their controls.
-        checked: which swarms it answers for, how near it is to torch, and how fast.
-    """
-
-    path: Path
-    kib: float
-    flown: bool
-    checked: Checked
+    path: Path  # the file
+    kib: float  # its size, KiB
+    flown: bool  # whether it answers with transfers that can be flown, and their controls
+    checked: GraphCheck  # which swarms it answers for, how near it is to torch, and how fast
 
 
 def export(

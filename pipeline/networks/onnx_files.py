@@ -26,14 +26,10 @@ def traced(
     dynamic: Sequence[Mapping[int, Any]],
     name: str,
 ) -> torch.onnx.ONNXProgram:
-    """The graph of a module.
+    """The graph of a module, traced with example inputs by name.
 
-    Args:
-        module: what to trace.
-        examples: its inputs by name.
-        outputs: names of its outputs.
-        dynamic: the axes of each input that may have any length.
-        name: of the architecture, for messages.
+    ``dynamic`` has the axes of each input that may have any length, and ``name`` is that of the
+    architecture, for messages.
 
     Raises:
         InputError: where onnxscript is not installed.

@@ -6,8 +6,7 @@ from typing import Any
 
 from pipeline.errors import InputError, check_range
 
-MOST = 1_000_000
-"""Of whatever a recipe counts: instances, passes, scenarios that are drawn."""
+MOST = 1_000_000  # of whatever a recipe counts: instances, passes, scenarios that are drawn
 
 CONSTANT, COSINE = "constant", "cosine"
 
@@ -20,39 +19,28 @@ class Recipe:
     """How a network is trained.
 
     Attributes:
-        name: of RECIPES or the architecture's, or any other for one of your own.
-        target: what the network answers: "states", or "offset" from the input's trajectories.
-        scaling: what the components are divided by: "common" or "component".
-        dropout: share of each hidden layer's outputs dropped in training.
-        learning_rate: of Adam.
-        batch_size: instances a step.
-        epochs: most passes over the training data.
-        patience: passes without a better validation score after which training ends.
-        interior: what stands in the input between initial and goal state.
-        collision_weight: weight of the collision penalty, in networks that have one.
-        schedule: of the learning rate over all epochs, of SCHEDULES.
         gradient_limit: greatest norm of a step's gradient, to which longer ones are cut; 0 for
             none.
         averaging: what the mean of the weights over the run keeps of itself at each step; it is
             this mean that is scored and kept. 0 for the weights themselves.
-        draws: fresh scenarios an epoch, without plans, instead of the dataset's training split;
-            0 for none.
-        crowded: scenarios of the family dense, without plans and drawn once, that are learned
-            from with the others; 0 for none.
+        draws: fresh scenarios an epoch, without plans, instead of the dataset's training split; 0
+            for none.
+        crowded: scenarios of the family dense, without plans and drawn once, that are learned from
+            with the others; 0 for none.
         options: what only one architecture knows, by name.
     """
 
-    name: str
-    target: str
-    scaling: str
-    dropout: float
-    learning_rate: float
-    batch_size: int
-    epochs: int
-    patience: int = 5
-    interior: str = "line"
-    collision_weight: float = 0.02
-    schedule: str = CONSTANT
+    name: str  # of RECIPES or the architecture's, or any other for one of your own
+    target: str  # what the network answers: "states", or "offset" from the input's trajectories
+    scaling: str  # what the components are divided by: "common" or "component"
+    dropout: float  # share of each hidden layer's outputs dropped in training
+    learning_rate: float  # of Adam
+    batch_size: int  # instances a step
+    epochs: int  # most passes over the training data
+    patience: int = 5  # passes without a better validation score after which training ends
+    interior: str = "line"  # what stands in the input between initial and goal state
+    collision_weight: float = 0.02  # weight of the collision penalty, in networks that have one
+    schedule: str = CONSTANT  # of the learning rate over all epochs, of SCHEDULES
     gradient_limit: float = 0.0
     averaging: float = 0.0
     draws: int = 0
@@ -97,3 +85,13 @@ RECIPES: Mapping[str, Recipe] = {
     ),
 }
 """By name; an architecture may depart from them, or add its own (``Architecture.recipes``)."""
+
+REFINER = "refiner"
+"""Name of the architecture of prolearn's own; it stands here so that torch need not be loaded."""
+
+SHORT, NO_THIRD, UNCROWDED, LABELLED = "short", "no-third", "uncrowded", "labelled"
+
+
+def for_comparison(arch: str, recipe: str) -> bool:
+    """Whether a recipe is there to be compared with, and not to plan with."""
+    return arch == REFINER and recipe in (SHORT, NO_THIRD, UNCROWDED, LABELLED)

@@ -2,27 +2,57 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.errors import InputError
-from pipeline.networks.architecture import Answer
+from pipeline.networks.architecture import Batch, Swarms
+from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.losses import supervised_loss
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.swarms import Batch, Swarms
+
+
+def collision_penalty(
+    positions: Float[Tensor, "b n T 3"], collision_radius: float
+) -> Float[Tensor, ""]:
+    """Mean over instances of Σ max(0, 1 - d/r_col)² over pairs and nodes, d the distance in m.
+
+    A smooth stand-in for Eq. 5: it is 0 exactly where no pair is within the collision radius at
+    a node, and each collision adds up to 1, more where it is deeper.
+    """
+    n = positions.shape[1]
+    i, j = torch.triu_indices(n, n, 1, device=positions.device)
+    # Copies whole trajectories, forth and back, where brackets would copy number by number.
+    gap = positions.index_select(1, i) - positions.index_select(1, j)  # (b, p, T, 3)
+    distance = torch.linalg.vector_norm(gap, dim=-1)
+    depth = torch.relu(1 - distance / collision_radius)
+    return depth.square().sum(dim=(1, 2)).mean()
+
+
+def supervised_loss(
+    output: Float[Tensor, "b n T 6"],
+    inputs: Float[Tensor, "b n T 6"],
+    target: Float[Tensor, "b n T 6"],
+    encoding: Encoding,
+    collision_weight: float,
+) -> Float[Tensor, ""]:
+    """Mean square error in encoded units, plus the collision penalty where it has weight."""
+    loss = (output - target).square().mean()
+    if collision_weight == 0:
+        return loss
+    positions = encoding.decode(output, inputs)[..., :3]
+    return loss + collision_weight * collision_penalty(positions, encoding.problem.collision_radius)
 
 
 class Supervised(ABC):
-    """An ``Architecture`` but for its network and the forward pass; the paper's six are such.
+    """An ``Architecture`` but for its network and the forward pass; the paper's six are such."""
 
-    Attributes:
-        collision: whether the loss has the collision penalty.
-    """
-
-    collision: bool = False
+    collision: bool = False  # whether the loss has the collision penalty
+    answers: ClassVar[Answer] = "states"  # which obey no dynamics
+    objective: ClassVar[str] = "valid_position_rmse"  # from the expert's on validation data, m
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -38,16 +68,6 @@ class Supervised(ABC):
     def unused(self) -> frozenset[str]:
         """The weight of the collision penalty, where the loss has none."""
         return frozenset() if self.collision else frozenset({"collision_weight"})
-
-    @property
-    def answers(self) -> Answer:
-        """States, which obey no dynamics."""
-        return "states"
-
-    @property
-    def objective(self) -> str:
-        """The distance from the expert's positions on validation data, m."""
-        return "valid_position_rmse"
 
     @abstractmethod
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:

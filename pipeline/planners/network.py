@@ -13,7 +13,7 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, Settings, all_within_risk, nominal_plans
 from pipeline.expert.batch import Batch
-from pipeline.networks.model import Model
+from pipeline.networks.document import TrainedNetwork
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
@@ -35,7 +35,7 @@ class NetworkPlanner:
     least energy.
     """
 
-    model: Model
+    model: TrainedNetwork
     name: str  # what tables and plans call it
     # what its plans are judged by; the network knows the collision radius alone
     requirements: Requirements = AT_ALL_TIMES
@@ -163,7 +163,7 @@ def _where_unsafe(
     return found
 
 
-def check_problem(model: Model, problem: Problem, where: str) -> None:
+def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model was trained on.
 
     The collision radius and the limit on the control may differ: no network knows the limit,
@@ -182,7 +182,7 @@ def check_problem(model: Model, problem: Problem, where: str) -> None:
         )
 
 
-def _other_field(model: Model, problem: Problem) -> str | None:
+def _other_field(model: TrainedNetwork, problem: Problem) -> str | None:
     """The first field in which a problem differs from that of the training, as networks see it."""
     for name in ("nodes", "time_step", "mean_motion"):
         if not isclose(getattr(problem, name), getattr(model.problem, name), rel_tol=SAME):

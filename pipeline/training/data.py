@@ -1,7 +1,8 @@
-"""Examples on their way into training: checked, prepared, on the device, in batches."""
+"""What is learned from: scenarios of a dataset or fresh ones, prepared, in batches."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import count
 from typing import Protocol, runtime_checkable
 
@@ -11,20 +12,158 @@ from jaxtyping import Int
 from torch import Tensor
 
 from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import MEMORY, examples_within
 from pipeline.errors import InputError
-from pipeline.networks.architecture import Architecture
+from pipeline.networks.architecture import Architecture, Batch, swarms
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.swarms import Batch, swarms
-from pipeline.training.sources import FreshDraws
+from pipeline.networks.recipes import Recipe
+from pipeline.orbit.problem import Problem
+from pipeline.progress import SILENT, Progress
+from pipeline.scenario import draw
+from pipeline.storage.folder import Where
+
+
+@dataclass(frozen=True)
+class FreshDraws:
+    """Training scenarios of a family that nobody has planned, others on each pass.
+
+    A part is a pass of ``count`` scenarios. There is always another one, though the source is as
+    long as one of them.
+    """
+
+    family: str
+    seed: int
+    n: int
+    problem: Problem
+    count: int
+    part_count: int = 1
+
+    def __len__(self) -> int:
+        """Number of scenarios a pass."""
+        return self.count
+
+    @property
+    def buffer(self) -> int:
+        """A pass is held at once."""
+        return self.count
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
+        """The passes of some numbers, or the first."""
+        for number in [0] if order is None else order:
+            yield _drawn(self, number)
+
+
+@lru_cache(maxsize=1)  # the first pass is looked at several times
+def _drawn(source: FreshDraws, number: int, progress: Progress = SILENT) -> Examples:
+    """The scenarios of a pass, whose indices go on from the pass before."""
+    first, scenarios = number * source.count, []
+    progress.expect(source.count)
+    for index in range(first, first + source.count):
+        one = draw(source.family, source.seed, source.n, index, source.problem, "train")
+        scenarios.append(one)
+        progress.done(note=f"{source.family} scenarios drawn")
+    initial = np.stack([scenario.initial for scenario in scenarios])
+    goal = np.stack([scenario.goal for scenario in scenarios])
+    return Examples(source.problem, initial, goal)
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Scenarios in memory or read part by part, with others in memory after them.
+
+    Nobody has planned the others: where they stand in one part with the first, whose states are
+    known, theirs are not numbers.
+    """
+
+    first: ExampleSource
+    second: Examples
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that they share."""
+        return self.first.problem
+
+    @property
+    def n(self) -> int:
+        """Number of spacecraft in each instance."""
+        return self.first.n
+
+    @property
+    def buffer(self) -> int | None:
+        """As of the first."""
+        return self.first.buffer
+
+    @property
+    def part_count(self) -> int:
+        """One part more, or one where all of them are in memory."""
+        return 1 if self.buffer is None else self.first.part_count + 1
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
+        """The parts of the first, and the second as the last one."""
+        if self.buffer is None:
+            (first,) = self.first.parts()
+            yield _together(first, self.second)
+            return
+        last = self.part_count - 1
+        for number in range(self.part_count) if order is None else order:
+            yield from [self.second] if number == last else self.first.parts([number])
+
+    def __len__(self) -> int:
+        """Number of instances."""
+        return len(self.first) + len(self.second)
+
+
+def _together(first: Examples, second: Examples) -> Examples:
+    """Both in one; with states where the first have some."""
+    initial = np.concatenate([first.initial, second.initial])
+    goal = np.concatenate([first.goal, second.goal])
+    states = first.states
+    if states is not None:
+        none = np.full((len(second), *states.shape[1:]), np.nan)
+        states = np.concatenate([states, none])
+    return Examples(first.problem, initial, goal, states)
+
+
+def sources(
+    recipe: Recipe,
+    data: Where,
+    n: int,
+    *,
+    seed: int,
+    memory: float = MEMORY,
+    progress: Progress = SILENT,
+) -> tuple[ExampleSource, ExampleSource]:
+    """What a recipe learns from, and what decides which weights are kept.
+
+    Args:
+        recipe: whose ``draws`` replace the dataset's training split by fresh scenarios, drawn like
+            it, or whose ``crowded`` adds some.
+        data: a solved dataset; its test split stays untouched.
+        n: swarm size.
+        seed: of fresh scenarios.
+        memory: bytes that each of the two may take; what is larger streams from the dataset.
+        progress: told of crowded scenarios as they are drawn.
+
+    Raises:
+        InputError: where there is no dataset, the size is not in it, it is not solved, or no
+            instance of a split that is needed is.
+    """
+    if recipe.draws:
+        valid = examples_within(data, n, "valid", memory)
+        family = read_manifest(data).samples[n].family
+        return FreshDraws(family, seed, n, valid.problem, recipe.draws), valid
+    learn = examples_within(data, n, "train", memory)
+    valid = examples_within(data, n, "valid", memory)
+    if not recipe.crowded:
+        return learn, valid
+    crowded = FreshDraws("dense", seed, n, valid.problem, recipe.crowded)
+    return Joined(learn, _drawn(crowded, 0, progress)), valid
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Examples as an architecture has prepared them, all on one device.
-
-    Attributes:
-        tensors: by the architecture's names; their first axis is that of the instances.
-    """
+    """Examples as an architecture has prepared them, all on one device."""
 
     tensors: Batch
 
@@ -59,26 +198,17 @@ class Batches(Protocol):
 
     def __len__(self) -> int:
         """Number of instances."""
-        ...
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
         """All of them once, in random batches."""
-        ...
 
     def in_order(self, size: int) -> Iterator[Prepared]:
         """All of them once, in batches."""
-        ...
 
 
 @dataclass(frozen=True)
 class Preparation:
-    """How examples become what a network reads.
-
-    Attributes:
-        architecture: whose network it is.
-        encoding: the units that it reads and answers in.
-        device: where it is.
-    """
+    """How examples become what the network of an architecture reads, on its device."""
 
     architecture: Architecture
     encoding: Encoding
@@ -96,8 +226,6 @@ class Streamed:
     """Examples that are read and prepared part by part on every pass.
 
     Attributes:
-        source: where they come from.
-        preparation: how a network reads them.
         buffer: instances among which they are shuffled, two batches at least; a part may come
             on top.
     """
@@ -155,7 +283,7 @@ def batches(source: ExampleSource, preparation: Preparation) -> Batches:
 
 
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
-    """Refuse examples that nothing can be learnt from.
+    """Refuse examples that nothing can be learned from.
 
     Raises:
         InputError: where either is empty or holds values that are not finite numbers, or where
@@ -178,15 +306,14 @@ def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
 def _check_finite(examples: Examples, name: str, first: int) -> None:
     for column in ("initial", "goal", "states"):
         values = getattr(examples, column)
-        if values is None or np.isfinite(values).all():
+        if values is None:
             continue
         flat = values.reshape(len(examples), -1)
         bad = ~np.isfinite(flat).all(axis=1)
         if column == "states":
             bad &= ~np.isnan(flat).all(axis=1)  # nobody has planned these
-        if not bad.any():
-            continue
-        raise InputError(
-            f"{name} example {first + bad.argmax()} has {column} that are not finite numbers; "
-            "verify the dataset or make it again."
-        )
+        if bad.any():
+            raise InputError(
+                f"{name} example {first + bad.argmax()} has {column} that are not finite numbers; "
+                "verify the dataset or make it again."
+            )

@@ -1,4 +1,4 @@
-"""The training loop: steps on shuffled batches, the best weights on validation kept."""
+"""The training loop: steps of Adam on shuffled batches, the best weights on validation kept."""
 
 import math
 import time
@@ -6,54 +6,43 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.optim.lr_scheduler import CosineAnnealingLR
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import Architecture, find
 from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import Recipe
+from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.training.data import Batches, Preparation, Prepared, batches, check_examples
-from pipeline.training.descent import Descent
-from pipeline.training.device import training_device
 
-VALIDATION_BATCH = 256
-"""Instances whose validation score is computed at once."""
+VALIDATION_BATCH = 256  # instances whose validation score is computed at once
+
+DEVICES = ("cpu", "cuda", "mps")
+
+POSITION_RMSE = "valid_position_rmse"
+"""The metric of a training that ``position_rmse`` gives on its validation data."""
 
 
 @dataclass(frozen=True)
 class Epoch:
-    """One pass over the training data.
-
-    Attributes:
-        number: from 1.
-        train_loss: mean loss of the pass, with dropout, while the weights change.
-        valid_loss: the architecture's score on the validation data after it, least best.
-        seconds: how long it took.
-    """
+    """One pass over the training data, numbered from 1."""
 
     number: int
-    train_loss: float
-    valid_loss: float
+    train_loss: float  # mean loss of the pass, with dropout, while the weights change
+    valid_loss: float  # the architecture's score on the validation data after it, least best
     seconds: float
 
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What training gives.
-
-    Attributes:
-        model: with the weights of the best epoch, on the CPU.
-        history: all epochs.
-        best_epoch: number of the epoch with the least validation score.
-        seconds: how long it took in all.
-        device: where it ran.
-        threads: of torch that it ran on.
-    """
+    """A model with the weights of its best epoch, on the CPU, and how it was trained."""
 
     model: Model
     history: tuple[Epoch, ...]
@@ -65,14 +54,7 @@ class Trained:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A network and what it is to make small.
-
-    Attributes:
-        architecture: whose loss and score it is.
-        network: what is trained, on the device of the batches.
-        encoding: what the batches are in.
-        recipe: how it is trained.
-    """
+    """A network, on the device of its batches, and what it is to make small."""
 
     architecture: Architecture
     network: nn.Module
@@ -89,9 +71,41 @@ class Task:
         self.network.eval()
         total = 0.0
         for batch in data.in_order(VALIDATION_BATCH):
-            told = (batch.tensors, self.encoding, self.recipe)
-            total += float(self.architecture.score(self.network, *told)) * len(batch)
+            given = (batch.tensors, self.encoding, self.recipe)
+            total += float(self.architecture.score(self.network, *given)) * len(batch)
         return total / len(data)
+
+
+class Descent:
+    """Steps of Adam with the schedule, gradient limit and averaging of a recipe."""
+
+    def __init__(self, network: nn.Module, recipe: Recipe, steps: int) -> None:
+        self.network = network
+        self.optimizer = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
+        self._limit = recipe.gradient_limit
+        cosine = recipe.schedule == COSINE
+        self._schedule = CosineAnnealingLR(self.optimizer, T_max=steps) if cosine else None
+        self._mean = None
+        if recipe.averaging:
+            average = get_ema_multi_avg_fn(recipe.averaging)  # type: ignore[no-untyped-call]
+            self._mean = AveragedModel(network, multi_avg_fn=average)
+
+    @property
+    def result(self) -> nn.Module:
+        """What is scored and kept: the network, or one with the mean of its weights."""
+        return self.network if self._mean is None else self._mean.module
+
+    def step(self, loss: Float[Tensor, ""]) -> None:
+        """Change the weights by the gradient of a loss."""
+        self.optimizer.zero_grad()
+        torch.autograd.backward(loss)
+        if self._limit:
+            nn.utils.clip_grad_norm_(self.network.parameters(), self._limit)
+        self.optimizer.step()
+        if self._schedule is not None:
+            self._schedule.step()
+        if self._mean is not None:
+            self._mean.update_parameters(self.network)
 
 
 def train(
@@ -110,8 +124,7 @@ def train(
     Args:
         arch: name of the architecture.
         recipe: how to train it.
-        train: what it learns from, in memory, a stream or fresh draws; its n and problem become
-            the model's.
+        train: what it learns from; its n and problem become the model's.
         valid: what decides when to stop and which weights to keep.
         seed: of initial weights, order and dropout.
         device: "auto", "cpu", "cuda" or "mps".
@@ -155,7 +168,10 @@ def _improve(
         started = time.perf_counter()
         train_loss = pass_over(task, descent, train, order)
         valid_loss = scored.score(valid)
-        _check_loss(number, train_loss, valid_loss)
+        if not (math.isfinite(train_loss) and math.isfinite(valid_loss)):
+            raise ProlearnError(
+                f"the loss is no longer a finite number in epoch {number}; lower the learning rate."
+            )
         history.append(Epoch(number, train_loss, valid_loss, time.perf_counter() - started))
         if best == 0 or valid_loss < history[best - 1].valid_loss:
             best, kept = number, _copied(scored.network)
@@ -184,7 +200,7 @@ def _copied(network: nn.Module) -> dict[str, Tensor]:
 
 @contextmanager
 def _seeded(seed: int, device: torch.device) -> Iterator[None]:
-    """Seeds what dropout and initial weights draw from, and puts it back afterwards."""
+    """Seed what dropout and initial weights draw from, and put it back afterwards."""
     devices = [] if device.type == "cpu" else [device.index or 0]
     kind = "cuda" if device.type == "cpu" else device.type
     with torch.random.fork_rng(devices=devices, device_type=kind):
@@ -192,8 +208,37 @@ def _seeded(seed: int, device: torch.device) -> Iterator[None]:
         yield
 
 
-def _check_loss(epoch: int, *losses: float) -> None:
-    if not all(math.isfinite(loss) for loss in losses):
-        raise ProlearnError(
-            f"the loss is no longer a finite number in epoch {epoch}; lower the learning rate."
-        )
+def training_device(name: str) -> torch.device:
+    """The device of a name; "auto" is CUDA where there is one, else the CPU.
+
+    Raises:
+        InputError: for a name that means nothing or a device that is not there.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+        if device.type not in DEVICES:
+            raise RuntimeError("nothing is trained on such a device")
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"device is {name!r} ({reason}); expected auto, or one of {', '.join(DEVICES)} that "
+            "this machine has."
+        ) from error
+    return device
+
+
+def position_rmse(model: Model, examples: ExampleSource) -> float:
+    """Root mean square distance of predicted node positions from the expert's, m.
+
+    It does not depend on the recipe's units, and is no number where the expert has not planned.
+    """
+    squares, count = 0.0, 0
+    for part in examples.parts():
+        if part.states is not None:
+            error = (model.predict(part.initial, part.goal) - part.states)[..., :3]
+            squares += float(np.square(error).sum())
+            count += error.size // 3
+    return float(np.sqrt(squares / count)) if count else float("nan")

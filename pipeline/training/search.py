@@ -1,20 +1,28 @@
-"""What a hyperparameter search may change in a recipe, and between which limits."""
+"""A search for better recipes as an Optuna study, which several processes may share."""
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from pipeline.networks.interior import INTERIORS
+from filelock import FileLock
+from sqlalchemy.exc import SQLAlchemyError
+
+from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.encoding import INTERIORS
+
+if TYPE_CHECKING:
+    from optuna import Study, Trial
+
+HEARTBEAT_SECONDS = 60
+GRACE_SECONDS = 180  # a trial that has not been heard of for so long has died
 
 
 @dataclass(frozen=True)
 class Between:
-    """A number between two limits.
-
-    Attributes:
-        low: the least.
-        high: the greatest.
-        log: whether its logarithm is what is drawn evenly.
-    """
+    """A number between two limits; ``log`` says whether its logarithm is what is drawn evenly."""
 
     low: float
     high: float
@@ -23,11 +31,7 @@ class Between:
 
 @dataclass(frozen=True)
 class OneOf:
-    """One of some values.
-
-    Attributes:
-        values: numbers or names.
-    """
+    """One of some numbers or names."""
 
     values: tuple[int | str, ...]
 
@@ -40,3 +44,62 @@ SPACE: Mapping[str, Between | OneOf] = {
 }
 """By field of a recipe. The collision weight is not in it: the distance from the expert's plans,
 which the search makes small, says nothing about collisions."""
+
+
+@contextmanager
+def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
+    """The study of a name in an SQLite file, both made where they are missing.
+
+    Args:
+        path: the file.
+        name: the same for searches whose trials can be compared.
+        seed: of what is drawn next.
+
+    Raises:
+        InputError: where Optuna is not installed.
+        ProlearnError: where the file fails, in the block too.
+    """
+    try:
+        import optuna
+    except ImportError as error:
+        raise InputError(
+            "optuna is not installed; expected the packages of prolearn's extra `tune`: "
+            "pip install 'prolearn[tune]'."
+        ) from error
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Several processes must not make its tables at once. The heartbeat is experimental.
+        with FileLock(f"{path}.lock"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            storage = optuna.storages.RDBStorage(
+                f"sqlite:///{path}",
+                heartbeat_interval=HEARTBEAT_SECONDS,
+                grace_period=GRACE_SECONDS,
+            )
+            study = optuna.create_study(study_name=name, storage=storage, load_if_exists=True)
+        # A search that goes on must not draw once more what it began with.
+        study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials))
+        yield study
+    except (optuna.exceptions.OptunaError, SQLAlchemyError) as error:
+        reason = str(error.__cause__ or error).strip().splitlines()[0]
+        raise ProlearnError(
+            f"The storage of trials {path} failed ({reason[:300]}); expected Optuna's SQLite file "
+            "on a disk with space: move it away, or name another with --storage."
+        ) from error
+
+
+def complete(study: "Study") -> int:
+    """Trials that came to an end."""
+    return sum(trial.state.name == "COMPLETE" for trial in study.get_trials(deepcopy=False))
+
+
+def suggested(trial: "Trial", unused: Collection[str] = ()) -> dict[str, Any]:
+    """Fields of a recipe, of SPACE, for a trial; without those that change nothing."""
+    return {
+        name: trial.suggest_float(name, space.low, space.high, log=space.log)
+        if isinstance(space, Between)
+        else trial.suggest_categorical(name, space.values)
+        for name, space in SPACE.items()
+        if name not in unused
+    }

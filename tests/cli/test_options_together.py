@@ -10,6 +10,7 @@ from judge import Case, closest_adrift, judge_plan
 from judged import document
 from trials import Errors, frequency, wilson
 
+from benchmarks.rule import Rule
 from cli.plan import planner_of
 from pipeline.errors import InputError
 from pipeline.expert import solve
@@ -20,7 +21,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, UNSAFE, Requirements, RiskLimit
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.network import NetworkPlanner, Seeded
-from pipeline.planners.rule import Rule
 from pipeline.scenario import draw
 
 FOUR = draw("coplanar-split", 0, 4, 4, Problem(), "valid")

@@ -12,6 +12,7 @@ import torch
 from judged import check_rows, judged
 
 from benchmarks.ablate import Ablations, ablate, dense_beside
+from benchmarks.rule import with_rounds
 from cli.jobs.experiments import evaluate
 from cli.jobs.held_out import HeldOut
 from cli.jobs.networks import networks
@@ -22,8 +23,7 @@ from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import NO_THIRD
-from pipeline.networks.refiner.other_rounds import with_rounds
+from pipeline.networks.recipes import NO_THIRD
 from pipeline.orbit.problem import Problem
 from pipeline.planners.network import NetworkPlanner
 from pipeline.scenario import Scenario, draw

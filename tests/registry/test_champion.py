@@ -12,7 +12,7 @@ from cli.jobs.train import train_model
 from cli.settings import TrainingSettings
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.ablations import REFINER, SHORT
+from pipeline.networks.recipes import REFINER, SHORT
 from registry.models import list_versions, resolve
 from registry.version import ModelVersion
 

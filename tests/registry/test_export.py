@@ -12,9 +12,8 @@ from cli.main import app
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.on_board.check import Files
+from pipeline.networks.refiner.on_board.check import Files, fly_rounds
 from pipeline.networks.refiner.on_board.steps import STEPS
-from pipeline.networks.refiner.on_board.swarm import fly_rounds
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.planners.named import named_planner
@@ -162,7 +161,7 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
 def test_a_file_that_does_not_answer_as_torch_is_not_written(
     folder: Path, ff1: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.networks.onnx_check.TOLERANCE", 1e-12)
+    monkeypatch.setattr("pipeline.networks.onnx_export.TOLERANCE", 1e-12)
     done = CliRunner().invoke(app, ["models", "export", "ff1", "--out", "x.onnx"])
     assert done.exit_code == 1
     assert "differs from torch's" in done.output

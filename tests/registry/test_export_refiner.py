@@ -12,7 +12,7 @@ from cli.main import app
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.on_board.check import Checked
+from pipeline.networks.refiner.on_board.check import CraftCheck
 from pipeline.networks.refiner.on_board.export import ExportedCraft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, told_each_round
 from pipeline.training.loop import Trained
@@ -40,7 +40,7 @@ def refiner(
 
     def export_craft(model: Model, path: Path, about: object) -> ExportedCraft:
         ones = dict.fromkeys(STEPS, 1e-3)
-        checked = Checked(swarms=6, ties=1, encounters=29, difference=2e-7, seconds=ones)
+        checked = CraftCheck(swarms=6, ties=1, encounters=29, difference=2e-7, seconds=ones)
         told = told_each_round(model.config["message"])
         return ExportedCraft(path, ones, dict.fromkeys(STEPS, "0" * 64), told, checked)
 

@@ -10,7 +10,7 @@ from cli.settings import TuningSettings
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.supervised import Supervised
 from pipeline.progress import SILENT, Progress
-from pipeline.training import sources
+from pipeline.training import data as sources
 from registry.models import list_versions
 from registry.store import connect
 

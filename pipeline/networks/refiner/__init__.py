@@ -1,1 +1,1 @@
-"""The refiner: craft that each solve a program of their own and bargain over who gives way."""
+"""The refiner: craft that each solve a program of their own and agree by message passing."""

@@ -8,16 +8,14 @@ from numba import njit
 STRETCHES = 6
 """Parts of an interval on which the search for its closest approach goes straight first."""
 
-NEWTON_STEPS = 3
-"""Steps from there; the last moves what is found by less than a millimetre."""
+NEWTON_STEPS = 3  # steps from there; the last moves what is found by less than a millimetre
 
 THIRD = 1.0 / 3.0
 
 LEVEL = 1e-6
 """Cosine between gap and relative velocity under which a pair neither comes closer nor parts."""
 
-AT_FIRST = 1024
-"""Encounters for which there is room before it is doubled."""
+AT_FIRST = 1024  # encounters for which there is room before it is doubled
 
 # jaxtyping cannot look into compiled functions; their shapes are those given here.
 

@@ -6,8 +6,7 @@ import torch
 
 from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
-from pipeline.networks.encoding import Encoding, fit
-from pipeline.networks.interior import INTERIORS
+from pipeline.networks.encoding import INTERIORS, Encoding, fit
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import nn
 
-from pipeline.networks.combinations import combinations_of
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.feedforward import FF1
+from pipeline.networks.feedforward import FF1, combinations_of
 from pipeline.orbit.problem import Problem
 
 T = 3

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.losses import collision_penalty, supervised_loss
+from pipeline.networks.supervised import collision_penalty, supervised_loss
 from pipeline.orbit.problem import Problem
 
 

@@ -13,8 +13,9 @@ from safetensors.torch import save as tensors_to
 
 from pipeline.errors import InputError
 from pipeline.networks.architecture import find
+from pipeline.networks.document import COLUMNS_AT_ONCE
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.model import COLUMNS_AT_ONCE, Model, load, save
+from pipeline.networks.model import Model, load, save
 from pipeline.networks.onnx_export import export
 from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem

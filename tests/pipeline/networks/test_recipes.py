@@ -13,8 +13,7 @@ from pipeline.errors import InputError
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.recipes import RECIPES
 from pipeline.orbit.problem import Problem
-from pipeline.training.device import training_device
-from pipeline.training.loop import train
+from pipeline.training.loop import train, training_device
 
 HIDDEN = {
     "ff1": [180],

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.rule import Rule
 from pipeline.errors import InputError
 from pipeline.expert import solve_many
 from pipeline.orbit.problem import Problem
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import NAMES, named_planner
-from pipeline.planners.rule import Rule
 from pipeline.scenario import draw
 
 PLANNERS = [*map(named_planner, NAMES), GoalAssignment(named_planner("expert")), Rule(2)]

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from pipeline.networks.recipes import RECIPES
-from pipeline.training.descent import Descent
+from pipeline.training.loop import Descent
 
 
 def descent(steps=4, **changes):

@@ -19,9 +19,8 @@ from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.scenario import draw
-from pipeline.training.data import Preparation, batches
+from pipeline.training.data import FreshDraws, Preparation, batches, sources
 from pipeline.training.loop import train
-from pipeline.training.sources import FreshDraws, sources
 
 PROBLEM = Problem(nodes=6)
 FRESH = FreshDraws("rings", 4, 3, PROBLEM, count=40)

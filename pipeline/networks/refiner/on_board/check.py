@@ -1,70 +1,130 @@
-"""The files of one craft against torch: a swarm whose craft run them, and tell each other."""
+"""A swarm whose craft run the steps each by itself, and its controls against the whole swarm's."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import open_session
-from pipeline.networks.refiner.bargain import Bargain
-from pipeline.networks.refiner.on_board.steps import STEPS, takes
-from pipeline.networks.refiner.on_board.swarm import Known, fly_rounds
-from pipeline.networks.refiner.rounds import begin, play, start
-from pipeline.networks.swarms import swarms
+from pipeline.networks.refiner.model import play, start, task_of
+from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, TOLD, takes
+from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 
 TOLERANCE = 1e-5
-"""Largest difference of a control from torch, as a share of the largest control."""
+"""Largest difference of a control from the whole swarm's, as a share of the largest control."""
 
-MOST_TIES = 1 / 3
-"""Share of the swarms that may meet another optimum of the same fuel."""
+MOST_TIES = 1 / 3  # share of the swarms that may meet another optimum of the same fuel
+SIZES = (2, 10, 30)  # swarm sizes that are flown
+DRAWS = 2  # swarms of each
+AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``steps.VALUES``
 
-SIZES = (2, 10, 30)
-"""Swarm sizes that are flown."""
+Run = Callable[[str, AgentMemory], Mapping[str, Any]]
+"""Runs the step of a name on what one craft knows, and gives its outputs by name."""
 
-DRAWS = 2
-"""Swarms of each."""
+
+@dataclass(frozen=True)
+class Edge:
+    """One craft's side of an encounter."""
+
+    craft: int  # whose side
+    place: int  # among its encounters
+    other: int  # the craft that it meets
+    there: int  # the encounter's place among those of the other craft
+
+
+def fly_rounds(
+    run: Run,
+    initial: Float[Array, "n 6"],
+    goal: Float[Array, "n 6"],
+    r_col: float,
+    *,
+    rounds: int,
+) -> Iterator[Float[Array, "n m"]]:
+    """Controls of all craft, m/s²: the decoupled optima, and after each round.
+
+    Args:
+        run: how a craft runs a step.
+        initial: m and m/s.
+        goal: m and m/s.
+        r_col: collision radius, m.
+        rounds: how many.
+    """
+    swarm: list[AgentMemory] = [
+        {"initial": start, "goal": end, "r_col": np.array(r_col)}
+        for start, end in zip(initial, goal, strict=True)
+    ]
+    for craft in swarm:
+        craft.update(run("begin", craft))
+    edges = _met(run, swarm)
+    _exchange(swarm, edges, ("nodes", "price"))
+    yield np.stack([craft["controls"] for craft in swarm])
+    for number in range(rounds):
+        for name, step in ROUND.items():
+            for k in {edge.craft for edge in edges}:  # others keep their decoupled optimum
+                swarm[k].update(run(name, {**swarm[k], "number": np.array(number)}))
+            live = [e for e in edges if step.tells_all or swarm[e.craft]["live"][e.place]]
+            _exchange(swarm, live, step.tells)
+        yield np.stack([craft["controls"] for craft in swarm])
+
+
+def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
+    """Both sides of all encounters, which every craft finds by itself."""
+    others = [[j for j in range(len(swarm)) if j != k] for k in range(len(swarm))]
+    places: dict[tuple[int, int, int], int] = {}
+    for k, craft in enumerate(swarm if len(swarm) > 1 else ()):
+        told = np.stack([swarm[j]["states"] for j in others[k]])
+        which, interval = np.nonzero(run("meet", {**craft, TOLD + "states": told})["met"])
+        for place, (q, t) in enumerate(zip(which, interval, strict=True)):
+            places[k, others[k][q], int(t)] = place
+        states, count = craft["states"], len(interval)
+        craft["interval"] = interval
+        craft["nodes"] = np.stack([states[interval], states[interval + 1]], axis=1)
+        craft["price"], craft["first_price"] = np.zeros((2, count))
+    return [Edge(k, place, j, places[j, k, t]) for (k, j, t), place in places.items()]
+
+
+def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequence[str]) -> None:
+    """On each of some edges, a craft is told what has these names by the one that it meets."""
+    for name in names:
+        for edge in edges:
+            craft = swarm[edge.craft]
+            told = craft.setdefault(TOLD + name, np.zeros_like(craft[name]))
+            told[edge.place] = swarm[edge.other][name][edge.there]
+        for craft in swarm:  # who is told nothing knows nothing, but in the right shape
+            if name in craft:
+                craft.setdefault(TOLD + name, np.zeros_like(craft[name]))
 
 
 @dataclass(frozen=True)
 class Compared:
-    """The controls of one swarm.
+    """The controls of one swarm."""
 
-    Attributes:
-        difference: the largest, as a share of the largest control.
-        tie: whether another optimum of the same fuel was met, before which this holds.
-    """
-
-    difference: float
-    tie: bool
+    difference: float  # the largest, as a share of the largest control
+    tie: bool  # whether another optimum of the same fuel was met, before which this holds
 
 
 @dataclass(frozen=True)
-class Checked:
+class CraftCheck:
     """What was measured.
 
     Attributes:
-        swarms: swarms that were flown.
-        ties: those in which another optimum of the same fuel was met.
-        encounters: most encounters of a craft in them.
-        difference: largest difference from torch, as a share of a swarm's largest control.
-        seconds: median time of a step on one core, by its name.
+        difference: largest difference from the whole swarm's, as a share of its largest control.
     """
 
-    swarms: int
-    ties: int
-    encounters: int
+    swarms: int  # swarms that were flown
+    ties: int  # those in which another optimum of the same fuel was met
+    encounters: int  # most encounters of a craft in them
     difference: float
-    seconds: Mapping[str, float]
+    seconds: Mapping[str, float]  # median time of a step on one core, by its name
 
 
 class Files:
@@ -75,7 +135,7 @@ class Files:
         self.seconds: dict[str, list[float]] = {name: [] for name in files}
         self.encounters = 0
 
-    def __call__(self, name: str, known: Known) -> Mapping[str, Any]:
+    def __call__(self, name: str, known: AgentMemory) -> Mapping[str, Any]:
         """The outputs of a step by name."""
         given = {one: known[one] for one in takes(STEPS[name])}
         started = time.perf_counter()
@@ -85,22 +145,27 @@ class Files:
         return dict(zip(STEPS[name].gives, found, strict=True))
 
 
-def check(files: Mapping[str, Path], model: Model) -> Checked:
-    """Fly random swarms by the files, all rounds, and compare all controls with torch's.
+def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
+    """Fly random swarms by the files, all rounds, and compare all controls with the model's.
 
     Raises:
         InputError: where onnxruntime is not installed.
         ProlearnError: where a control differs by more than TOLERANCE for no good reason, or little
             could be compared.
     """
-    run, compared = Files(files), []
-    for initial, goal in _drawn(model):
-        given = _by_files(run, model, initial, goal)
-        compared.append(compare(given, together(_bargain(model), model.problem, initial, goal)))
+    network, problem = model.network, model.problem
+    assert isinstance(network, MessagePassing), "a refiner's"
+    run, compared, radius = Files(files), [], problem.collision_radius
+    for n in SIZES:
+        for k in range(DRAWS):
+            scenario = draw("rings", 0, n, k, problem, "valid")
+            ends = scenario.initial, scenario.goal
+            given = np.stack(list(fly_rounds(run, *ends, radius, rounds=network.rounds)))
+            compared.append(compare(given, together(network, problem, *ends)))
     difference = max(one.difference for one in compared)
     if difference > TOLERANCE:
         raise ProlearnError(
-            f"onnxruntime's controls differ from torch's by {difference:.2g} of the largest; "
+            f"onnxruntime's controls differ from the model's by {difference:.2g} of the largest; "
             f"expected at most {TOLERANCE:g}: no file was written."
         )
     seconds = {name: float(np.median(times or [0.0])) for name, times in run.seconds.items()}
@@ -110,15 +175,15 @@ def check(files: Mapping[str, Path], model: Model) -> Checked:
             f"{ties} of {len(compared)} swarms met another optimum of the same fuel, so little "
             f"was compared; expected at most {MOST_TIES:.0%}: no file was written."
         )
-    return Checked(len(compared), ties, run.encounters, difference, seconds)
+    return CraftCheck(len(compared), ties, run.encounters, difference, seconds)
 
 
 def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Compared:
     """Controls before and after each round against those that are wanted.
 
     A craft's program may have several optima that cost the same; then rounding decides between
-    them, and the rounds after may go another way. So rounds are compared up to the first that
-    differs, and that one by the fuel of each craft.
+    them, and the rounds after may differ. So rounds are compared up to the first that differs, and
+    that one by the fuel of each craft.
     """
     share = np.abs(given - wanted).max(axis=(1, 2)) / np.abs(wanted).max()
     if share.max() <= TOLERANCE:
@@ -130,36 +195,18 @@ def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Comp
     return Compared(float(share[:first].max(initial=0.0)), tie=True)
 
 
-def _drawn(model: Model) -> Iterator[tuple[Float[Array, "n 6"], Float[Array, "n 6"]]]:
-    """Swarms between random rings: where they start and end."""
-    for n in SIZES:
-        for k in range(DRAWS):
-            scenario = draw("rings", 0, n, k, model.problem, "valid")
-            yield scenario.initial, scenario.goal
-
-
-def _by_files(
-    run: Files, model: Model, initial: Float[Array, "n 6"], goal: Float[Array, "n 6"]
-) -> Float[Array, "_ n m"]:
-    """Controls before and after each round, m/s²."""
-    network, radius = _bargain(model), model.problem.collision_radius
-    found = fly_rounds(run, initial, goal, radius, rounds=network.rounds)
-    return np.stack(list(found))
-
-
-@torch.no_grad()
 def together(
-    network: Bargain, problem: Problem, initial: Float[Array, "n 6"], goal: Float[Array, "n 6"]
+    network: MessagePassing,
+    problem: Problem,
+    initial: Float[Array, "n 6"],
+    goal: Float[Array, "n 6"],
 ) -> Float[Array, "_ n m"]:
-    """The same of the whole swarm at once, by torch."""
-    task = begin(swarms(problem, initial[None], goal[None]))
-    state = start(task)
-    controls = [state.controls]
+    """Controls before and after each round of the whole swarm at once, m/s²."""
+    radius = np.array([problem.collision_radius])
+    task = task_of(problem, initial[None], goal[None], radius)
+    now = start(task)
+    controls = [now.controls]
     for number in range(network.rounds):
-        state = play(network, task, state, number)
-        controls.append(state.controls)
-    return torch.stack(controls).numpy() * problem.collision_radius / problem.time_step**2
-
-
-def _bargain(model: Model) -> Bargain:
-    return cast("Bargain", model.network)
+        now = play(network.arrays, task, now, number)
+        controls.append(now.controls)
+    return np.stack(controls) * radius / problem.time_step**2

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from torch.export import Dim
 
@@ -12,17 +12,23 @@ from pipeline.errors import InputError
 from pipeline.files import published
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import traced, write
-from pipeline.networks.refiner.ablations import REFINER
-from pipeline.networks.refiner.bargain import Bargain
-from pipeline.networks.refiner.on_board.check import Checked, check
-from pipeline.networks.refiner.on_board.steps import STEPS, Step, outputs, takes, told_each_round
-from pipeline.networks.refiner.on_board.values import sizes_of, value
+from pipeline.networks.recipes import REFINER
+from pipeline.networks.refiner.on_board.check import CraftCheck, check
+from pipeline.networks.refiner.on_board.steps import (
+    STEPS,
+    Step,
+    outputs,
+    sizes_of,
+    takes,
+    told_each_round,
+    value,
+)
+from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.scratch import scratch_folder
 
 SCHEMA = "prolearn.onnx.craft/1"
 
-ANY = {"P": 5, "Q": 4}
-"""Axes of any length, and the length with which graphs are traced."""
+ANY = {"P": 5, "Q": 4}  # axes of any length, and the length with which graphs are traced
 
 
 @dataclass(frozen=True)
@@ -30,18 +36,14 @@ class ExportedCraft:
     """The files of one craft and what was measured of them.
 
     Attributes:
-        folder: where they are, each named after its step.
-        kib: size of each, by step, KiB.
-        sha256: digest of each, by step.
         told: numbers that a craft tells in each round for each live encounter, by name.
-        checked: how near they are to torch, and how fast.
     """
 
-    folder: Path
-    kib: Mapping[str, float]
-    sha256: Mapping[str, str]
+    folder: Path  # where they are, each named after its step
+    kib: Mapping[str, float]  # size of each, by step, KiB
+    sha256: Mapping[str, str]  # digest of each, by step
     told: Mapping[str, int]
-    checked: Checked
+    checked: CraftCheck  # how near they are to torch, and how fast
 
 
 def export_craft(
@@ -61,7 +63,8 @@ def export_craft(
     """
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")
-    network = cast("Bargain", model.network)
+    network = model.network
+    assert isinstance(network, MessagePassing), "a refiner's"
     with scratch_folder() as temporary:
         made = {name: temporary / f"{name}.onnx" for name in STEPS}
         for name, step in STEPS.items():

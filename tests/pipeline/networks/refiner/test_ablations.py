@@ -8,12 +8,11 @@ import torch
 
 from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
-from pipeline.networks.architecture import find, recipe_for
+from pipeline.networks.architecture import find, recipe_for, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
-from pipeline.networks.refiner.ablations import ABLATIONS, LABELLED
-from pipeline.networks.refiner.rounds import begin, play, start
-from pipeline.networks.swarms import swarms
+from pipeline.networks.recipes import LABELLED, NO_THIRD, UNCROWDED
+from pipeline.networks.refiner.model import play, start, task_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
@@ -89,7 +88,7 @@ def test_an_ablation_is_the_short_recipe_but_for_one_option():
     assert replace(short, name="tuned", epochs=tuned.epochs) == tuned
     assert short.epochs < tuned.epochs
     lacking = []
-    for name in (*ABLATIONS, LABELLED):
+    for name in (NO_THIRD, UNCROWDED, LABELLED):
         recipe = recipe_for("refiner", name)
         crowded = 0 if name == "uncrowded" else short.crowded  # neither kind of crowd to learn from
         assert replace(short, name=name, options=recipe.options, crowded=crowded) == recipe
@@ -121,11 +120,11 @@ def test_labels_cost_the_distance_from_the_expert_where_it_has_planned():
     plans = rng.normal(size=(4, 8, PROBLEM.nodes, 6)) * 100
     apart = 0.0
     for count in range(1, tuned + 1):
-        task = begin(swarms(PROBLEM, INITIAL, GOAL))
+        task = task_of(PROBLEM, INITIAL, GOAL, np.full(4, 15.0))
         state = start(task)
         for number in range(count):
-            state = play(made, task, state, number)
-        controls = state.controls.detach().numpy() * 15.0 / PROBLEM.time_step**2
+            state = play(made.arrays, task, state, number)
+        controls = state.controls * 15.0 / PROBLEM.time_step**2
         flown = fly(INITIAL, controls.reshape(4, 8, -1, 3), PROBLEM)
         apart += np.linalg.norm((flown - plans)[..., :3], axis=3).mean() / 15.0 / tuned
     found = loss_with(0.3, plans) - loss_with(1e-12, plans)

@@ -5,11 +5,9 @@ import sys
 
 import numpy as np
 import pytest
-import torch
 from scipy.interpolate import CubicHermiteSpline
 
-from pipeline.networks.refiner.encounters import Encounters, candidates, look
-from pipeline.networks.refiner.grid import in_units
+from pipeline.networks.refiner.geometry import Encounters, approaches, encounters, in_units
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, track
 from pipeline.scenario import draw
@@ -20,9 +18,7 @@ SCENARIOS = [draw("rings", 0, N, k, PROBLEM, "valid") for k in range(3)]
 INITIAL = np.concatenate([s.initial for s in SCENARIOS])
 CONTROLS = minimum_energy(INITIAL, np.concatenate([s.goal for s in SCENARIOS]), PROBLEM)
 STATES = fly(INITIAL, CONTROLS, PROBLEM)
-SCALED = in_units(
-    torch.from_numpy(STATES), torch.full((len(STATES),), RADIUS, dtype=torch.float64), PROBLEM
-).reshape(STATES.shape)
+SCALED = in_units(STATES, np.full(len(STATES), RADIUS), PROBLEM).reshape(STATES.shape)
 
 
 def sampled():
@@ -36,14 +32,13 @@ def sampled():
 def pairs_of(ends):
     """Each of some relative motions as an encounter with a craft that rests at 0."""
     both = np.concatenate([ends, np.zeros_like(ends)])
-    pair = torch.arange(len(ends))
-    met = Encounters(pair, pair + len(ends), torch.zeros_like(pair))
-    return met, torch.from_numpy(both)
+    pair = np.arange(len(ends))
+    return Encounters(pair, pair + len(ends), np.zeros_like(pair)), both
 
 
 def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
     least, within = sampled().min(axis=3), 5.0
-    met = candidates(SCALED, N, within)
+    met = encounters(SCALED, N, within, 0.0)
     found = {(int(i), int(j), int(k)) for i, j, k in zip(*vars(met).values(), strict=True)}
     swarm = np.arange(len(STATES)) // N
     wanted = {
@@ -56,13 +51,13 @@ def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
 
 
 def test_the_closest_approach_is_the_least_of_the_samples():
-    met = candidates(SCALED, N, 5.0)
-    seen = look(met, SCALED)
+    met = encounters(SCALED, N, 5.0, 0.0)
+    found = approaches(met, SCALED)
     distance = sampled()[met.first, met.second, met.interval]
-    assert seen.distance.numpy() == pytest.approx(distance.min(axis=1), abs=2e-4)
+    assert found.distance == pytest.approx(distance.min(axis=1), abs=2e-4)
     when = distance.argmin(axis=1) / STEPS
     deep = np.ptp(distance, axis=1) > 0.1  # elsewhere there is no moment to speak of
-    assert seen.share.numpy()[deep] == pytest.approx(when[deep], abs=0.02)
+    assert found.share[deep] == pytest.approx(when[deep], abs=0.02)
 
 
 def test_fast_passes_are_found_as_well():
@@ -72,10 +67,10 @@ def test_fast_passes_are_found_as_well():
     turn = 30 * rng.normal(size=(200, 2, 3))
     miss, when = rng.normal(size=(200, 1, 3)), rng.uniform(0, 1, size=(200, 1, 1))
     ends = np.concatenate([miss + (np.array([[[0.0], [1.0]]]) - when) * speed, speed + turn], 2)
-    found = look(*pairs_of(ends))
+    found = approaches(*pairs_of(ends))
     motion = CubicHermiteSpline([0, 1], ends[..., :3], ends[..., 3:], axis=1)
     least = np.linalg.norm(motion(np.linspace(0, 1, 40_001)), axis=2).min(axis=1)
-    assert found.distance.numpy() == pytest.approx(least, abs=2e-3)
+    assert found.distance == pytest.approx(least, abs=2e-3)
 
 
 def test_who_is_sure_to_stay_beyond_a_distance_is_not_looked_at_and_nobody_else():
@@ -83,12 +78,12 @@ def test_who_is_sure_to_stay_beyond_a_distance_is_not_looked_at_and_nobody_else(
     rng = np.random.default_rng(1)
     ends = rng.normal(size=(3000, 2, 6)) * [2, 2, 2, 1, 1, 1]
     met, states = pairs_of(ends)
-    every = look(met, states)
-    some = look(met, states, torch.full_like(every.distance, 2.0))
-    unseen = some.distance.isinf()
+    every = approaches(met, states)
+    some = approaches(met, states, np.full_like(every.distance, 2.0))
+    unseen = np.isinf(some.distance)
     assert (every.distance[unseen] > 2).all()
-    assert torch.equal(some.distance[~unseen], every.distance[~unseen])
-    assert torch.equal(some.share[~unseen], every.share[~unseen])
+    assert np.array_equal(some.distance[~unseen], every.distance[~unseen])
+    assert np.array_equal(some.share[~unseen], every.share[~unseen])
     assert unseen.sum() > 0.5 * (every.distance > 2).sum() > 500
 
 
@@ -96,12 +91,13 @@ def test_all_pairs_of_a_large_swarm_are_looked_at_in_bounded_memory():
     """A line of craft 40 r_col apart, of which neighbours alone come within 41."""
     n = 1000
     code = f"""if True:
-        import resource, torch
-        from pipeline.networks.refiner.encounters import candidates
+        import resource
+        import numpy as np
+        from pipeline.networks.refiner.geometry import encounters
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        states = torch.zeros({n}, 11, 6, dtype=torch.float64)
-        states[..., 0] = 40.0 * torch.arange({n})[:, None]
-        met = candidates(states, {n}, 41.0)
+        states = np.zeros(({n}, 11, 6))
+        states[..., 0] = 40.0 * np.arange({n})[:, None]
+        met = encounters(states, {n}, 41.0, 0.0)
         more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
         print(len(met.first), more // 1024)
     """
@@ -112,24 +108,24 @@ def test_all_pairs_of_a_large_swarm_are_looked_at_in_bounded_memory():
 
 
 def test_a_wide_swarm_is_looked_at_further_out_than_a_narrow_one_beside_it():
-    both = torch.cat([SCALED[:N], 4 * SCALED[N : 2 * N]])
-    extent = [float(np.ptp(x[..., :3].numpy(), axis=(0, 1)).max()) / 2 for x in both.split(N)]
-    met = candidates(both, N, 5.0, 0.3)
-    for k, one in enumerate(both.split(N)):
-        alone = candidates(one, N, max(5.0, 0.3 * extent[k]))
-        assert torch.equal(met.first[met.first // N == k] - k * N, alone.first)
+    both = np.concatenate([SCALED[:N], 4 * SCALED[N : 2 * N]])
+    extent = [float(np.ptp(x[..., :3], axis=(0, 1)).max()) / 2 for x in np.split(both, 2)]
+    met = encounters(both, N, 5.0, 0.3)
+    for k, one in enumerate(np.split(both, 2)):
+        alone = encounters(one, N, max(5.0, 0.3 * extent[k]), 0.0)
+        assert np.array_equal(met.first[met.first // N == k] - k * N, alone.first)
 
 
 def test_the_closest_approach_of_any_cubic_is_found():
     """Random motion with strong bends, against ten thousand samples."""
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(500, 2, 6)) * [1, 1, 1, 2, 2, 2]
-    found = look(*pairs_of(ends))
+    found = approaches(*pairs_of(ends))
     s = np.linspace(0, 1, 10_001)[:, None, None]
     (p0, v0), (p1, v1) = (np.split(ends[:, k], 2, axis=1) for k in (0, 1))
     p = p0 + s * (v0 + s * (3 * (p1 - p0) - 2 * v0 - v1 + s * (2 * (p0 - p1) + v0 + v1)))
     least = np.linalg.norm(p, axis=2).min(axis=0)
-    error = found.distance.numpy() - least
+    error = found.distance - least
     assert error.min() > -1e-6
     assert np.quantile(error, 0.99) < 1e-4
     assert error.max() < 0.01
@@ -139,9 +135,9 @@ def turning(x, speed):
     """Intervals in which a craft on the x axis turns from coming closer to 0 to parting from it."""
     states = np.zeros((2, len(x), 6))
     states[0, :, 0], states[0, :, 3] = x, speed
-    each = torch.arange(len(x) - 1)
-    met = Encounters(torch.zeros_like(each), torch.ones_like(each), each)
-    found = look(met, torch.from_numpy(states))
+    each = np.arange(len(x) - 1)
+    met = Encounters(np.zeros_like(each), np.ones_like(each), each)
+    found = approaches(met, states)
     return each[found.turns].tolist(), found
 
 
@@ -155,7 +151,7 @@ def test_a_pair_turns_in_the_intervals_in_which_its_distance_has_a_minimum():
     distance = CubicHermiteSpline(time, x, speed)(fine)
     least = (distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:])
     assert intervals == np.floor(fine[1:-1][least]).tolist() == [1, 5, 9]
-    assert found.share[intervals].numpy() == pytest.approx(0.5, abs=0.01)
+    assert found.share[intervals] == pytest.approx(0.5, abs=0.01)
     assert (found.distance[[0, 2, 4, 6, 8]] > 1.5).all()
 
 

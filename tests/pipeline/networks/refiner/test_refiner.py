@@ -1,5 +1,7 @@
 """The refiner by what must hold of it whatever its weights are, and by what it learns."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +9,12 @@ import pytest
 import torch
 
 from pipeline.dataset.examples import Examples
-from pipeline.networks.architecture import find, recipe_for
+from pipeline.networks.architecture import find, recipe_for, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
-from pipeline.networks.refiner import best
-from pipeline.networks.refiner.best import best_of
-from pipeline.networks.refiner.packaged import packaged
-from pipeline.networks.refiner.rounds import begin, play, start
-from pipeline.networks.swarms import swarms
+from pipeline.networks.refiner import model as refiner_model
+from pipeline.networks.refiner.model import cheapest_safe, lack, play, start, task_of
+from pipeline.networks.refiner.packaged import FOLDER, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, pair_conflicts
 from pipeline.orbit.transfer import fly, minimum_energy, track
@@ -100,18 +100,18 @@ def test_swarms_seen_in_a_mirror_or_from_behind_are_as_hard():
         assert close(turned, turn[:3] * answer)
 
 
-def test_without_rounds_every_craft_keeps_its_own_optimum():
+def test_without_rounds_every_craft_keeps_its_decoupled_optimum():
     initial, goal = ends(10, 4)
-    task = begin(swarms(PROBLEM, initial, goal))
-    controls, _ = best_of(None, task, 0)
-    assert torch.equal(controls, task.own.controls)
+    task = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0))
+    controls, _ = cheapest_safe(None, task, 0)
+    assert np.array_equal(controls, task.own.controls)
 
 
 def test_rounds_by_the_rule_alone_leave_few_swarms_unsafe():
     initial, goal = ends(10, 40)
-    task = begin(swarms(PROBLEM, initial, goal))
-    controls, safe = best_of(None, task, 12)
-    flown = controls.reshape(40, 10, -1, 3).numpy() * 15.0 / PROBLEM.time_step**2
+    task = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0))
+    controls, safe = cheapest_safe(None, task, 12)
+    flown = controls.reshape(40, 10, -1, 3) * 15.0 / PROBLEM.time_step**2
     conflicts = [
         pair_conflicts(fly(x, u, PROBLEM), u, PROBLEM) for x, u in zip(initial, flown, strict=True)
     ]
@@ -121,35 +121,33 @@ def test_rounds_by_the_rule_alone_leave_few_swarms_unsafe():
     assert 1 <= fuel.mean() < 1.02
 
 
-@torch.no_grad()
 def test_it_ends_with_the_cheapest_safe_iterate(monkeypatch):
-    monkeypatch.setattr(best, "STEADY", -1.0)  # so that no swarm stops early
+    monkeypatch.setattr(refiner_model, "STEADY", -1.0)  # so that no swarm stops early
     initial, goal = ends(10, 10, family="dense")
-    task, made = begin(swarms(PROBLEM, initial, goal)), network()
-    made.offer.weight *= 0.2  # wilder ones send craft to others that they were never near
-    controls, safe = best_of(made, task, 8)
-    mine, cheapest = task.fuel(controls), torch.full((10,), torch.inf, dtype=torch.float64)
+    task, made = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0)), network()
+    made.offer.weight.data *= 0.2  # wilder ones send craft to others that they were never near
+    controls, safe = cheapest_safe(made.arrays, task, 8)
+    mine, cheapest = task.fuel(controls), np.full(10, np.inf)
     state = start(task)
     for number in range(9):
-        flown = state.controls.reshape(10, 10, -1, 3).numpy() * 15.0 / PROBLEM.time_step**2
+        flown = state.controls.reshape(10, 10, -1, 3) * 15.0 / PROBLEM.time_step**2
         for k, (x, u) in enumerate(zip(initial, flown, strict=True)):
             if least_separation(fly(x, u, PROBLEM), u, PROBLEM).bound > 15.0 + 2e-3:
                 cheapest[k] = min(cheapest[k], task.fuel(state.controls)[k])
-        state = play(made, task, state, number)
-    assert torch.equal(safe, cheapest.isfinite())
-    assert torch.equal(mine[safe], cheapest[safe])
+        state = play(made.arrays, task, state, number)
+    assert np.array_equal(safe, np.isfinite(cheapest))
+    assert np.array_equal(mine[safe], cheapest[safe])
     assert safe.sum() >= 5
 
 
-@torch.no_grad()
 def test_a_swarm_that_is_safe_and_steady_stops_without_losing_much_fuel(monkeypatch):
     initial, goal = ends(10, 40)
-    task, made = begin(swarms(PROBLEM, initial, goal)), network()
-    stopped, _ = best_of(made, task, 30)
-    monkeypatch.setattr(best, "STEADY", -1.0)
-    played, safe = best_of(made, task, 30)
+    task, made = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0)), network()
+    stopped, _ = cheapest_safe(made.arrays, task, 30)
+    monkeypatch.setattr(refiner_model, "STEADY", -1.0)
+    played, safe = cheapest_safe(made.arrays, task, 30)
     ratio = task.fuel(stopped) / task.fuel(played)
-    assert not torch.equal(stopped, played)
+    assert not np.array_equal(stopped, played)
     assert (ratio[safe] >= 1 - 1e-4).all()
     assert ratio[safe].mean() < 1.002
 
@@ -177,11 +175,41 @@ def test_what_is_saved_answers_the_same(tmp_path):
     assert np.array_equal(again, made.answer(initial, goal, 15.0))
 
 
+@pytest.mark.parametrize(("family", "tolerance"), [("rings", 1e-9), ("dense", 1e-6)])
+def test_rounds_of_torch_are_those_of_numpy(family, tolerance):
+    """All swarms together, in double precision; dense ones magnify what rounding there is."""
+    given, made = (PROBLEM, *ends(10, 6, family=family), np.full(6, 15.0)), network().double()
+    task, same = task_of(*given), task_of(*given, torch.device("cpu"))
+    now, then = start(task), start(same)
+    for number in range(8):
+        now, then = play(made.arrays, task, now, number), play(made.weights, same, then, number)
+        scale, missing = np.abs(now.controls).max(), lack(task, now, 1.1)
+        assert np.abs(then.controls.detach().numpy() - now.controls).max() <= tolerance * scale
+        assert lack(same, then, 1.1).detach().numpy() == pytest.approx(missing, abs=10 * tolerance)
+
+
+def test_the_packaged_refiner_is_the_stored_model_and_answers_without_torch():
+    initial, goal = ends(10, 4, family="dense")
+    model = load(FOLDER)
+    assert packaged().digest == model.digest
+    assert np.array_equal(packaged().answer(initial, goal, 15.0), model.answer(initial, goal, 15.0))
+    code = """if True:
+        import sys
+        from pipeline.planners.named import named_planner
+        from pipeline.scenario import draw
+        from pipeline.orbit.problem import Problem
+        (plan,) = named_planner("refiner").plan([draw("rings", 0, 3, 0, Problem(), "test")])
+        print(plan.status, "torch" in sys.modules)
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["solved", "False"]
+
+
 def test_what_a_swarm_lacks_is_counted_once_for_each_time_that_a_pair_turns():
     initial, goal = ends(6, 4, family="dense")
-    task = begin(swarms(PROBLEM, initial, goal))
+    task = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0))
     state = start(task)
-    controls = state.controls.reshape(-1, PROBLEM.intervals, 3).numpy() * 15 / PROBLEM.time_step**2
+    controls = state.controls.reshape(-1, PROBLEM.intervals, 3) * 15 / PROBLEM.time_step**2
     states = fly(initial.reshape(-1, 6), controls, PROBLEM)
     flown = track(states, controls, PROBLEM, 400).reshape(4, 6, -1, 3) / 15
     first, second = np.triu_indices(6, 1)
@@ -189,7 +217,7 @@ def test_what_a_swarm_lacks_is_counted_once_for_each_time_that_a_pair_turns():
     middle = apart[..., 1:-1]
     turns = (middle < apart[..., :-2]) & (middle <= apart[..., 2:]) & (middle < 1.1)
     wanted = ((1.1 - middle) * turns).sum(axis=(1, 2))
-    assert state.lack(task, 1.1).numpy() == pytest.approx(wanted, abs=2e-3)
+    assert lack(task, state, 1.1) == pytest.approx(wanted, abs=2e-3)
     assert (turns.sum(axis=(1, 2)) > 1).all()
 
 

@@ -1,38 +1,36 @@
 """Who gets a plane when, and who gives way by how much, by hand."""
 
+import numpy as np
 import pytest
 import torch
 
-from pipeline.networks.refiner.bargain import Bargain, trade_of
-from pipeline.networks.refiner.encounters import Encounters
-from pipeline.networks.refiner.planes import Planes
-from pipeline.networks.refiner.rounds import MARGIN, TURNS_ONLY, WATCHED, meets, to_give
-from pipeline.networks.refiner.seen import FEATURES, Meeting
-from pipeline.networks.refiner.sides import sides_of
+from pipeline.networks.refiner.arrays import plain
+from pipeline.networks.refiner.model import (
+    FEATURES,
+    MARGIN,
+    TURNS_ONLY,
+    WATCHED,
+    agree,
+    gets_plane,
+    to_give,
+    trade_of,
+)
+from pipeline.networks.refiner.programs import sides_of
+from pipeline.networks.refiner.refiner import MessagePassing
 
 
-def meeting(distance, price, first_price):
-    """One encounter of two craft."""
-    one = torch.zeros(1, dtype=torch.long)
-    along = torch.tensor([[1.0, 0.0, 0.0]]).double()
-    apart = torch.tensor([distance]).double()
-    planes = Planes(apart, torch.zeros(1, 30).double(), along, along, torch.ones(1).double())
-    prices = (torch.tensor([pair]).double() for pair in (price, first_price))
-    return Meeting(Encounters(one, one + 1, one), torch.zeros(1).double(), planes, *prices)
-
-
-def given(distance, price, first_price, trade=None):
+def given(distance, dual, first_dual, trade=0.0):
     """What both craft are to give way, and what is needed of them together."""
-    trade = None if trade is None else torch.tensor([trade])
-    return to_give(meeting(distance, price, first_price), trade)[0].tolist(), 1 + MARGIN - distance
+    one = to_give(*(np.array([x]) for x in (distance, dual, first_dual, trade)))
+    return one[0].tolist(), 1 + MARGIN - distance
 
 
 @pytest.mark.parametrize(
-    ("price", "first_price"), [((1.0, 2.0), (0.5, 0.5)), ((0.0, 0.0), (1.0, 2.0))]
+    ("dual", "first_dual"), [((1.0, 2.0), (0.5, 0.5)), ((0.0, 0.0), (1.0, 2.0))]
 )
-def test_the_craft_to_which_it_is_cheaper_gives_more_way(price, first_price):
+def test_the_craft_to_which_it_is_cheaper_gives_more_way(dual, first_dual):
     """At half the price 2⁴ times as much, by prices of the last round or of the first metre."""
-    (first, second), needed = given(0.5, price, first_price)
+    (first, second), needed = given(0.5, dual, first_dual)
     assert first == pytest.approx(16 / 17 * needed)
     assert second == pytest.approx(1 / 17 * needed)
 
@@ -57,22 +55,38 @@ def test_who_offers_more_gives_more_and_nobody_beyond_the_limit():
     assert torch.equal(first, -second)
 
 
-def test_both_sides_find_the_same_trade():
+def test_both_sides_find_the_same_trade_with_numpy_as_with_torch():
     torch.manual_seed(0)
-    network = Bargain(32, 16, 8)
+    network = MessagePassing(32, 16, 8).double()
     torch.nn.init.normal_(network.offer.weight)
-    pairs, seen = torch.tensor([[0, 1], [1, 2], [0, 2]]), torch.randn(3, 2, FEATURES)
-    free = torch.nn.functional.normalize(torch.randn(3, 30), dim=1)
-    found = network(seen, sides_of(pairs, 3), free)
-    turned = network(seen.flip(1), sides_of(pairs.flip(1), 3), -free)
+    pairs, seen = np.array([[0, 1], [1, 2], [0, 2]]), torch.randn(3, 2, FEATURES).double()
+    free = torch.nn.functional.normalize(torch.randn(3, 30).double(), dim=1)
+    found = agree(network.weights, seen, free, sides_of(pairs)).detach()
+    turned = agree(network.weights, seen.flip(1), -free, sides_of(pairs[:, ::-1])).detach()
     assert found.abs().max() > 1e-3
-    assert turned.tolist() == pytest.approx((-found).tolist(), abs=1e-6)
+    assert turned.tolist() == pytest.approx((-found).tolist(), abs=1e-12)
+    same = agree(network.arrays, plain(seen), plain(free), sides_of(pairs))
+    assert same == pytest.approx(found.numpy(), rel=1e-9, abs=1e-12)
+
+
+def test_message_passing_is_that_of_torch_s_own_layers():
+    torch.manual_seed(0)
+    network = MessagePassing(32, 16, 8)
+    torch.nn.init.normal_(network.offer.weight)
+    seen = torch.randn(1, 2, FEATURES)
+    free = torch.nn.functional.normalize(torch.randn(1, 30), dim=1)
+    said = network.read(torch.cat([seen, seen.flip(1)], dim=2))
+    heard = network.tell(said).repeat(1, 1, 2)  # nobody else is there to be heard
+    every = torch.cat([said, heard, heard.flip(1)], dim=2)
+    one, other = network.offer(network.weigh(every))[..., 0].T
+    trade = agree(network.weights, seen, free, sides_of(np.array([[0, 1]])))
+    assert trade.item() == pytest.approx(trade_of(one, other).item(), rel=1e-5)
 
 
 def test_planes_stand_where_pairs_turn_and_later_also_wherever_they_are_too_close():
-    distance = torch.tensor([0.9, 0.9, 1.05, 1.2, 1.4]).double()
-    turns = torch.tensor([True, False, False, True, True])
+    distance = np.array([0.9, 0.9, 1.05, 1.2, 1.4])
+    turns = np.array([True, False, False, True, True])
     assert 1.2 < WATCHED < 1.4
     for number in range(TURNS_ONLY):
-        assert meets(distance, turns, number).tolist() == [True, False, False, True, False]
-    assert meets(distance, turns, TURNS_ONLY).tolist() == [True, True, False, True, False]
+        assert gets_plane(distance, turns, number).tolist() == [True, False, False, True, False]
+    assert gets_plane(distance, turns, TURNS_ONLY).tolist() == [True, True, False, True, False]

@@ -13,13 +13,10 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.best import STEADY, best_of
-from pipeline.networks.refiner.on_board.check import Files, check, compare, together
+from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, task_of
+from pipeline.networks.refiner.on_board.check import Files, check, compare, fly_rounds, together
 from pipeline.networks.refiner.on_board.export import export_craft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
-from pipeline.networks.refiner.on_board.swarm import fly_rounds
-from pipeline.networks.refiner.rounds import SAFE, begin
-from pipeline.networks.swarms import swarms
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
@@ -81,21 +78,21 @@ def cheapest(fuel, safe):
     return int(costs.argmin()) if np.isfinite(costs).any() else number
 
 
-def test_a_swarm_whose_craft_run_the_files_finds_what_torch_finds(model, exported):
+def test_a_swarm_whose_craft_run_the_files_finds_what_the_swarm_finds(model, exported):
     compared, encounters = [], set()
     for family, n, k in SWARMS:
         scenario = draw(family, 0, n, k, PROBLEM, "valid")
         ends = scenario.initial, scenario.goal
         controls, safe, counts = flown(exported, ends)
         encounters |= counts
-        task = begin(swarms(PROBLEM, *(end[None] for end in ends)))
+        task = task_of(PROBLEM, *(end[None] for end in ends), np.array([RADIUS]))
         found = compare(controls, together(model.network, PROBLEM, *ends))
         compared.append(found)
         if not found.tie:
             chosen = controls[cheapest(np.abs(controls).sum(axis=(1, 2)), safe)]
-            best, is_safe = best_of(model.network, task, ROUNDS)
+            best, is_safe = cheapest_safe(model.network.arrays, task, ROUNDS)
             assert bool(is_safe) == safe.any()
-            assert np.abs(chosen - best.numpy() * UNIT).max() <= 1e-5 * np.abs(chosen).max()
+            assert np.abs(chosen - best * UNIT).max() <= 1e-5 * np.abs(chosen).max()
         reached = fly(ends[0], controls[-1].reshape(n, -1, 3), PROBLEM)[:, -1]
         assert np.abs(reached - ends[1])[:, :3].max() < 1e-6
     assert max(one.difference for one in compared) <= 1e-5
@@ -127,7 +124,7 @@ def test_files_of_other_weights_are_found_out(model, exported):
     other = find("refiner").network(model.config, model.encoding, 0.0)
     torch.nn.init.normal_(other.offer.weight, std=0.05)
     files = {name: exported.folder / f"{name}.onnx" for name in STEPS}
-    with pytest.raises(ProlearnError, match="controls differ from torch's by"):
+    with pytest.raises(ProlearnError, match="controls differ from the model's by"):
         check(files, replace(model, network=other))
 
 

@@ -10,22 +10,19 @@ from tableaux import one_of
 
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.refiner.encounters import Encounters, look
-from pipeline.networks.refiner.grid import grid_of
-from pipeline.networks.refiner.on_board.check import Compared, compare, together
-from pipeline.networks.refiner.on_board.nearest import nearest
-from pipeline.networks.refiner.on_board.own_optimum import own_optimum
-from pipeline.networks.refiner.on_board.pivots import solve_one
-from pipeline.networks.refiner.on_board.planes import cubic, turns
-from pipeline.networks.refiner.on_board.planes import planes as on_board_planes
+from pipeline.networks.refiner.geometry import Encounters, approaches, grid_of
+from pipeline.networks.refiner.on_board.check import Compared, compare, fly_rounds, together
 from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, takes, told_each_round
-from pipeline.networks.refiner.on_board.swarm import fly_rounds
-from pipeline.networks.refiner.planes import planes
-from pipeline.networks.refiner.program import DEAREST, solve
-from pipeline.networks.refiner.rounds import begin
-from pipeline.networks.refiner.sides import Sides
-from pipeline.networks.swarms import swarms
+from pipeline.networks.refiner.on_board.traced import (
+    cubic,
+    decoupled_optimum,
+    nearest,
+    solve_one,
+    turns,
+)
+from pipeline.networks.refiner.programs import LARGEST_DUAL, Sides, decoupled_optima, optima
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario import draw
 
 PROBLEM = Problem()
@@ -58,15 +55,6 @@ def by_craft(made, initial, goal):
 
     flown = fly_rounds(run, initial, goal, PROBLEM.collision_radius, rounds=made.rounds)
     return np.stack(list(flown))
-
-
-def relative(met, states):
-    """States of first craft relative to second at both ends of their interval."""
-    first, second = (
-        torch.stack([states[craft, met.interval], states[craft, met.interval + 1]], dim=1)
-        for craft in met.both
-    )
-    return first - second
 
 
 @pytest.mark.parametrize(("family", "n"), [("rings", 1), ("rings", 2), ("dense", 10)])
@@ -111,76 +99,72 @@ def test_craft_by_themselves_know_no_numbers_of_craft():
     assert found.difference <= 1e-5
 
 
+def own_of(problem, initial, goal):
+    """Decoupled optima by the table, and the ends in r_col and Δt that they are of."""
+    scale = np.repeat([1.0, problem.time_step], 3) / problem.collision_radius
+    ends = initial * scale, goal * scale
+    return decoupled_optima(*ends, grid_of(problem), problem), ends
+
+
+def tensors(own):
+    return replace(own, **{name: torch.from_numpy(values) for name, values in vars(own).items()})
+
+
 def test_one_craft_s_program_is_that_of_many():
     """With planes that are met, that are asked too much of, and that are not there."""
     for problem in (PROBLEM, *OTHERS):
-        ends = [torch.from_numpy(end[None]) for end in drawn("dense", 10, 0, problem)]
-        task = begin(swarms(problem, *(end.numpy() for end in ends)))
-        rng, m = np.random.default_rng(0), task.grid.reach.shape[1]
+        own, _ = own_of(problem, *drawn("dense", 10, 0, problem))
+        grid, rng = grid_of(problem), np.random.default_rng(0)
         node = rng.integers(2, problem.nodes - 1, size=(10, 5))
-        normal = torch.from_numpy(rng.normal(size=(10, 5, 3)))
-        position = task.grid.reach.reshape(-1, 6, m)[torch.from_numpy(node), :3]
-        row = torch.einsum("cpx,cpxm->cpm", normal, position)
+        position = grid.reach.reshape(problem.nodes, 6, -1)[node, :3]
+        row = np.einsum("cpx,cpxm->cpm", rng.normal(size=(10, 5, 3)), position)
         row[:, 1] = -row[:, 0]
-        more = torch.from_numpy(rng.uniform(-0.5, 1.5, size=(10, 5)))
-        asked = (row @ task.own.controls[:, :, None])[:, :, 0] + more
-        real = torch.from_numpy(rng.random((10, 5)) < 0.8)
-        dearest = 0.0
+        asked = (row @ own.controls[:, :, None])[:, :, 0] + rng.uniform(-0.5, 1.5, size=(10, 5))
+        real = rng.random((10, 5)) < 0.8
+        largest = 0.0
         for k in range(10):
-            own, some = one_of(task.own, k), real[k]
-            count = int(some.sum())
-            first = Sides(torch.tensor([0]), torch.tensor([0, count]), 2 * torch.arange(count))
-            wanted = solve(own, first, row[k, some], asked[k, some, None].expand(-1, 2))
-            controls, price = solve_one(own, row[k], asked[k], some)
-            assert controls.numpy() == pytest.approx(wanted.controls[0].numpy(), abs=1e-8)
-            assert price[some].numpy() == pytest.approx(wanted.price[:, 0].numpy(), abs=1e-7)
-            assert (price[~some] == 0).all()
-            dearest = max(dearest, float(price.amax()))
-        assert dearest == pytest.approx(DEAREST)
+            one, some = one_of(own, k), real[k]
+            order = 2 * np.arange(some.sum())
+            first = Sides(np.array([0]), np.array([0, some.sum()]), order, np.zeros_like(order))
+            wanted = optima(one, first, row[k, some], np.tile(asked[k, some, None], 2), grid)
+            given = (torch.from_numpy(values[k]) for values in (row, asked, real))
+            controls, dual = solve_one(tensors(one), *given)
+            assert controls.numpy() == pytest.approx(wanted[0][0], abs=1e-8)
+            assert dual.numpy()[some] == pytest.approx(wanted[1][:, 0], abs=1e-7)
+            assert (dual.numpy()[~some] == 0).all()
+            largest = max(largest, float(dual.amax()))
+        assert largest == pytest.approx(LARGEST_DUAL)
 
 
 def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
-    rng = np.random.default_rng(0)
-    states = torch.from_numpy(rng.normal(size=(40, 6, 6)))
+    states = np.random.default_rng(0).normal(size=(40, 6, 6))
     states[20:, 1:] = states[20:, :1] + 1e-3 * states[20:, 1:]  # almost still
-    first = torch.arange(0, 40, 2).repeat_interleave(5)
-    met = Encounters(first, first + 1, torch.arange(5).repeat(20))
-    motion = cubic(relative(met, states))
-    share, found = nearest(motion), look(met, states)
-    assert share.numpy() == pytest.approx(found.share.numpy(), abs=1e-6)
-    assert torch.equal(turns(motion, share), found.turns)
+    first = np.arange(0, 40, 2).repeat(5)
+    met = Encounters(first, first + 1, np.tile(np.arange(5), 20))
+    motion = cubic(torch.from_numpy(met.relative(states)))
+    share, found = nearest(motion), approaches(met, states)
+    assert share.numpy() == pytest.approx(found.share, abs=1e-6)
+    assert np.array_equal(turns(motion, share).numpy(), found.turns)
     assert (~found.turns).sum() > 5
 
 
-def test_the_planes_that_a_craft_puts_up_are_the_swarm_s():
-    torch.manual_seed(0)
-    states, grid = torch.randn(6, PROBLEM.nodes, 6).double(), grid_of(PROBLEM, torch.device("cpu"))
-    states[3] = states[0]  # one pair touches, and one stands still
-    states[4] = states[1] + 1.0
-    met = Encounters(torch.arange(3), torch.arange(3, 6), torch.tensor([2, 0, 9]))
-    share = torch.tensor([0.0, 0.3, 1.0]).double()
-    wanted = planes(met, share, states, grid)
-    found = on_board_planes(met.interval, share, cubic(relative(met, states)), grid)
-    for name, values in vars(wanted).items():
-        torch.testing.assert_close(getattr(found, name), values, msg=name)
-
-
-def test_the_own_optimum_that_a_craft_looks_up_is_the_swarm_s():
+def test_the_decoupled_optimum_that_a_craft_looks_up_is_the_swarm_s():
     for problem in (PROBLEM, *OTHERS):
         grid = grid_of(problem, torch.device("cpu"))
         initial, goal = drawn("rings", 20, 0, problem)
-        goal[0] = initial[0] @ grid.drift[-6:].T.numpy()  # about to stay where it drifts
+        goal[0] = initial[0] @ transfer_maps(problem).drift[-1].T  # about to stay where it drifts
         goal[1, [2, 5]] = initial[1, [2, 5]] = 0.0  # nothing across the plane
-        task = begin(swarms(problem, initial[None], goal[None]))
-        scale = np.repeat([1.0, problem.time_step], 3) / problem.collision_radius
+        every, scaled = own_of(problem, initial, goal)
         for k in range(20):
-            ends = (torch.from_numpy(end[k : k + 1] * scale) for end in (initial, goal))
-            own = own_optimum(*ends, grid, problem)
-            same = one_of(task.own, k)
-            assert own.controls.numpy() == pytest.approx(same.controls.numpy(), abs=1e-8)
-            assert torch.equal(own.basis, same.basis) and torch.equal(own.others, same.others)
-            assert own.tableau.numpy() == pytest.approx(same.tableau.numpy(), abs=1e-7)
-            assert own.cost.numpy() == pytest.approx(same.cost.numpy(), abs=1e-7)
+            ends = (torch.from_numpy(end[k : k + 1]) for end in scaled)
+            own, same = decoupled_optimum(*ends, grid, problem), one_of(every, k)
+            assert own.controls.numpy() == pytest.approx(same.controls, abs=1e-8)
+            if k == 0:
+                continue  # any basis will do
+            assert np.array_equal(own.basis, same.basis)
+            assert np.array_equal(own.others, same.others)
+            assert own.tableau.numpy() == pytest.approx(same.tableau, abs=1e-7)
+            assert own.cost.numpy() == pytest.approx(same.cost, abs=1e-7)
 
 
 def test_a_craft_tells_50_numbers_for_each_live_encounter_in_a_round():

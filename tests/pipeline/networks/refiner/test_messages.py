@@ -1,10 +1,12 @@
-"""What sides hear of each other against sums over all pairs of sides, written out."""
+"""Message aggregation against sums over all pairs of sides, written out."""
 
+import numpy as np
 import pytest
 import torch
 
-from pipeline.networks.refiner.hearsay import heard
-from pipeline.networks.refiner.sides import sides_of
+from pipeline.networks.refiner.arrays import plain
+from pipeline.networks.refiner.model import aggregate
+from pipeline.networks.refiner.programs import sides_of
 
 CRAFT, ENCOUNTERS, H, M = 7, 12, 3, 5
 
@@ -29,27 +31,29 @@ def written_out(pair, free, told):
 
 def test_sides_are_those_of_their_craft_in_order(drawn):
     pair, _, _ = drawn
-    sides = sides_of(pair, CRAFT)
+    sides = sides_of(plain(pair))
     craft = pair.reshape(-1)
     assert sides.craft.tolist() == sorted(set(craft.tolist()))
     assert sorted(sides.order.tolist()) == list(range(2 * ENCOUNTERS))
     for k, one in enumerate(sides.craft.tolist()):
         mine = sides.order[sides.start[k] : sides.start[k + 1]]
         assert mine.tolist() == (craft == one).nonzero()[:, 0].tolist()
-    assert torch.equal(sides.craft[sides.place], craft)
+    assert np.array_equal(sides.craft[sides.place], craft)
 
 
-def test_a_side_hears_all_of_its_craft_s_sides(drawn):
+def test_an_edge_aggregates_the_messages_of_all_edges_of_its_craft(drawn):
     pair, free, told = drawn
-    found = heard(told, free, sides_of(pair, CRAFT))
+    found = aggregate(told, free, sides_of(plain(pair)))
     torch.testing.assert_close(found, written_out(pair, free, told))
     assert found.std() > 0.5
+    same = aggregate(plain(told), plain(free), sides_of(plain(pair)))
+    assert np.array_equal(same, found.numpy())
 
 
 def test_gradients_are_those_of_the_definition(drawn):
     pair, free, told = drawn
-    taste, sides = torch.randn(ENCOUNTERS, 2, 2 * H).double(), sides_of(pair, CRAFT)
+    taste, sides = torch.randn(ENCOUNTERS, 2, 2 * H).double(), sides_of(plain(pair))
     mine, theirs = told.clone().requires_grad_(), told.clone().requires_grad_()
-    (heard(mine, free, sides) * taste).sum().backward()
+    (aggregate(mine, free, sides) * taste).sum().backward()
     (written_out(pair, free, theirs) * taste).sum().backward()
     torch.testing.assert_close(mine.grad, theirs.grad)

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from judged import judged
 
+from benchmarks.rule import Rule, own_rounds, with_rounds
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.refiner.other_rounds import own_rounds, with_rounds
 from pipeline.orbit.problem import Problem
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import NetworkPlanner
-from pipeline.planners.rule import Rule
 from pipeline.scenario import draw
 
 PROBLEM = Problem()

@@ -1,7 +1,7 @@
 """The dual simplex method on the tableaux of many small programs, compiled.
 
 A program has 6 + p basic and m - 6 other variables, m controls and p planes, all of whose costs
-have a kink at 0 (``pipeline.networks.refiner.program``):
+have a kink at 0 (``pipeline.networks.refiner.programs``):
 
     x_B = value - body · x_N,    x_N = 0.
 
@@ -15,21 +15,15 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
-SMALL = 1e-9
-"""What counts as 0 among the values of basic variables, r_col."""
-
-NO_PIVOT = 1e-11
-"""Entries of a tableau under which nothing is divided by them."""
+SMALL = 1e-9  # what counts as 0 among the values of basic variables, r_col
+NO_PIVOT = 1e-11  # entries of a tableau under which nothing is divided by them
 
 TIE = 1e-6
-"""Difference of prices that says nothing: where several optima cost the same, the earliest control
+"""Difference of duals that counts as none: where several optima cost the same, the earliest control
 enters, or rounding and the order of planes would choose between them."""
 
-STEEP = 0.1
-"""Share of the largest entry among these that an entry must have to be divided by."""
-
-MOST_PIVOTS = 500
-"""Pivots after planes were added after which a program is left as it is."""
+STEEP = 0.1  # share of the largest entry among these that an entry must have to be divided by
+MOST_PIVOTS = 500  # pivots after planes were added after which a program is left as it is
 
 # jaxtyping cannot look into compiled functions; their shapes are those of ``solve_all``.
 
@@ -37,50 +31,37 @@ MOST_PIVOTS = 500
 @no_type_check
 @njit(cache=True)
 def solve_all(
-    tableau,
-    own,
-    basis,
-    others,
-    sides,
-    costs,
-    crafts,
-    start,
-    order,
-    gain,
-    asked,
-    dearest,
-    controls,
-    price,
-    change,
-):
+    tableau, own, basis, others, sides, costs, craft_of, start, order, gain, asked, largest,
+    controls, dual, change,
+):  # fmt: skip
     """The optimum of each of C programs; all arrays are contiguous float64 or int64.
 
     A plane has two sides, 2l and 2l + 1, for the two craft between which it is.
 
     Args:
-        tableau: B⁻¹ R of own optima, (N, 6, m - 6).
-        own: own optima, (N, m).
+        tableau: B⁻¹ R of decoupled optima, (N, 6, m - 6).
+        own: their controls, (N, m).
         basis: basic controls there, (N, 6).
         others: the other controls, (N, m - 6).
         sides: sign of each basic control, (N, 6).
         costs: duals of the others, (N, m - 6).
-        crafts: whose programs they are, (C,).
+        craft_of: whose programs they are, (C,).
         start: where the sides of each begin in ``order``, and their number, (C + 1,).
         order: sides of planes, one craft's after the other's, (S,).
         gain: rows of planes for the first craft of each, (L, m); the second's are their negatives.
         asked: what is asked of either, (L, 2).
-        dearest: cost of what is missing at a plane.
+        largest: cost of what is missing at a plane, and so its largest dual.
         controls: result, (C, m).
-        price: zeros, which become the result, (L, 2).
-        change: result ∂u/∂asked, (L, 2, m), or (0, 2, m) where it is not wanted.
+        dual: zeros, which become the result, (L, 2).
+        change: zeros, which become ∂u/∂asked, (L, 2, m); (0, 2, m) where it is not wanted.
     """
-    C, m = len(crafts), own.shape[1]
+    C, m = len(craft_of), own.shape[1]
     most = np.max(start[1:] - start[:-1])
     body, value, side = np.empty((6 + most, m - 6)), np.empty(6 + most), np.empty(6 + most)
     basic, other = np.empty(6 + most, np.int64), np.empty(m - 6, np.int64)
     cost, ratio, there = np.empty(m - 6), np.empty(m - 6), np.empty(most, np.bool_)
     for c in range(C):
-        craft, mine, u = crafts[c], order[start[c] : start[c + 1]], controls[c]
+        craft, mine, u = craft_of[c], order[start[c] : start[c + 1]], controls[c]
         for k in range(m - 6):
             other[k], cost[k] = others[craft, k], costs[craft, k]
         for i in range(6):
@@ -95,23 +76,23 @@ def solve_all(
             for p in range(len(mine)):
                 if there[p]:
                     continue
-                left = beyond(gain, asked, mine[p], u)
+                left = slack(gain, asked, mine[p], u)
                 if left < -SMALL:
                     there[p] = True
-                    row(rows, m, p, gain, mine[p], left, body, value, side, basic, other)
+                    add_row(rows, m, p, gain, mine[p], left, body, value, side, basic, other)
                     rows += 1
             if rows == before:
                 break
             for _ in range(MOST_PIVOTS):
-                if not pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
+                if not pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
                     break
-            flown(rows, m, value, basic, u)
-        finish(rows, mine, m, dearest, body, side, basic, other, cost, price, change)
+            read_controls(rows, m, value, basic, u)
+        read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change)
 
 
 @no_type_check
 @njit(cache=True, fastmath={"reassoc"})
-def beyond(gain, asked, mine, controls):
+def slack(gain, asked, mine, controls):
     """How far controls go beyond what a side's plane asks for."""
     plane, second = mine >> 1, mine & 1
     along = 0.0
@@ -122,7 +103,7 @@ def beyond(gain, asked, mine, controls):
 
 @no_type_check
 @njit(cache=True)
-def row(i, m, p, gain, mine, left, body, value, side, basic, other):
+def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
     """Row i for what is left at plane p, among the variables as they are."""
     plane, sign = mine >> 1, -1.0 if mine & 1 else 1.0
     value[i], side[i], basic[i] = left, 1.0, m + p
@@ -137,21 +118,14 @@ def row(i, m, p, gain, mine, left, body, value, side, basic, other):
 
 @no_type_check
 @njit(cache=True)
-def first_prices(tableau, basis, others, costs, crafts, gain, price):
-    """What the first unit along a row costs at the own optimum: the dual simplex ratio.
+def first_ratios(tableau, basis, others, costs, craft_of, gain, dual):
+    """What the first unit along rows ``gain``, (k, m), costs craft at their decoupled optima.
 
-    Args:
-        tableau: B⁻¹ R of own optima, (N, 6, m - 6).
-        basis: basic controls there, (N, 6).
-        others: the other controls, (N, m - 6).
-        costs: duals of the others, (N, m - 6).
-        crafts: whose each row is, (k,).
-        gain: rows, (k, m).
-        price: result, (k,).
+    The result, (k,), is the dual simplex ratio; other arguments are those of ``solve_all``.
     """
     moved = np.empty(others.shape[1])
-    for c in range(len(crafts)):
-        craft, g = crafts[c], gain[c]
+    for c in range(len(craft_of)):
+        craft, g = craft_of[c], gain[c]
         for k in range(len(moved)):
             moved[k] = g[others[craft, k]]
         for b in range(6):
@@ -163,19 +137,19 @@ def first_prices(tableau, basis, others, costs, crafts, gain, price):
             rise = 1.0 - cost if moved[k] > 0 else 1.0 + cost
             # The sign of rounding says nothing.
             least = min(least, 1.0 / SMALL if size < SMALL else rise / size)
-        price[c] = least
+        dual[c] = least
 
 
 @no_type_check
 @njit(cache=True)
-def slopes(variable, m, dearest):
+def slopes(variable, m, largest):
     """Slopes of a variable's cost below and above 0."""
-    return (-1.0, 1.0) if variable < m else (-dearest, 0.0)
+    return (-1.0, 1.0) if variable < m else (-largest, 0.0)
 
 
 @no_type_check
 @njit(cache=True)
-def pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
+def pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
     """One step: a variable on the wrong side goes over, or leaves; False where there is none."""
     leaving, worst = -1, SMALL
     for i in range(rows):
@@ -184,9 +158,9 @@ def pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
     if leaving < 0:
         return False
     sign, line = side[leaving], body[leaving]
-    entering = comes_in(sign, line, cost, other, m, dearest, ratio)
+    entering = entering_variable(sign, line, cost, other, m, largest, ratio)
     step = ratio[entering]
-    low, high = slopes(basic[leaving], m, dearest)
+    low, high = slopes(basic[leaving], m, largest)
     over = high - low <= step
     step = min(step, high - low)
     for k in range(len(other)):
@@ -202,21 +176,14 @@ def pivot(rows, m, dearest, body, value, side, basic, other, cost, ratio):
 
 @no_type_check
 @njit(cache=True)
-def comes_in(sign, line, cost, other, m, dearest, ratio):
-    """Which of the other variables takes the place of one that leaves: the first of the cheapest.
+def entering_variable(sign, line, cost, other, m, largest, ratio):
+    """Which nonbasic variable enters for one that leaves its side: the first of the cheapest.
 
-    Args:
-        sign: the side that the leaving variable is taken to be on.
-        line: its row of the tableau.
-        cost: duals of the others.
-        other: which these are.
-        m: number of controls.
-        dearest: cost of what is missing at a plane.
-        ratio: result: the price of that row at which each would come in.
+    ``ratio`` becomes the dual of the leaving variable's row, ``line``, at which each would enter.
     """
     least, steepest, found = np.inf, 0.0, -1
     for k in range(len(other)):
-        ratio[k] = price_of_entering(sign * line[k], cost[k], other[k], m, dearest)
+        ratio[k] = dual_ratio(sign * line[k], cost[k], other[k], m, largest)
         least = min(least, ratio[k])
     for k in range(len(other)):
         if ratio[k] <= least + TIE:
@@ -230,11 +197,11 @@ def comes_in(sign, line, cost, other, m, dearest, ratio):
 
 @no_type_check
 @njit(cache=True)
-def price_of_entering(slope, cost, variable, m, dearest):
-    """Price of the row that leaves at which another variable would come in its place."""
+def dual_ratio(slope, cost, variable, m, largest):
+    """Dual of the leaving row at which another variable would enter."""
     if abs(slope) < NO_PIVOT:
         return np.inf
-    low, high = slopes(variable, m, dearest)
+    low, high = slopes(variable, m, largest)
     return max((cost - (low if slope > 0 else high)) / slope, 0.0)
 
 
@@ -261,7 +228,7 @@ def exchange(rows, leaving, entering, body, value, basic, other):
 
 @no_type_check
 @njit(cache=True)
-def flown(rows, m, value, basic, controls):
+def read_controls(rows, m, value, basic, controls):
     """Read the controls off the tableau."""
     controls[:] = 0.0
     for i in range(rows):
@@ -271,16 +238,16 @@ def flown(rows, m, value, basic, controls):
 
 @no_type_check
 @njit(cache=True)
-def finish(rows, mine, m, dearest, body, side, basic, other, cost, price, change):
-    """Read prices off the tableau, and what controls change with what is asked."""
+def read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change):
+    """Read duals off the tableau, and what controls change with what is asked."""
     for i in range(rows):
         if basic[i] >= m and side[i] < 0:  # what is missing
             plane = mine[basic[i] - m]
-            price[plane >> 1, plane & 1] = dearest
+            dual[plane >> 1, plane & 1] = largest
     for k in range(m - 6):
         if other[k] >= m:
             plane, second = mine[other[k] - m] >> 1, mine[other[k] - m] & 1
-            price[plane, second] = min(max(-cost[k], 0.0), dearest)  # ties may take it beyond
+            dual[plane, second] = min(max(-cost[k], 0.0), largest)  # ties may take it slack
             if len(change):
                 for i in range(rows):
                     if basic[i] < m:

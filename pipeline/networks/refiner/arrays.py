@@ -1,0 +1,106 @@
+"""What numpy and torch spell differently, so that the refiner is written once for arrays of both.
+
+All else is common: numpy follows the array API, and torch takes ``axis`` and ``keepdims`` as well.
+Nothing here imports torch: who has a tensor has imported it.
+"""
+
+import sys
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+from pipeline.arrays import Array
+
+
+def namespace(values: Any) -> Any:
+    """The module whose array it is: numpy or torch."""
+    return np if isinstance(values, np.ndarray) else sys.modules["torch"]
+
+
+def plain(values: Any) -> Shaped[Array, "..."]:
+    """The same numbers for compiled code: contiguous, on the CPU, without gradients."""
+    if isinstance(values, np.ndarray):
+        return np.ascontiguousarray(values)
+    return values.detach().cpu().contiguous().numpy()
+
+
+def like(values: Any, other: Any) -> Any:
+    """An array as one of the same module, and on the same device, as another."""
+    if isinstance(other, np.ndarray) or not isinstance(values, np.ndarray):
+        return values
+    return sys.modules["torch"].from_numpy(values).to(other.device)
+
+
+def constant(values: Any) -> Any:
+    """The same values, through which no gradient runs."""
+    return values if isinstance(values, np.ndarray) else values.detach()
+
+
+def cast(values: Any, other: Any) -> Any:
+    """The same values in the precision of another array of the same module."""
+    is_numpy = isinstance(values, np.ndarray)
+    return values.astype(other.dtype, copy=False) if is_numpy else values.to(other.dtype)
+
+
+def rows(values: Shaped[Any, "k *rest"], index: Int[Any, "j"]) -> Shaped[Any, "j *rest"]:
+    """Some rows; where gradients run through them, as fast as torch can."""
+    if isinstance(values, np.ndarray):
+        return values[index]
+    return values.index_select(0, like(index, values))
+
+
+def with_rows(
+    values: Shaped[Any, "k *rest"], index: Int[Any, "j"], new: Shaped[Any, "j *rest"]
+) -> Shaped[Any, "k *rest"]:
+    """The array with other rows in the place of some."""
+    if not isinstance(values, np.ndarray):
+        return values.index_copy(0, like(index, values), new)
+    changed = values.copy()
+    changed[index] = new
+    return changed
+
+
+def where(mask: Bool[Any, "*k"], other: Callable[[], Any], values: Any) -> Any:
+    """Other values where a mask says so, computed only then but in a graph that is traced."""
+    xp = namespace(mask)
+    if (xp is np or not xp.compiler.is_exporting()) and not mask.any():
+        return values
+    return xp.where(mask, other(), values)
+
+
+def segment_sum(values: Float[Any, "k"], segment: Int[Any, "k"], count: int) -> Float[Any, "count"]:
+    """The sum over each segment of what belongs to it."""
+    if isinstance(values, np.ndarray):
+        return np.bincount(segment, values, minlength=count)
+    return values.new_zeros(count).index_add(0, like(segment, values), values)
+
+
+def sigmoid(values: Float[Any, "*k"]) -> Float[Any, "*k"]:
+    """1 / (1 + exp(-x)); numpy's own is fast and does not overflow."""
+    return 0.5 * np.tanh(0.5 * values) + 0.5 if isinstance(values, np.ndarray) else values.sigmoid()
+
+
+def self_adjoint(apply: Callable[[Array], Array], values: Any) -> Any:
+    """A compiled linear map that is its own adjoint, so gradients go back as values come."""
+    is_numpy = isinstance(values, np.ndarray)
+    return apply(values) if is_numpy else _self_adjoint()(values, apply)
+
+
+@lru_cache(maxsize=1)
+def _self_adjoint() -> Any:
+    """The same as a function of torch's, whose class is made once torch is there."""
+
+    class SelfAdjoint(sys.modules["torch"].autograd.Function):  # type: ignore[misc]
+        @staticmethod
+        def forward(ctx: Any, values: Any, apply: Callable[[Array], Array]) -> Any:
+            ctx.linear = apply
+            return like(apply(plain(values)), values)
+
+        @staticmethod
+        def backward(ctx: Any, gradient: Any) -> tuple[Any, None]:
+            return like(ctx.linear(plain(gradient)), gradient), None
+
+    return SelfAdjoint.apply

@@ -1,0 +1,495 @@
+"""The refiner: rounds of message passing between craft, each of which solves a program of its own.
+
+Each craft begins with its decoupled optimum. In a round those that come too close put separating
+planes between them, agree by message passing on who gives way by how much, and each solves
+
+    min ‖u‖₁ + Λ Σ max(0, d - g·u)   subject to   R u = b,
+
+with rows g of the planes and what they ask for, d. The dual λ of a plane, in [0, Λ], is what
+another unit of separation would cost. Without learning, the craft to which it is cheaper gives way,
+or gets back less; what is learned is a trade, what the first craft gives way beyond that share. All
+that a craft reads is its own or was told by one that it meets, and sums do not depend on an order:
+the network is permutation-equivariant.
+
+Arrays are numpy's in planning, which does without torch, and torch's in training. Axes: N craft of
+swarms of n, T nodes, m = 3(T-1) controls, E encounters, L of them with planes, C craft with planes,
+F features, H numbers of a message. Units are r_col and Δt.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numba import njit
+
+from pipeline.arrays import Array
+from pipeline.networks.refiner.arrays import (
+    cast,
+    constant,
+    like,
+    namespace,
+    plain,
+    rows,
+    segment_sum,
+    self_adjoint,
+    sigmoid,
+    with_rows,
+)
+from pipeline.networks.refiner.geometry import (
+    Approaches,
+    Encounters,
+    Grid,
+    approaches,
+    encounters,
+    gains,
+    grid_of,
+    in_units,
+    normals,
+    passing,
+)
+from pipeline.networks.refiner.programs import (
+    LEAST_FUEL,
+    Decoupled,
+    Programs,
+    Sides,
+    decoupled_optima,
+    sides_of,
+)
+from pipeline.orbit.problem import Problem
+
+WATCHED = 1.3
+"""Distance in r_col within which a pair that turns from coming closer to parting gets a plane."""
+
+SAFE = 1 + 1e-4
+"""Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
+centimetres in intervals of four minutes; planes ask for more, and certificates are exact."""
+
+TURNS_ONLY = 3
+"""Rounds in which pairs get planes only where they turn; after them also wherever unsafe."""
+
+MARGIN = 0.2 / 15  # separation beyond r_col that is asked for, in r_col
+SHARPNESS = 4.0  # power of the other's dual by which a craft gives way
+LEAST_DUAL = 1e-4  # dual that stands for none, so that there is a ratio of duals
+MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
+
+STEADY = 1e-4
+"""Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""
+
+FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter meet its plane
+FEATURES = 18  # F: edge features, as one of the two craft sees them
+
+Weights = Mapping[str, Any]
+"""Weights of the network by name: ``read``, ``tell``, ``weigh`` and ``offer``, and ``hears``, which
+is 0 where messages are left out and else 1."""
+
+
+# Message passing: who gives way by how much.
+
+
+def edge_features(
+    distance: Float[Any, "L"],
+    gain: Float[Any, "L m"],
+    along: Float[Any, "L 3"],
+    motion: tuple[Float[Any, "L 3"], Float[Any, "L"]],
+    time: Float[Any, "L"],
+    dual: Float[Any, "L 2"],
+    first_dual: Float[Any, "L 2"],
+    load: Float[Any, "L 2 3"],
+    number: int | Int[Any, ""],
+) -> Float[Any, "L 2 18"]:
+    """Edge features, as either craft sees them.
+
+    Args:
+        distance: to the other craft.
+        gain: of the first craft's controls.
+        along: normal, from the second craft to the first.
+        motion: direction past each other, and speed.
+        time: of the closest approach, as a share of the transfer.
+        dual: of each plane in the round before, for either craft.
+        first_dual: what its first unit costs.
+        load: of either craft: planes, the sum of their duals, fuel beyond the decoupled optimum.
+        number: of the round, from 0.
+    """
+    past, speed = motion
+    xp = namespace(dual)
+    shared = [
+        3 * xp.clip(1 - distance, -2, 2),
+        cast(distance < 1, dual),
+        time,
+        xp.log(speed + 0.1),
+        xp.log(xp.linalg.vector_norm(gain, axis=1) + 1e-3),
+        xp.zeros_like(speed) + number / 8,
+    ]
+    own = [
+        xp.log(first_dual),
+        xp.clip(dual, None, 5),
+        xp.log(dual + 1e-3),
+        load[..., 0] / 4,
+        xp.clip(load[..., 1], None, 10),
+        xp.clip(load[..., 2], None, 5),
+    ]
+    both = [xp.broadcast_to(values[:, None], dual.shape) for values in shared]
+    around = xp.concatenate([along, past], axis=1)  # (L, 6)
+    around = xp.stack([around, -around], axis=1)  # (L, 2, 6)
+    return xp.concatenate([xp.stack(both + own, axis=2), around], axis=2)
+
+
+def free_directions(gain: Float[Any, "L m"], grid: Grid) -> Float[Any, "L m"]:
+    """Unit vectors of the controls that keep the goal and increase the distance most."""
+    free = constant(gain) @ grid.free
+    norm = namespace(free).linalg.vector_norm(free, axis=1, keepdims=True)
+    return free / namespace(free).clip(norm, 1e-9, None)
+
+
+def agree(
+    weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
+) -> Float[Any, "L"]:
+    """Message passing: the trade of each encounter, r_col.
+
+    Args:
+        weights: of the network.
+        features: of each edge, as either craft sees it.
+        free: unit vectors by which planes are alike.
+        sides: whose the planes are.
+    """
+    xp, w = namespace(features), weights["tell.weight"]
+    both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
+    said = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
+    heard = aggregate(linear(weights, "tell", said), cast(free, w), sides)  # (L, 2, 2H)
+    heard = weights["hears"] * heard
+    offered = offers(weights, said, heard, xp.flip(heard, (1,)))  # (L, 2)
+    return trade_of(offered[:, 0], offered[:, 1])
+
+
+def aggregate(
+    messages: Float[Any, "L 2 H"], free: Float[Any, "L m"], sides: Sides
+) -> Float[Any, "L 2 _"]:
+    """Message aggregation: a cosine-weighted sum and a sum over the encounters of each craft.
+
+    The cosine is that between the planes, which the second craft of two meets from behind.
+    """
+    vectors = plain(free)
+
+    def sums(values: Float[Array, "L 2 _"]) -> Float[Array, "L 2 _"]:
+        result = np.zeros_like(values)
+        add_up(values, vectors, sides.start, sides.order, result)
+        return result
+
+    return self_adjoint(sums, namespace(messages).concatenate([messages, messages], axis=2))
+
+
+@no_type_check
+@njit(cache=True, fastmath=True)
+def add_up(told, free, start, order, result):
+    """Both sums, where sides 2l and 2l + 1 are those of encounter l.
+
+    Args:
+        told: what goes into the first sum and into the second, (L, 2, 2H).
+        free: unit vectors, (L, m).
+        start: where the sides of each craft begin in ``order``, (C + 1,).
+        order: all sides, (2L,).
+        result: zeros, which become the sums, (L, 2, 2H).
+    """
+    m, H = free.shape[1], told.shape[2] // 2
+    every = np.empty(H, told.dtype)
+    for c in range(len(start) - 1):
+        every[:] = 0.0
+        for a in range(start[c], start[c + 1]):
+            for h in range(H):
+                every[h] += told[order[a] >> 1, order[a] & 1, H + h]
+        for a in range(start[c], start[c + 1]):
+            one, at = order[a] >> 1, order[a] & 1
+            for h in range(H):
+                result[one, at, H + h] = every[h]
+            for b in range(start[c], a + 1):
+                other, there = order[b] >> 1, order[b] & 1
+                cosine = told.dtype.type(0.0)
+                for x in range(m):
+                    cosine += free[one, x] * free[other, x]
+                if at != there:
+                    cosine = -cosine
+                for h in range(H):
+                    result[one, at, h] += cosine * told[other, there, h]
+                if a != b:
+                    for h in range(H):
+                        result[other, there, h] += cosine * told[one, at, h]
+
+
+def offers(
+    weights: Weights, said: Float[Any, "*L H"], heard: Float[Any, "*L _"], told: Float[Any, "*L _"]
+) -> Float[Any, "*L"]:
+    """What a craft offers, from what its edge says and what it and the other craft have heard."""
+    every = namespace(said).concatenate([said, heard, told], axis=-1)
+    return linear(weights, "offer", two_layers(weights, "weigh", every))[..., 0]
+
+
+def two_layers(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any, "*L _"]:
+    """Two linear layers with a SiLU between them."""
+    hidden = linear(weights, f"{name}.0", values)
+    return linear(weights, f"{name}.2", hidden * sigmoid(hidden))
+
+
+def linear(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any, "*L _"]:
+    """A linear layer, as one product of matrices."""
+    xp, weight, bias = namespace(values), weights[f"{name}.weight"], weights.get(f"{name}.bias")
+    if xp is not np:
+        return xp.nn.functional.linear(values, weight, bias)
+    flat = values.reshape(-1, values.shape[-1]) @ weight.T
+    flat = flat if bias is None else flat + bias
+    return flat.reshape(*values.shape[:-1], -1)
+
+
+def trade_of(offer: Float[Any, "L"], other: Float[Any, "L"]) -> Float[Any, "L"]:
+    """What a craft that offers more than the other gives way beyond its share, r_col."""
+    return MOST_TRADE * namespace(offer).tanh(offer - other)
+
+
+def to_give(
+    distance: Float[Any, "L"],
+    dual: Float[Any, "L 2"],
+    first_dual: Float[Any, "L 2"],
+    trade: Float[Any, "L"],
+) -> Float[Any, "L 2"]:
+    """By how much either craft is to give way, r_col.
+
+    Of way to be given, the craft with the lower dual gives more; of way to be got back, the one
+    with the higher dual gets more.
+    """
+    xp, needed = namespace(distance), 1 + MARGIN - distance
+    most = xp.log(xp.clip(xp.maximum(dual, first_dual), LEAST_DUAL, None))
+    now = xp.log(dual + LEAST_DUAL**1.5)
+    give, get = SHARPNESS * (most[:, 1] - most[:, 0]), now[:, 0] - now[:, 1]
+    first = sigmoid(xp.where(needed > 0, give, get)) * needed + cast(trade, distance)
+    return xp.stack([first, needed - first], axis=1)
+
+
+# What stays the same over the rounds, and what changes.
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Some swarms of n craft each, as they stay over the rounds."""
+
+    grid: Grid  # maps of the problem
+    n: int  # craft of each swarm
+    initial: Float[Any, "N 6"]  # states
+    own: Decoupled  # decoupled optima
+    met: Encounters  # encounters that are looked at
+    swarm: Int[Array, "E"]  # whose each of these is
+
+    def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
+        """Σ‖u‖₁ of each swarm."""
+        return abs(controls).sum(axis=1).reshape(-1, self.n).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """What the rounds have come to.
+
+    Attributes:
+        first_dual: what the first unit of separation costs either craft; 0 before there is a plane.
+    """
+
+    controls: Float[Any, "N m"]  # of all craft
+    states: Float[Any, "N T 6"]  # that they fly
+    near: Approaches  # closest approaches of the encounters
+    dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
+    first_dual: Float[Array, "E 2"]
+
+
+def task_of(
+    problem: Problem,
+    initial: Float[Array, "b n 6"],
+    goal: Float[Array, "b n 6"],
+    radius: Float[Array, "b"],
+    device: Any = None,
+) -> Task:
+    """Swarms with their decoupled optima and their encounters.
+
+    Args:
+        problem: orbit and time grid.
+        initial: initial states, m and m/s.
+        goal: goal states.
+        radius: collision radius of each swarm, m.
+        device: of torch where gradients are wanted; None for numpy.
+    """
+    grid, n = grid_of(problem), initial.shape[1]
+    begin, end = (in_units(states, radius, problem) for states in (initial, goal))
+    own = decoupled_optima(begin, end, grid, problem)
+    met = encounters(grid.fly(begin, own.controls), n)
+    grid = grid_of(problem, device)
+    return Task(grid, n, like(begin, grid.drift), own, met, met.first // n)
+
+
+def start(task: Task) -> Iterate:
+    """The decoupled optima, before there is any plane."""
+    controls, nothing = like(task.own.controls, task.initial), np.zeros((len(task.swarm), 2))
+    states = task.grid.fly(task.initial, controls)
+    near = approaches(task.met, states, np.full(len(nothing), WATCHED))
+    return Iterate(controls, states, near, nothing, nothing)
+
+
+# One round: planes, edge features, messages, the trade, the programs.
+
+
+def play(
+    weights: Weights | None,
+    task: Task,
+    now: Iterate,
+    number: int,
+    among: Bool[Array, "b"] | None = None,
+    programs: Programs = LEAST_FUEL,
+) -> Iterate:
+    """One round.
+
+    Args:
+        weights: of the network; None for rounds without trades.
+        task: the swarms.
+        now: the iterate before.
+        number: of the round, from 0.
+        among: swarms that go on, while the others keep their controls; by default all.
+        programs: what each craft solves.
+    """
+    # A plane stays, or pairs would forget each other and meet again.
+    live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
+    if among is not None:
+        live &= among[task.swarm]
+    which = np.flatnonzero(live)
+    # With three nodes the goal determines all controls, and nobody can give way.
+    if len(which) == 0 or task.own.others.shape[1] == 0:
+        return now
+    met, share = task.met.of(which), now.near.share[which]
+    ends, craft = met.relative(now.states), met.craft  # (L, 2, 6), (L, 2)
+    distance, along = normals(ends, share)  # (L,), (L, 3)
+    gain = gains(met.interval, share, along, task.grid)  # (L, m)
+    first_dual = _with_first_duals(task, now.first_dual, which, plain(gain), programs)
+    dual, first = now.dual[which], first_dual[which]  # (L, 2)
+    sides = sides_of(craft)
+    trade = constant(distance) * 0
+    if weights is not None:
+        features = edge_features(
+            plain(distance),
+            plain(gain),
+            plain(along),
+            passing(plain(ends), share, plain(along)),
+            (met.interval + share) / (task.grid.nodes - 1),
+            dual,
+            first,
+            _load(craft, dual, task, plain(now.controls)),
+            number,
+        )  # (L, 2, F)
+        free = free_directions(gain, task.grid)  # (L, m)
+        trade = agree(weights, like(features, gain), free, sides)  # (L,)
+    give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
+    theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
+    asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
+    best, paid = programs.optima(task.own, sides, gain, asked, task.grid)  # (C, m), (L, 2)
+    controls = with_rows(now.controls, sides.craft, best)
+    flown = task.grid.fly(rows(task.initial, sides.craft), best)
+    states = with_rows(now.states, sides.craft, flown)
+    dual = with_rows(np.zeros_like(now.dual), which, paid)
+    moved = np.zeros(len(controls), dtype=bool)
+    moved[sides.craft] = True
+    # Encounters with planes are seen at any distance, others where they would get one.
+    within = np.where(first_dual[:, 0] > 0, np.inf, WATCHED)
+    near = approaches(task.met, states, within, now.near, moved)
+    return Iterate(controls, states, near, dual, first_dual)
+
+
+def gets_plane(
+    distance: Float[Any, "E"], turns: Bool[Any, "E"], number: int | Int[Any, ""]
+) -> Bool[Any, "E"]:
+    """Whether pairs that have no plane yet get one in the round of a number."""
+    return (turns & (distance < WATCHED)) | ((distance < SAFE) & (number >= TURNS_ONLY))
+
+
+def _with_first_duals(
+    task: Task,
+    first_dual: Float[Array, "E 2"],
+    which: Int[Array, "L"],
+    gain: Float[Array, "L m"],
+    programs: Programs,
+) -> Float[Array, "E 2"]:
+    """First duals also of planes that are new."""
+    new = np.flatnonzero(first_dual[which, 0] == 0)
+    if len(new) == 0:
+        return first_dual
+    craft, gain = task.met.of(which[new]).craft, gain[new]
+    found = [
+        programs.first_duals(task.own, craft[:, k], sign * gain, task.grid)
+        for k, sign in enumerate((1, -1))
+    ]
+    return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
+
+
+def _load(
+    craft: Int[Array, "L 2"], dual: Float[Array, "L 2"], task: Task, controls: Float[Array, "N m"]
+) -> Float[Array, "L 2 3"]:
+    """Of either craft: planes, the sum of their duals, and fuel beyond the decoupled optimum."""
+    N = len(controls)
+    count = np.bincount(craft.reshape(-1), minlength=N)
+    paid = np.bincount(craft.reshape(-1), dual.reshape(-1), minlength=N)
+    more = abs(controls).sum(axis=1) - abs(task.own.controls).sum(axis=1)
+    return np.stack([count, paid, more], axis=1)[craft]
+
+
+# The answer, and what is lacking.
+
+
+def answer(
+    weights: Weights | None,
+    rounds: int,
+    problem: Problem,
+    initial: Float[Array, "b n 6"],
+    goal: Float[Array, "b n 6"],
+    radius: Float[Array, "b"],
+    programs: Programs = LEAST_FUEL,
+) -> Float[Array, "b n intervals 3"]:
+    """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
+    controls, _ = cheapest_safe(weights, task_of(problem, initial, goal, radius), rounds, programs)
+    unit = radius / problem.time_step**2
+    return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
+
+
+def cheapest_safe(
+    weights: Weights | None, task: Task, rounds: int, programs: Programs = LEAST_FUEL
+) -> tuple[Float[Array, "N m"], Bool[Array, "b"]]:
+    """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
+
+    A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
+    safe and its fuel next to unchanged.
+    """
+    now = start(task)
+    best, least = now.controls, safe_fuel(task, now)
+    going = np.isinf(least)
+    for number in range(rounds):
+        if not going.any():
+            break
+        before = task.fuel(now.controls)
+        now = play(weights, task, now, number, going, programs)
+        fuel = safe_fuel(task, now)
+        better = (fuel < least) | np.isinf(least)
+        best = np.where(np.repeat(better, task.n)[:, None], now.controls, best)
+        going &= ~(abs(fuel - before) <= STEADY * before)
+        least = np.minimum(least, fuel)
+    return best, np.isfinite(least)
+
+
+def safe_fuel(task: Task, now: Iterate) -> Float[Array, "b"]:
+    """Fuel of each swarm, infinite where it is not safe."""
+    fuel = task.fuel(now.controls)
+    return np.where(
+        np.bincount(task.swarm[now.near.distance < SAFE], minlength=len(fuel)), np.inf, fuel
+    )
+
+
+def lack(task: Task, now: Iterate, distance: float) -> Float[Any, "b"]:
+    """What encounters of each swarm lack of a distance where pairs turn to part, r_col.
+
+    Elsewhere a pair that lacks something lacks more in the interval before or after.
+    """
+    which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
+    distances, _ = normals(task.met.of(which).relative(now.states), now.near.share[which])
+    return segment_sum(distance - distances, task.swarm[which], len(task.initial) // task.n)
