@@ -98,9 +98,8 @@ def _raised_again() -> Iterator[None]:
     usual = sys.unraisablehook
 
     def hook(unraisable: Any) -> None:
-        if not isinstance(unraisable.exc_value, KeyboardInterrupt) or not hasattr(
-            signal, "SIGALRM"
-        ):
+        stopped = isinstance(unraisable.exc_value, KeyboardInterrupt)
+        if not (stopped and hasattr(signal, "SIGALRM")):
             usual(unraisable)
             return
         again = unraisable.exc_type
@@ -119,8 +118,8 @@ def _raised_again() -> Iterator[None]:
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:
-    told = public(message, *ctx.meta.get(TYPED, ()))  # no secret gets past this last net
-    echo(f"prolearn: {told}", err=True)
+    # The last net: no secret that was typed gets past it.
+    echo(f"prolearn: {public(message, *ctx.meta.get(TYPED, ()))}", err=True)
     raise typer.Exit(status)
 
 
