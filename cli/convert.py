@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from cli.app import FAILED, not_over
-from cli.memory import within_memory
+from cli.app import FAILED, not_over, within_memory
 from cli.output import echo
 from cli.settings import PlanFile, option
 from pipeline.errors import InputError

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from cli.app import FAILED
-from cli.memory import within_memory
+from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, print_table
 from cli.plan import planner_of

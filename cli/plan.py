@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.app import not_over, told_if_stopped
-from cli.memory import within_memory
+from cli.app import not_over, told_if_stopped, within_memory
 from cli.options import planners, with_settings
 from cli.output import beside, print_json, stdout_free
 from cli.plan_table import print_plans
