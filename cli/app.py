@@ -1,4 +1,4 @@
-"""The Typer application, and how errors reach a person."""
+"""How commands run: errors and signals as a sentence and an exit status, memory within limits."""
 
 import re
 import signal
@@ -34,6 +34,9 @@ TYPED = "prolearn.typed"
 
 USAGE: Any = typer.BadParameter.__base__
 """What Typer raises for arguments that a command does not have; it quotes them as they are."""
+
+CONTROL_GROUP = Path("/sys/fs/cgroup")
+"""Where a container says what it may take."""
 
 
 class Group(TyperGroup):
@@ -98,9 +101,8 @@ def _raised_again() -> Iterator[None]:
     usual = sys.unraisablehook
 
     def hook(unraisable: Any) -> None:
-        if not isinstance(unraisable.exc_value, KeyboardInterrupt) or not hasattr(
-            signal, "SIGALRM"
-        ):
+        stopped = isinstance(unraisable.exc_value, KeyboardInterrupt)
+        if not (stopped and hasattr(signal, "SIGALRM")):
             usual(unraisable)
             return
         again = unraisable.exc_type
@@ -119,8 +121,8 @@ def _raised_again() -> Iterator[None]:
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:
-    told = public(message, *ctx.meta.get(TYPED, ()))  # no secret gets past this last net
-    echo(f"prolearn: {told}", err=True)
+    # The last net: no secret that was typed gets past it.
+    echo(f"prolearn: {public(message, *ctx.meta.get(TYPED, ()))}", err=True)
     raise typer.Exit(status)
 
 
@@ -150,3 +152,73 @@ def not_over(source: Path, target: Path) -> None:
             f"{target} is what is read, and would be written over; expected another name for what "
             "is made of it: give --out."
         )
+
+
+@contextmanager
+def within_memory() -> Iterator[None]:
+    """In the block this process gets no more memory than is free, where the system is Linux.
+
+    Linux grants what it does not have, and kills who uses it. With a limit the request fails.
+
+    Raises:
+        ProlearnError: in place of a MemoryError.
+    """
+    free = available()
+    try:
+        with _limited(free):
+            yield
+    except MemoryError as error:
+        room = "" if free is None else f" than the {free / 1e9:.3g} GB that are free"
+        raise ProlearnError(
+            f"this takes more memory{room}; expected fewer craft, fewer nodes, or intervals of "
+            "fewer revolutions."
+        ) from error
+
+
+def available() -> int | None:
+    """Memory in bytes that is free for this process, or None where the system does not say."""
+    try:
+        system = _kilobytes(Path("/proc/meminfo"), "MemAvailable")
+    except (OSError, ValueError):
+        return None
+    try:
+        most, used = (
+            int((CONTROL_GROUP / f"memory.{name}").read_text()) for name in ("max", "current")
+        )
+        stat = dict(
+            line.split() for line in (CONTROL_GROUP / "memory.stat").read_text().splitlines()
+        )
+        cached = int(stat["inactive_file"])  # of files, given back when memory is asked for
+    except (OSError, ValueError, KeyError):  # no container, or one without a limit
+        return system
+    return min(system, max(most - used + cached, 0))
+
+
+@contextmanager
+def _limited(free: int | None) -> Iterator[None]:
+    """In the block private memory grows by at most so many bytes."""
+    if free is None or sys.platform != "linux":
+        yield
+        return
+    import resource
+
+    soft, hard = before = resource.getrlimit(resource.RLIMIT_DATA)
+    wanted = _kilobytes(Path("/proc/self/status"), "VmData") + free
+    limits = [one for one in (wanted, soft, hard) if one != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_DATA, (min(limits), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def _kilobytes(path: Path, name: str) -> int:
+    """A number of /proc in bytes.
+
+    Raises:
+        ValueError: where the file has no such line.
+    """
+    for line in path.read_text().splitlines():
+        if line.startswith(f"{name}:"):
+            return 1024 * int(line.split()[1])
+    raise ValueError(f"{path} has no {name}")

@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from cli.app import FAILED, not_over
-from cli.memory import within_memory
+from cli.app import FAILED, not_over, within_memory
 from cli.output import echo
 from cli.settings import PlanFile, option
 from pipeline.errors import InputError
@@ -67,7 +66,7 @@ def convert(
 
 
 def _default(plan: Path, to: Form) -> Path:
-    """Where a plan goes that is told no place."""
+    """Where a plan goes without --out."""
     if plan == STDIO:
         return STDIO
     return plan.with_suffix("" if to == "oem" else f".{to}")

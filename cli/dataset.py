@@ -198,8 +198,8 @@ def verify(
         rows = shown.count
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
     if as_json:
-        told = {"folder": public_url(folder), "repaired": mend, "faults": faults}
-        print_json(told if mend else {**told, "rows": rows})
+        document = {"folder": public_url(folder), "repaired": mend, "faults": faults}
+        print_json(document if mend else {**document, "rows": rows})
     else:
         _tell(faults, left, public_url(folder), rows, mended=mend)
     raise typer.Exit(int(bool(left)))

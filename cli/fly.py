@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from cli.app import FAILED
-from cli.memory import within_memory
+from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, print_table
 from cli.plan import planner_of
+from cli.plan_table import closest
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile
 from pipeline.errors import InputError
@@ -188,14 +188,8 @@ def _fly_once(
 
 
 HEADINGS = (
-    "flown with",
-    "off goal\nm",
-    "\nmm/s",
-    "added\nm",
-    "share",
-    "closest\npair",
-    "at\ns",
-    "apart\nm",
+    *("flown with", "off goal\nm", "\nmm/s", "added\nm", "share"),
+    *("closest\npair", "at\ns", "apart\nm"),
 )
 
 
@@ -221,18 +215,14 @@ def _about(conditions: Mapping[str, Any]) -> str:
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
-    pair, plan = row["min_separation_pair"], row["effect"] == "plan"
-    closest = [MISSING] * 3
-    if pair is not None:
-        at, apart = row["min_separation_time"], row["min_separation"]
-        closest = [f"{pair[0]},{pair[1]}", f"{at:.0f}", f"{apart:.2f}"]
+    plan = row["effect"] == "plan"
     return [
         "linear model" if plan else f"+ {row['effect']}",
         error(row["goal_error"]),
         error(1e3 * row["goal_velocity_error"]),
         MISSING if plan else error(row["added_error"]),
         MISSING if plan else f"{row['share']:.0%}".replace("-0%", "0%"),
-        *closest,
+        *closest(row),
     ]
 
 
@@ -266,24 +256,19 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
     print_table([f"{summaries[0].trials} trials", *(one.loop for one in summaries)], lines)
 
 
-def _thousandth(text: Callable[[float], str]) -> Callable[[float], str]:
-    """Written in a unit that is a thousandth of SI's."""
-    return lambda value: text(1e3 * value)
-
-
 QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
     ("least separation, m: median", "separation_median", number),
     ("  least of all", "least_separation", number),
     ("error at goal, m: median", "goal_error_median", error),
     ("  95 %", "goal_error_high", error),
-    ("  mm/s: median", "goal_velocity_error_median", _thousandth(error)),
-    ("  95 %", "goal_velocity_error_high", _thousandth(error)),
+    ("  mm/s: median", "goal_velocity_error_median", lambda v: error(1e3 * v)),
+    ("  95 %", "goal_velocity_error_high", lambda v: error(1e3 * v)),
     ("Δv, m/s: median", "delta_v_median", number),
     ("  95 %", "delta_v_high", number),
     ("missed burns a trial", "missed_burns", number),
     ("margin, m", "margin", number),
     ("nodes without a safe plan", "unsafe_replans", number),
-    ("time a replan, ms: median", "replan_seconds", _thousandth(number)),
+    ("time a replan, ms: median", "replan_seconds", lambda v: number(1e3 * v)),
 )
 """Label, field of a summary, and how it is written."""
 

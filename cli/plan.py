@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.app import not_over, told_if_stopped
-from cli.memory import within_memory
+from cli.app import not_over, told_if_stopped, within_memory
 from cli.options import planners, with_settings
 from cli.output import beside, print_json, stdout_free
 from cli.plan_table import print_plans
@@ -136,8 +135,8 @@ def plan(
                 write_plan(target, made, made.flown(scenario))
                 problem = scenario.problem
                 off = model_error(made.states, problem.mean_motion, problem.duration).total
-                told = {"model_error": off, "collision_radius": problem.collision_radius}
-                rows.append({"scenario": str(path), "plan": str(target), **summary(made), **told})
+                more = {"model_error": off, "collision_radius": problem.collision_radius}
+                rows.append({"scenario": str(path), "plan": str(target), **summary(made), **more})
                 shown.done()
     with beside(not to_people):
         print_json(rows) if as_json else print_plans(rows)

@@ -20,18 +20,23 @@ HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apa
 
 def cells(row: Row) -> list[str]:
     """What stands under HEADINGS."""
-    gap, pair = row["optimality_gap"], row["min_separation_pair"]
-    closest = [MISSING] * 3
-    if pair is not None:
-        at, apart = row["min_separation_time"], row["min_separation"]
-        closest = [f"{pair[0]},{pair[1]}", f"{at:.0f}", f"{apart:.2f}"]
+    gap = row["optimality_gap"]
     return [
         number(row["fuel"]),
         number(row["delta_v"]),
         MISSING if gap is None or not isfinite(gap) else f"{gap:.2%}",
-        *closest,
+        *closest(row),
         number(1e3 * row["seconds"]),
     ]
+
+
+def closest(row: Row) -> list[str]:
+    """The pair that comes closest, when (s), and how close (m)."""
+    pair = row["min_separation_pair"]
+    if pair is None:
+        return [MISSING] * 3
+    at, apart = row["min_separation_time"], row["min_separation"]
+    return [f"{pair[0]},{pair[1]}", f"{at:.0f}", f"{apart:.2f}"]
 
 
 def print_plans(rows: Sequence[Row]) -> None:

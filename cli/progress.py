@@ -22,7 +22,7 @@ from rich.table import Column
 from rich.text import Text
 
 from cli.output import echo
-from pipeline.progress import Progress as Told
+from pipeline.progress import Progress as JobProgress
 from pipeline.text import visible
 from pipeline.urls import public
 
@@ -46,7 +46,7 @@ class NoteColumn(ProgressColumn):
         return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")
 
 
-class Shown(Told):
+class Shown(JobProgress):
     """Shows how far some work is once it says how much there is of it.
 
     Attributes:

@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 
-from cli.app import FAILED, Group
-from cli.memory import within_memory
+from cli.app import FAILED, Group, within_memory
 from cli.options import families, with_settings
 from cli.output import echo, print_json, seen, stdout_free
 from cli.settings import AsJson, ProblemSettings, flag, option
@@ -184,8 +183,8 @@ def check(
         found = diagnostics(asked)
     fine = all(finding.fine for finding in found)
     if as_json:
-        told = [{**asdict(finding), "fine": finding.fine} for finding in found]
-        print_json({"scenario": str(scenario), "fine": fine, "findings": told})
+        listed = [{**asdict(finding), "fine": finding.fine} for finding in found]
+        print_json({"scenario": str(scenario), "fine": fine, "findings": listed})
     else:
         echo(f"{scenario}: {_about(asked)}", "")
         _show(found)

@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cli.app import told_if_stopped
-from cli.memory import within_memory
+from cli.app import told_if_stopped, within_memory
 from cli.options import with_settings
 from cli.output import echo, print_json, print_table
 from cli.plan import planner_of

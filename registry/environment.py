@@ -17,7 +17,6 @@ PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
 LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")
 """Packages that a registered model needs to be loaded."""
 
-
 MADE_WITH = "made_with"
 """Tag with the versions, ours and others', that decide what a run gives, as JSON."""
 

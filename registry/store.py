@@ -165,7 +165,10 @@ def _prepare_process() -> None:
 
 def _connect(uri: str, create: bool) -> Store:
     if uri.startswith("sqlite:"):
-        return _connect_sqlite(uri, create)
+        path, (_, mark, query) = database_path(uri), uri.partition("?")
+        locations = {name: _location(path, name) for name in EXPERIMENTS}
+        with guarded(path, create=create):
+            return _open(f"sqlite:///{path}{mark}{query}", locations)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected sqlite:///FILE or the "
@@ -174,14 +177,6 @@ def _connect(uri: str, create: bool) -> Store:
     if uri.startswith(("http://", "https://")):
         _check_reachable(uri)
     return _open(uri, dict.fromkeys(EXPERIMENTS))
-
-
-def _connect_sqlite(uri: str, create: bool) -> Store:
-    path = database_path(uri)
-    _, mark, query = uri.partition("?")
-    locations = {name: _location(path, name) for name in EXPERIMENTS}
-    with guarded(path, create=create):
-        return _open(f"sqlite:///{path}{mark}{query}", locations)
 
 
 def _location(database: Path, name: str) -> str:

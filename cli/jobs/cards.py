@@ -77,7 +77,7 @@ def craft_card(
     messages = [(code(name), count, _content(name)) for name, count in exported.told.items()]
     return template("cli/jobs/craft_card.md.jinja").render(
         version=version,
-        recipe=model.recipe,
+        recipe=model.recipe if version is None else version.recipe,
         checked=exported.checked,
         tolerance=f"{CRAFT_TOLERANCE:g}",
         rounds=model.config["rounds"],

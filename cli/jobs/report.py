@@ -117,7 +117,7 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
             notes += _of_others(name, part)
             continue
         try:
-            # Models that the evaluation has too are told of there.
+            # Other parts have the evaluation's models.
             models = _models_of(run) if part.same == DATA else ()
             found[name] = Found(run, sound_table(run), models)
         except ProlearnError as error:

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from cli.memory import available
+from cli.app import available
 from pipeline.orbit.problem import Problem
 from pipeline.plan.document import write_plan
 from pipeline.planners.named import named_planner
@@ -13,7 +13,7 @@ from pipeline.scenario import draw
 
 ASK = """
 import numpy as np
-from cli.memory import available, within_memory
+from cli.app import available, within_memory
 with within_memory():
     np.empty(int({share} * available()), dtype=np.uint8)
 """
@@ -33,7 +33,7 @@ COMMAND = """
 import resource
 import pipeline.flight.effects, pipeline.flight.effects, pipeline.plan.document, pipeline.show
 from cli.main import app
-from cli.memory import _kilobytes, Path
+from cli.app import _kilobytes, Path
 used = _kilobytes(Path("/proc/self/status"), "VmData")
 resource.setrlimit(resource.RLIMIT_DATA, (used + 32 * 2**20, resource.RLIM_INFINITY))
 app({arguments})

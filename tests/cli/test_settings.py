@@ -1,0 +1,70 @@
+"""Options of commands are the fields of frozen dataclasses."""
+
+from dataclasses import dataclass, fields
+from typing import Annotated
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from cli.main import app
+from cli.options import with_settings
+from cli.settings import (
+    Evaluation,
+    FlightConditions,
+    Flights,
+    FlownTrials,
+    Tradeoff,
+    TrainingSettings,
+    TransferTimes,
+    TuningSettings,
+    WarmStarts,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orbit:
+    altitude: Annotated[float, typer.Option(help="m.")]
+    names: Annotated[list[str] | None, typer.Option("--name")] = None
+
+
+@dataclass(frozen=True)
+class Colour:
+    dark: Annotated[bool, typer.Option("--dark")] = False
+
+
+def test_a_command_gets_its_dataclasses_from_options_and_keeps_its_other_parameters():
+    seen = []
+
+    @with_settings
+    def command(first: int, orbit: Orbit, colour: Colour, last: str = "z") -> None:
+        """Take them."""
+        seen.append((first, orbit, colour, last))
+
+    one = typer.Typer()
+    one.command()(command)
+    done = CliRunner().invoke(one, ["7", "--altitude", "5e5", "--name", "a", "--name", "b"])
+    assert done.exit_code == 0, done.output
+    assert seen == [(7, Orbit(altitude=5e5, names=["a", "b"]), Colour(dark=False), "z")]
+    assert CliRunner().invoke(one, ["7"]).exit_code == 2, "a field without a default is required"
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("evaluate", [Evaluation]),
+        ("warmstart", [WarmStarts]),
+        ("transfer-times", [TransferTimes]),
+        ("flights", [Flights]),
+        ("train", [TrainingSettings]),
+        ("tune", [TuningSettings]),
+        ("tradeoff", [Tradeoff]),
+        ("fly", [FlightConditions, FlownTrials]),
+    ],
+)
+def test_every_field_of_a_job_s_settings_is_an_option_with_the_same_default(name, settings):
+    command = typer.main.get_command(app).commands[name]
+    options = {option.name: option for option in command.params}
+    for field in (field for one in settings for field in fields(one)):
+        option = options[field.name]
+        assert option.required or option.default == field.default
