@@ -24,7 +24,7 @@ from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.planners.planner import certified, stacked_ends
+from pipeline.planners.certified import certified, stacked_ends
 from pipeline.scenario import Scenario
 
 RULE, NULL_SPACE = "rule", "rule, null space"

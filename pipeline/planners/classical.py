@@ -10,7 +10,7 @@ from pipeline.expert import Settings, solve_many
 from pipeline.expert.batch import Batch
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.planners.planner import certified
+from pipeline.planners.certified import certified
 from pipeline.scenario import Scenario
 
 Controls = Float[Array, "n intervals 3"]

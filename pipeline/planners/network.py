@@ -17,7 +17,8 @@ from pipeline.networks.document import TrainedNetwork
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
-from pipeline.planners.planner import Planner, certified, stacked_ends
+from pipeline.planners.certified import certified, stacked_ends
+from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
 SAME = 1e-6

@@ -180,14 +180,7 @@ def test_networks_are_told_apart_by_their_weights():
     other = deepcopy(model.network)
     next(other.parameters())[0] += 1e-3
     networks = (model, replace(model, network=other), named_planner("refiner").network.model)
-    one, changed, packaged = (
-        identity(NetworkPlanner(network, "refiner"))
-        for network in (
-            model,
-            replace(model, network=other),
-            named_planner("refiner").network.model,
-        )
-    )
+    one, changed, packaged = (identity(NetworkPlanner(network, "refiner")) for network in networks)
     assert one["model"]["digest"] == packaged["model"]["digest"] != changed["model"]["digest"]
     refiner = identity(named_planner("refiner"))
     assert refiner == identity(named_planner("refiner"))
