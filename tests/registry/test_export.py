@@ -9,14 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.on_board.check import Files, fly_rounds
-from pipeline.networks.refiner.on_board.steps import STEPS
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
-from pipeline.planners.named import named_planner
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
 from registry.training import DatasetInfo, add_model_results, record_training
@@ -166,24 +162,3 @@ def test_a_file_that_does_not_answer_as_torch_is_not_written(
     assert done.exit_code == 1
     assert "differs from torch's" in done.output
     assert list(folder.glob("*onnx*")) == []
-
-
-def test_the_packaged_refiner_is_exported_without_a_store_and_its_files_give_the_plan_s_controls(
-    fresh: Path,
-) -> None:
-    (plan,) = named_planner("refiner", raw=True).plan([SCENARIO])
-    said = export("packaged")
-    made = fresh / "prolearn-refiner-packaged"
-    assert f"{made.name}/: one craft's steps" in said
-    assert not (fresh / "mlflow.db").exists()
-    card = (fresh / f"{made.name}.md").read_text(encoding="utf-8")
-    assert "The refiner that comes with prolearn: one craft" in card and "Registered" not in card
-    run = Files({name: made / f"{name}.onnx" for name in STEPS})
-    ends, radius = (SCENARIO.initial, SCENARIO.goal), SCENARIO.problem.collision_radius
-    rounds = list(fly_rounds(run, *ends, radius, rounds=find("refiner").config["rounds"]))
-    controls = plan.controls.reshape(SCENARIO.n, -1)
-    nearest = min(np.abs(one.reshape(SCENARIO.n, -1) - controls).max() for one in rounds)
-    assert nearest <= 1e-5 * np.abs(controls).max()
-    assert not np.allclose(rounds[0], controls), "own optima would do, and nothing was tried"
-    done = CliRunner().invoke(app, ["models", "export", "packaged", "--n", "3"])
-    assert done.exit_code == 2 and "is given for packaged; expected neither" in done.output

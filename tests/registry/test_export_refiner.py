@@ -15,6 +15,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.networks.refiner.on_board.check import CraftCheck
 from pipeline.networks.refiner.on_board.export import ExportedCraft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, told_each_round
+from pipeline.networks.refiner.packaged import packaged
 from pipeline.training.loop import Trained
 from registry.models import resolve
 from registry.store import connect
@@ -22,12 +23,24 @@ from registry.training import DatasetInfo, record_training
 
 
 @pytest.fixture
+def exported(monkeypatch: pytest.MonkeyPatch) -> list[Model]:
+    """The models whose files were asked for; none is traced."""
+    asked = []
+
+    def export_craft(model: Model, path: Path, about: object) -> ExportedCraft:
+        asked.append(model)
+        ones = dict.fromkeys(STEPS, 1e-3)
+        checked = CraftCheck(swarms=6, ties=1, encounters=29, difference=2e-7, seconds=ones)
+        told = told_each_round(model.config["message"])
+        return ExportedCraft(path, ones, dict.fromkeys(STEPS, "0" * 64), told, checked)
+
+    monkeypatch.setattr("cli.jobs.export.export_craft", export_craft)
+    return asked
+
+
+@pytest.fixture
 def refiner(
-    folder: Path,
-    trained: Trained,
-    recipe: Recipe,
-    dataset: DatasetInfo,
-    monkeypatch: pytest.MonkeyPatch,
+    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo, exported: list[Model]
 ) -> Path:
     """The current folder, with a registered refiner whose files need no tracing."""
     architecture = find("refiner")
@@ -37,15 +50,23 @@ def refiner(
     record_training(
         replace(trained, model=Model("refiner", *given)), recipe=recipe, seed=0, dataset=dataset
     )
-
-    def export_craft(model: Model, path: Path, about: object) -> ExportedCraft:
-        ones = dict.fromkeys(STEPS, 1e-3)
-        checked = CraftCheck(swarms=6, ties=1, encounters=29, difference=2e-7, seconds=ones)
-        told = told_each_round(model.config["message"])
-        return ExportedCraft(path, ones, dict.fromkeys(STEPS, "0" * 64), told, checked)
-
-    monkeypatch.setattr("cli.jobs.export.export_craft", export_craft)
     return folder
+
+
+def test_the_packaged_refiner_is_exported_without_a_store(
+    fresh: Path, exported: list[Model]
+) -> None:
+    """That its files plan as it does, the tests of these files hold."""
+    done = CliRunner().invoke(app, ["models", "export", "packaged"])
+    assert done.exit_code == 0, done.output
+    assert "prolearn-refiner-packaged/: one craft's steps" in done.output
+    (model,) = exported
+    assert model.digest == packaged().digest
+    assert not (fresh / "mlflow.db").exists()
+    card = (fresh / "prolearn-refiner-packaged.md").read_text(encoding="utf-8")
+    assert "The refiner that comes with prolearn: one craft" in card and "Registered" not in card
+    done = CliRunner().invoke(app, ["models", "export", "packaged", "--n", "3"])
+    assert done.exit_code == 2 and "is given for packaged; expected neither" in done.output
 
 
 def test_a_refiner_becomes_a_folder_with_a_card_that_names_every_input_and_output(

@@ -11,12 +11,12 @@ from jaxtyping import config
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
-from pipeline.networks.encoding import Encoding
-from pipeline.networks.model import Model
+from pipeline.networks.model import load
 from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, task_of
 from pipeline.networks.refiner.on_board.check import Files, check, compare, fly_rounds, together
 from pipeline.networks.refiner.on_board.export import export_craft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
+from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
@@ -38,12 +38,10 @@ def untyped():
 
 @pytest.fixture(scope="module")
 def model():
-    torch.manual_seed(0)
-    refiner = find("refiner")
-    encoding = Encoding(PROBLEM, 10, "line", "offset", (1.0,) * 6, (1.0,) * 6)
-    made = refiner.network(refiner.config, encoding, 0.0)
-    torch.nn.init.normal_(made.offer.weight, std=0.05)
-    return Model("refiner", refiner.config, "tuned", encoding, made)
+    """The packaged refiner."""
+    found = load(FOLDER)
+    assert found.problem == PROBLEM
+    return found
 
 
 @pytest.fixture(scope="module")
