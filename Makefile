@@ -12,6 +12,8 @@ LSTM := lstm1,lstm2,lstmcol
 REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
+# Eight processes more of the UI, for evaluations of language models.
+export MLFLOW_SERVER_ENABLE_JOB_EXECUTION := false
 
 .PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test torture lint bench docs lock clean
 
