@@ -8,7 +8,16 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
-from pipeline.orbit.arrays import Controls, Indices, Marked, States, Values
+from pipeline.orbit.arrays import (
+    AnyState,
+    Controls,
+    Indices,
+    Marked,
+    Scalar,
+    States,
+    Values,
+    Vector,
+)
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
@@ -243,11 +252,8 @@ def _candidates(
     moved: Marked | None,
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
-    start, end, h = states[:, :-1], states[:, 1:], problem.time_step
-    most = problem.dynamics.most_acceleration(start, controls, h)
-    sag = most * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
-    radius = norm(end[..., :3] - start[..., :3]) / 2 + sag
-    middle = (start[..., :3] + end[..., :3]) / 2
+    start, end = states[:, :-1], states[:, 1:, :3]
+    middle, radius = balls(start, end, controls, problem.dynamics, problem.time_step)
     if swarms.few:
         i, j = swarms.pairs
         if moved is not None and not moved.all():
@@ -263,6 +269,18 @@ def _candidates(
     i, j, k = i[kept], j[kept], k[kept]
     order = np.lexsort((j, i, k))
     return i[order], j[order], k[order]
+
+
+def balls(
+    start: AnyState, end: Vector, control: Vector, dynamics: Dynamics, h: float
+) -> tuple[Vector, Scalar]:
+    """Middle and radius of a ball that each craft stays in over an interval of h s, m.
+
+    Of states at its start and positions at its end: |p - chord| ≤ h²/8 max|p̈|.
+    """
+    begin = start[..., :3]
+    sag = dynamics.most_acceleration(start, control, h) * h**2 / 8
+    return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
 def _by_tree(

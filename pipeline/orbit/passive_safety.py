@@ -17,6 +17,7 @@ from pipeline.orbit.approaches import (
     NOTHING,
     Closest,
     Swarms,
+    balls,
     closest_to_origin,
     least_of_each,
     side_by_side,
@@ -170,11 +171,9 @@ def _candidates(
 def _balls(
     start: AnyState, controls: Vector, dynamics: Dynamics, h: float
 ) -> tuple[Vector, Scalar]:
-    """Middle and radius of a ball that each craft stays in over an interval of h s, m."""
+    """As ``balls``, with the ends to which controls, m/s², lead."""
     A, B = dynamics.step(h)
-    begin, end = start[..., :3], start @ A[:3].T + controls @ B[:3].T
-    sag = dynamics.most_acceleration(start, controls, h) * h**2 / 8
-    return (begin + end) / 2, norm(end - begin) / 2 + sag
+    return balls(start, start @ A[:3].T + controls @ B[:3].T, controls, dynamics, h)
 
 
 def _searched(
