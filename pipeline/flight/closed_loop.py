@@ -22,7 +22,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances
-from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.orbit.transfer import fly, meet_goal, state_weight
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
@@ -107,7 +107,7 @@ class ClosedLoop:
         """With one interval left, the nearest to the goal; or as planned, where that is safer."""
         problem = self._scenario.problem
         A, B = problem.dynamics.step(problem.time_step)
-        weight = np.repeat([1.0, 1.0 / problem.mean_motion], 3)
+        weight = state_weight(problem)
         nearest = np.linalg.pinv(weight[:, None] * B) * weight
         miss = self._scenario.goal - np.matvec(A, estimate)
         choice = Choice(problem, estimate, self._ahead, requirements=self._planner.requirements)
