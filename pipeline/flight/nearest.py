@@ -36,7 +36,7 @@ class Nearest:
     def separation(self, trial: int = 0) -> Separation:
         """That of one trial."""
         if self.first[trial] < 0:
-            return Separation(np.inf, np.inf, None, None)
+            return Separation()
         pair = int(self.first[trial]), int(self.second[trial])
         distance, bound = float(self.distance[trial]), float(self.bound[trial])
         return Separation(distance, bound, pair, float(self.time[trial]))

@@ -41,8 +41,8 @@ def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
     """
     _refuse_overflow(claimed, scenario)
     problem, said, asked = scenario.problem, claimed.certificate, claimed.requirements
-    made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
-    made = replace(made, convex_solves=claimed.convex_solves)
+    bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
+    made = Made(claimed.controls, *bound, claimed.convex_solves)
     flown = planned(claimed.planner, scenario, made, asked)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
