@@ -47,7 +47,7 @@ class DecoupledOptima:
         return DecoupledOptima(**parts)  # type: ignore[arg-type]
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
-        """What some craft need at least in all, m/s², and how that is proven."""
+        """Lower bound on the fuel of some craft in all, m/s², and how it is proven."""
         proof = TABLE if self.tabled[craft].all() else PROGRAM
         return float(self.lower_bound[craft].sum()), proof
 

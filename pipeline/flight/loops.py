@@ -56,7 +56,7 @@ def flight_loops(
     planner: Planner | None = None,
     margin: float | None = None,
 ) -> Iterator[Loop]:
-    """The open loop of a plan's controls, m/s², and with a planner the two that it replans in.
+    """The open loop of a plan's controls, m/s², and with a planner two closed loops.
 
     The last one asks for a margin, m, as far as there is room; by default the one for ``errors``.
     """

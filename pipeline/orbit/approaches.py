@@ -65,7 +65,7 @@ class Swarms:
 
 @lru_cache(maxsize=64)
 def side_by_side(sizes: tuple[int, ...]) -> Swarms:
-    """Swarms of some sizes, whose pairs are listed once."""
+    """Swarms of some sizes, cached so that their pairs are listed once."""
     return Swarms(sizes)
 
 
@@ -238,7 +238,7 @@ def _closest_in_pieces(
 def _steps(
     dynamics: Dynamics, h: float, most: int
 ) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"], Int[Array, "_"]]:
-    """A and B to the ends of parts, for each number of parts, and where those begin."""
+    """A and B to the ends of equal parts, for each number of parts, and where its own begin."""
     share = np.concatenate([np.arange(parts + 1) / max(parts, 1) for parts in range(most + 1)])
     return *dynamics.step(h * share), np.cumsum(np.arange(most + 1))
 
@@ -286,7 +286,7 @@ def balls(
 def _by_tree(
     middle: Controls, radius: Float[Array, "n intervals"], reach: float, swarms: Swarms
 ) -> Candidates:
-    """Pairs and intervals no further apart than any could be.
+    """Pairs and intervals whose balls may be within a distance, by a k-d tree, and some others.
 
     One tree holds all swarms and intervals: planes of a fourth dimension, too far apart to meet.
     """

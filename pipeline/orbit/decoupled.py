@@ -95,7 +95,7 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima |
 def _met(
     facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
 ) -> tuple[int, Float[Array, "d"]]:
-    """Of facets that share a plane, the one that the ray meets: whose weights are not negative."""
+    """The facet that the ray meets, of several in one plane: its weights are not negative."""
     near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
     weights = np.matvec(facets.weights[near], part)
     k = int(weights.min(axis=1).argmax())

@@ -116,7 +116,7 @@ class _Paths:
 
     @classmethod
     def of(cls, states: States, controls: Controls, problem: Problem, orbits: float) -> "_Paths":
-        """The paths of which every drift takes so many orbits."""
+        """A plan's paths, where a drift from any node takes so many orbits."""
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
         whole = int(steps + NO_LENGTH)
@@ -179,7 +179,7 @@ def _balls(
 def _searched(
     node: int, last: int, since: Int[Array, "steps"], swarms: Swarms, moved: Marked | None
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
-    """Drifting craft, others, and steps of a drift from a node, not too many at once.
+    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions.
 
     All of them, or those that depend on the controls of moved craft.
     """

@@ -240,7 +240,7 @@ def _stretches(
 
 
 def _numbers(found: Approaches, n: int) -> Indices:
-    """Of the pairs, in the order of ``pairs``."""
+    """Number of each approach's pair, in the order of ``pairs``."""
     i, j = found.first, found.second
     return i * (2 * n - i - 1) // 2 + j - i - 1
 
@@ -265,7 +265,7 @@ def _chances(stretches: _Stretches) -> tuple[Int[Array, "q"], Float[Array, "q"]]
 
 
 def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
-    """Of each panel the probability, and an estimate of how much of it is due to its margin."""
+    """Each panel's probability, as in ``_chances``, and an estimate of its margin's part in it."""
     at, radius = panels.stretch, stretches.problem.collision_radius
     width = panels.width * stretches.problem.time_step
     here, there = stretches.maps(panels.begin), stretches.maps(panels.begin + panels.width)

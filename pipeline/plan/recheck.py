@@ -22,7 +22,7 @@ SAME = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Rechecked:
-    """A plan as its controls fly it."""
+    """A plan as found anew from its controls, and what is wrong with it."""
 
     # states, certificate and status found anew from the scenario and the controls; the lower bound
     # on the fuel and how it was proven are as the file has them
@@ -71,7 +71,7 @@ def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
 
 
 def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
-    """Controls so large that arithmetic on them has no meaning."""
+    """Raise InputError for controls so large that arithmetic on them has no meaning."""
     most = float(np.abs(claimed.controls).max())
     if not most * scenario.problem.duration**2 <= FURTHEST:
         raise InputError(

@@ -313,7 +313,7 @@ def read_timed(folder: Folder) -> dict[str, str] | None:
 
 
 def _read_stamps(folder: Folder) -> dict[str, list[int | str]]:
-    """Nothing where they are missing or damaged: then the shards are read."""
+    """The stamps of shards; none where they are missing or damaged, so that shards are read."""
     try:
         found = parsed(folder.read(STAMPS))
     except (OSError, ValueError):
