@@ -25,7 +25,7 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
 
     The version number of prolearn says which release runs and not whether its files were
     changed, so a digest of the code goes with it. Parts are patterns such as ``pipeline/orbit`` and
-    ``pipeline/experiments/*/run.py``.
+    ``pipeline/experiments/trials.py``.
     """
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
     return found | {name: version(name) for name in packages}

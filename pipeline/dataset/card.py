@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.markdown import Markdown, code, formatted, table, verbatim
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import MU_EARTH, R_EARTH, mean_motion_at
+from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
 from pipeline.plan import AT_ALL_TIMES, SOLVED
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
@@ -223,7 +223,7 @@ def _options(sample: Sample, problem: Problem) -> Iterator[str]:
 
 def altitude_of(mean_motion: float) -> float:
     """Altitude in m of a mean motion in rad/s, with as few decimals as give it back."""
-    exact = float((MU_EARTH / mean_motion**2) ** (1 / 3) - R_EARTH)
+    exact = radius_at(mean_motion) - R_EARTH
     rounded = (round(exact, digits) for digits in TYPED_DIGITS)
     return next((one for one in rounded if mean_motion_at(one) == mean_motion), exact)
 

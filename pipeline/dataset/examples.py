@@ -58,5 +58,5 @@ class Examples:
         return self.initial.shape[1]
 
     def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
-        """Themselves."""
+        """The examples themselves, the only part."""
         yield self

@@ -9,7 +9,7 @@ from jaxtyping import Float, Shaped
 
 from pipeline.arrays import Array
 from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
-from pipeline.orbit.approaches import Swarms, side_by_side
+from pipeline.orbit.approaches import Swarms, pairs, side_by_side
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.scenario import Scenario, shared_problem
@@ -97,7 +97,7 @@ class Batch:
 def _too_close(scenario: Scenario) -> str:
     """Which pair is too close at an end."""
     near = []
-    i, j = np.triu_indices(scenario.n, 1)
+    i, j = pairs(scenario.n)
     for end, states in (("start", scenario.initial), ("goal", scenario.goal)):
         apart = np.linalg.norm(states[i, :3] - states[j, :3], axis=1)
         near.append((float(apart.min()), int(apart.argmin()), end))

@@ -61,14 +61,14 @@ class BackOff:
     sigmas: float  # how many standard deviations, along the line between the two craft
 
     def most(self, controls: Float[Array, "n intervals 3"], problem: Problem) -> float:
-        """No pair's back-off is larger than this, m."""
+        """Upper bound on the back-off of every pair, m."""
         deviation = dispersion(controls, problem, self.uncertainty).most_deviation(problem)
         return self.sigmas * 2**0.5 * float(deviation.max())
 
     def of_cuts(
         self, cuts: Cuts, flown: Trajectory, problem: Problem, margin: float
     ) -> Float[Array, "k"]:
-        """What each cut asks for besides the collision radius and a margin, m.
+        """Back-off of each cut, beyond the collision radius and a margin, m.
 
         The errors of the trajectory's burns are meant. A passive-safety cut asks for nothing.
         """
@@ -92,7 +92,7 @@ class BackOff:
 
 @dataclass(frozen=True, eq=False)
 class ConflictDetection:
-    """What craft are kept apart by."""
+    """Conflict detection by a plan's requirements, with a margin and perhaps a back-off."""
 
     problem: Problem  # the problem
     # say whether all times are looked at or the nodes only, and whether craft that have lost their
@@ -142,7 +142,7 @@ class ConflictDetection:
         return cuts + drifting, np.concatenate([bound, found.bound])
 
     def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Float[Array, "k"] | float:
-        """What a trajectory's errors ask of each cut besides radius and margin, m."""
+        """Back-off of each cut for the errors of a trajectory, m; 0 where there is none."""
         if self.back_off is None:
             return 0.0
         return self.back_off.of_cuts(cuts, flown, self.problem, self.margin)

@@ -16,7 +16,7 @@ TOUCHING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class SecondCraft:
-    """How the position of a cut's second craft follows from its plan, where not as the first's."""
+    """Linear maps to the positions of cuts' second craft, where they are not as the first's."""
 
     interval: Int[Array, "k"]  # at whose start the craft's state counts
     free: Float[Array, "k 3 6"]  # from that state to its position
@@ -63,7 +63,7 @@ class Cuts:
 
     @property
     def second_craft(self) -> SecondCraft:
-        """How the second craft's position follows from its plan."""
+        """Linear maps to the positions of the second craft."""
         return self._as_first if self.other is None else self.other
 
     @property

@@ -8,15 +8,12 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.expert.solvers import OPTIMAL, clarabel_solver
 from pipeline.expert.subproblem import Subproblem
-from pipeline.orbit.decoupled import least_fuel
+from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
 BOUND_TOLERANCE = 1e-8
 """Relative tolerance of the programs of single craft, and so of their lower bound."""
-
-SHORT = 1e-6
-"""Share of a change of state that may be rounding."""
 
 FARKAS_MARGIN = 1e-6
 """Relative margin by which a proof of impossibility must hold, beyond rounding."""
@@ -50,7 +47,7 @@ class DecoupledOptima:
         return DecoupledOptima(**parts)  # type: ignore[arg-type]
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
-        """What some craft need at least in all, m/s², and how that is proven."""
+        """Lower bound on the fuel of some craft in all, m/s², and how it is proven."""
         proof = TABLE if self.tabled[craft].all() else PROGRAM
         return float(self.lower_bound[craft].sum()), proof
 
@@ -158,7 +155,7 @@ def _is_impossible(y: Float[Array, "6"], miss: Float[Array, "6"], problem: Probl
         most = limit * float(np.abs(reach.T @ y).sum())
         if float(miss @ y) > most * (1 + FARKAS_MARGIN):
             return True
-    scale = np.repeat([1.0, problem.duration], 3) / problem.duration**2  # all in m/s²
+    scale = acceleration_scale(problem)
     directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
     changes = np.abs(directions @ miss)
     furthest = RANGES["max_acceleration"][1] * np.abs(directions @ reach).sum(axis=1)

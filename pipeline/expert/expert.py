@@ -186,7 +186,7 @@ def _judged(scenario: Scenario, plan: Plan, sigmas: float, uncertainty: Uncertai
 
 
 def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
-    """The cheapest of those that keep the risk comes first; of the others the least risky."""
+    """Sort key: plans that keep the risk come first, the cheapest ahead, then the least risky."""
     kept = tried.plan.status == SOLVED and tried.risk.total <= asked
     return not kept, tried.plan.certificate.fuel if kept else tried.risk.total
 

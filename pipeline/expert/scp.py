@@ -81,7 +81,7 @@ def _groups(labels: Int[Array, "k"]) -> list[Int[Array, "_"]]:
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
-    """What is searched for, and how."""
+    """The input of a search: scenarios, settings, requirements and perhaps a back-off."""
 
     batch: Batch  # the scenarios
     settings: Settings  # of the expert
@@ -91,7 +91,7 @@ class SearchProblem:
 
     @cached_property
     def detection(self) -> ConflictDetection:
-        """What craft are kept apart by."""
+        """The conflict detection of these requirements."""
         problem, swarms, margin = self.batch.problem, self.batch.swarms, self.settings.margin
         return ConflictDetection(problem, self.requirements, swarms, margin, self.back_off)
 
@@ -211,7 +211,10 @@ class Search:
         self.cuts_of = {int(label[one[0]]): one for one in _groups(label)}
 
     def _raise_back_off(self, flown: Trajectory) -> None:
-        """Never less than before: burns, and so errors, that take turns would cycle."""
+        """Raise back-offs to those of a trajectory.
+
+        They never fall: burns, and so errors, that take turns would cycle.
+        """
         asked = self.asked.detection.back_off_of(self.cuts, flown)
         self.back_off = np.maximum(self.back_off, asked)
 
@@ -279,12 +282,12 @@ class Search:
         return SOLVERS[self.settings.solver](sub)
 
     def _go_back(self, craft: Cluster) -> None:
-        """Take the safe iterate that is known for good; it is judged again, for others moved."""
+        """End a cluster's search with its safe iterate; it is judged again, since others moved."""
         self.iterate.controls[craft] = self.reference.controls[craft]
         self.active[craft] = False
 
     def _fail(self, craft: Cluster, why: str) -> None:
-        """Leave a cluster as it is, or was when it was safe."""
+        """End the search of a cluster that failed, with its safe iterate where it has one."""
         self.incumbents.note_failure(int(craft[0]), why)
         if self.accepted[craft].all():
             self._go_back(craft)

@@ -160,7 +160,7 @@ def clarabel_solver(
 
 @lru_cache(maxsize=1024)
 def _no_curvature(variables: int) -> sparse.csc_matrix:
-    """P of a linear program."""
+    """P of a linear program: the quadratic term, which is zero."""
     return sparse.csc_matrix((variables, variables))
 
 

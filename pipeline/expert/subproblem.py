@@ -85,7 +85,7 @@ class Subproblem:
         return np.concatenate([np.ones(2 * n * m), slack])
 
     def goals(self) -> Float[Array, "rows"]:
-        """What the goal rows must equal, craft after craft."""
+        """Right-hand sides of the goal rows, craft after craft."""
         return (self.miss * self.goal_scale).ravel()
 
     def goal_entries(self) -> Entries:

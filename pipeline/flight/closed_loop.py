@@ -22,7 +22,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances
-from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.orbit.transfer import fly, meet_goal, state_weight
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
@@ -41,7 +41,7 @@ SomeControls = Float[Array, "K n left 3"]
 
 
 class ClosedLoop:
-    """Trials side by side, each replanned at every node but the first; a ``Guidance``.
+    """Guidance of trials side by side, each replanned at every node but the first.
 
     Attributes:
         unsafe: number of nodes of each trial at which no known plan to the goal keeps from the
@@ -66,7 +66,7 @@ class ClosedLoop:
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
 
     def __call__(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
-        """As ``Guidance``."""
+        """Controls, m/s², for the interval after a node, from the states estimated there."""
         problem = self._scenario.problem
         left = problem.intervals - node
         if node > 0:
@@ -104,10 +104,10 @@ class ClosedLoop:
                 self.seconds[which, node] += np.sum(spent, axis=1)
 
     def _end(self, estimate: Float[Array, "K n 6"]) -> None:
-        """With one interval left, the nearest to the goal; or as planned, where that is safer."""
+        """Choose the last controls: the nearest to the goal, or the planned ones if safer."""
         problem = self._scenario.problem
         A, B = problem.dynamics.step(problem.time_step)
-        weight = np.repeat([1.0, 1.0 / problem.mean_motion], 3)
+        weight = state_weight(problem)
         nearest = np.linalg.pinv(weight[:, None] * B) * weight
         miss = self._scenario.goal - np.matvec(A, estimate)
         choice = Choice(problem, estimate, self._ahead, requirements=self._planner.requirements)

@@ -123,7 +123,7 @@ class Burns:
 def burns_made(
     commanded: Float[Array, "K n 3"], drawn: Draws, interval: int, errors: Errors, time_step: float
 ) -> Burns:
-    """The burns that controls, m/s², commanded over an interval of ``time_step`` s come to.
+    """The burns made where controls, m/s², are commanded over an interval of ``time_step`` s.
 
     A burn that is late by τ is, to second order in τ, the burn in time with an impulse of -uτ at
     its start and one of uτ at its end: the position after it is off by uτ²/2, and so little that

@@ -7,14 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.flight.closed_loop import ClosedLoop, apart_at
 from pipeline.flight.errors import Draws, Errors
 from pipeline.flight.trials import TrialResults, fly_trials, open_loop
 from pipeline.flight.world import World
 from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
@@ -26,8 +25,6 @@ SIGMAS = 3.0  # standard deviations of a relative position that the default marg
 
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
 """Shares of a margin that are tried in turn at the first node, until there is a safe plan."""
-
-Controls = Float[Array, "n intervals 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +56,7 @@ def flight_loops(
     planner: Planner | None = None,
     margin: float | None = None,
 ) -> Iterator[Loop]:
-    """The open loop of a plan's controls, m/s², and with a planner the two that it replans in.
+    """The open loop of a plan's controls, m/s², and with a planner two closed loops.
 
     The last one asks for a margin, m, as far as there is room; by default the one for ``errors``.
     """

@@ -94,7 +94,7 @@ class TrialsManifest:
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """All that decides what trials are, but for the loop; ``portion`` trials are a shard."""
+    """Settings that decide the trials of a Monte Carlo, but for the loop, and a shard's size."""
 
     scenario: Scenario
     world: World
@@ -171,7 +171,7 @@ def fly_all(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, pa.Table]:
-    """Fly what is not flown yet of so many trials of each loop; all of them, by the loop's name.
+    """Fly the trials of each loop that are not flown yet, and return all, by the loop's name.
 
     Raises:
         InputError: for no trials, where another process writes to the folder, or where it was

@@ -34,9 +34,9 @@ class Nearest:
     time: Float[Array, "trials"]  # when, s since the plan's first node
 
     def separation(self, trial: int = 0) -> Separation:
-        """That of one trial."""
+        """The least separation of one trial."""
         if self.first[trial] < 0:
-            return Separation(np.inf, np.inf, None, None)
+            return Separation()
         pair = int(self.first[trial]), int(self.second[trial])
         distance, bound = float(self.distance[trial]), float(self.bound[trial])
         return Separation(distance, bound, pair, float(self.time[trial]))
@@ -106,7 +106,7 @@ def nearer(one: Nearest, other: Nearest) -> Nearest:
 def _candidates(
     states: Float[Array, "trials n _ 6"], h: float, mean_motion: float
 ) -> tuple[Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
-    """The least separation in the states of each trial; trial, pair and piece that may be under it.
+    """Each trial's least separation at ends of pieces; trials, pairs and pieces that may be closer.
 
     The distances of a craft from its positions at both ends of a piece add up to at most its chord
     and twice its deviation from that. So a pair that is a and b apart at the ends, with such sums

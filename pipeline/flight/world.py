@@ -84,7 +84,7 @@ class Drag:
     reference: float = 0.0  # of the virtual craft that the LVLH frame is about
 
     def coefficients(self, count: int) -> Float[Array, "_"]:
-        """Of the reference and then of ``count`` craft; InputError for a part of a trial."""
+        """Those of the reference and then ``count`` craft; InputError for a part of a trial."""
         n = len(self.ballistic)
         if count % n:
             raise InputError(f"{count} states are flown; expected a multiple of {n} craft.")
@@ -174,7 +174,7 @@ class NonlinearWorld:
     def _accelerations(
         self, states: Float[Array, "N 6"], ballistic: Float[Array, "N"] | None = None
     ) -> Float[Array, "N 3"]:
-        """Of all forces but thrust at inertial states, m/s²; by default on the reference."""
+        """By all forces but thrust at inertial states, m/s²; by default on the reference."""
         position = states[:, :3]
         total = point_mass(position)
         if self.j2:
@@ -187,7 +187,7 @@ class NonlinearWorld:
 
 @lru_cache(maxsize=256)
 def _reference(world: NonlinearWorld, time: float) -> Float[Array, "6"]:
-    """From the first node in one go, independent of other arcs; not to be written to."""
+    """The reference's state, integrated from the first node in one go; not to be written to."""
     state = world.elements.states(np.array(world.argument_of_latitude))
     if time != 0:
         state = world._integrate(state[None], np.zeros((0, 3)), time, 1)[-1, 0]

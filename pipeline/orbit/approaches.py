@@ -8,7 +8,16 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
-from pipeline.orbit.arrays import Controls, Indices, Marked, States, Values
+from pipeline.orbit.arrays import (
+    AnyState,
+    Controls,
+    Indices,
+    Marked,
+    Scalar,
+    States,
+    Values,
+    Vector,
+)
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
@@ -56,7 +65,7 @@ class Swarms:
 
 @lru_cache(maxsize=64)
 def side_by_side(sizes: tuple[int, ...]) -> Swarms:
-    """Swarms of some sizes, whose pairs are listed once."""
+    """Swarms of some sizes, cached so that their pairs are listed once."""
     return Swarms(sizes)
 
 
@@ -229,7 +238,7 @@ def _closest_in_pieces(
 def _steps(
     dynamics: Dynamics, h: float, most: int
 ) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"], Int[Array, "_"]]:
-    """A and B to the ends of parts, for each number of parts, and where those begin."""
+    """A and B to the ends of equal parts, for each number of parts, and where its own begin."""
     share = np.concatenate([np.arange(parts + 1) / max(parts, 1) for parts in range(most + 1)])
     return *dynamics.step(h * share), np.cumsum(np.arange(most + 1))
 
@@ -243,11 +252,8 @@ def _candidates(
     moved: Marked | None,
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
-    start, end, h = states[:, :-1], states[:, 1:], problem.time_step
-    most = problem.dynamics.most_acceleration(start, controls, h)
-    sag = most * h**2 / 8  # |p - chord| ≤ h²/8 max|p̈|
-    radius = norm(end[..., :3] - start[..., :3]) / 2 + sag
-    middle = (start[..., :3] + end[..., :3]) / 2
+    start, end = states[:, :-1], states[:, 1:, :3]
+    middle, radius = balls(start, end, controls, problem.dynamics, problem.time_step)
     if swarms.few:
         i, j = swarms.pairs
         if moved is not None and not moved.all():
@@ -265,10 +271,22 @@ def _candidates(
     return i[order], j[order], k[order]
 
 
+def balls(
+    start: AnyState, end: Vector, control: Vector, dynamics: Dynamics, h: float
+) -> tuple[Vector, Scalar]:
+    """Middle and radius of a ball that each craft stays in over an interval of h s, m.
+
+    Of states at its start and positions at its end: |p - chord| ≤ h²/8 max|p̈|.
+    """
+    begin = start[..., :3]
+    sag = dynamics.most_acceleration(start, control, h) * h**2 / 8
+    return (begin + end) / 2, norm(end - begin) / 2 + sag
+
+
 def _by_tree(
     middle: Controls, radius: Float[Array, "n intervals"], reach: float, swarms: Swarms
 ) -> Candidates:
-    """Pairs and intervals no further apart than any could be.
+    """Pairs and intervals whose balls may be within a distance, by a k-d tree, and some others.
 
     One tree holds all swarms and intervals: planes of a fourth dimension, too far apart to meet.
     """

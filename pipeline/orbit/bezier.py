@@ -21,14 +21,9 @@ SQUARED = np.array(
 )
 
 
-def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
-    """Products of vectors."""
-    return np.vecdot(a, b)
-
-
 def norm(a: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
     """Length of vectors."""
-    return np.sqrt(dot(a, a))
+    return np.sqrt(np.vecdot(a, a))
 
 
 def hermite_bezier(
@@ -50,7 +45,7 @@ def point_on(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array
 def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     """A quick lower bound on each cubic's distance from the origin: its chord's, less the bend."""
     p0, p1, p2, p3 = curve.transpose(1, 0, 2)
-    square, product, other = dot(p0, p0), dot(p0, p3), dot(p3, p3)
+    square, product, other = np.vecdot(p0, p0), np.vecdot(p0, p3), np.vecdot(p3, p3)
     length = square + other - 2 * product
     s = np.clip((square - product) / np.where(length > 0, length, 1.0), 0.0, 1.0)
     chord = np.sqrt(np.maximum(square + s * (s * length - 2 * (square - product)), 0.0))
@@ -102,13 +97,13 @@ def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Arr
     p0, p1, p2, p3 = curve.transpose(1, 0, 2)
     a1, a2, a3 = 3 * (p1 - p0), 3 * (p2 - 2 * p1 + p0), p3 - 3 * p2 + 3 * p1 - p0
     chord = p3 - p0
-    length = dot(chord, chord)
-    s = np.clip(-dot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    length = np.vecdot(chord, chord)
+    s = np.clip(-np.vecdot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
     for _ in range(NEWTON_STEPS):
         r = s[:, None]
         c = p0 + r * (a1 + r * (a2 + r * a3))
         v = a1 + r * (2 * a2 + 3 * r * a3)
-        slope, curvature = dot(c, v), dot(v, v) + dot(c, 2 * a2 + 6 * r * a3)
+        slope, curvature = np.vecdot(c, v), np.vecdot(v, v) + np.vecdot(c, 2 * a2 + 6 * r * a3)
         convex = curvature > 0
         s = np.clip(s - np.where(convex, slope / np.where(convex, curvature, 1.0), 0.0), 0.0, 1.0)
     r = s[:, None]

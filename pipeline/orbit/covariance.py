@@ -62,12 +62,12 @@ class Dispersion:
 
     @cached_property
     def state_covariance(self) -> Float[Array, "n T 6 6"]:
-        """Of each craft's state at each node."""
+        """Covariance of each craft's state at each node."""
         return self.state @ self.state.mT
 
     @cached_property
     def burn_covariance(self) -> Float[Array, "n intervals 3 3"]:
-        """Of each craft's control in each interval, independent of the state at its start."""
+        """Covariance of each craft's controls, independent of the state at its start."""
         return self.burn @ self.burn.mT
 
     def of_pairs(

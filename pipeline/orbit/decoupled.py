@@ -95,7 +95,7 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima |
 def _met(
     facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
 ) -> tuple[int, Float[Array, "d"]]:
-    """Of facets that share a plane, the one that the ray meets: whose weights are not negative."""
+    """The facet that the ray meets, of several in one plane: its weights are not negative."""
     near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
     weights = np.matvec(facets.weights[near], part)
     k = int(weights.min(axis=1).argmax())
@@ -105,7 +105,7 @@ def _met(
 @lru_cache(maxsize=32)
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
     """The hulls of a problem, computed once; None where some state is out of reach."""
-    scale = _scale(problem)
+    scale = acceleration_scale(problem)
     reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
     _, label = connected_components(csr_array(acts @ acts.T), directed=False)
@@ -116,8 +116,8 @@ def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
         return None
 
 
-def _scale(problem: Problem) -> Float[Array, "6"]:
-    """Turns changes of a state into m/s², all of order one."""
+def acceleration_scale(problem: Problem) -> Float[Array, "6"]:
+    """Factors that turn changes of a state into accelerations of the same order, m/s²."""
     return np.repeat([1.0, problem.duration], 3) / problem.duration**2
 
 
@@ -151,7 +151,7 @@ def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 
-    maps, scale = transfer_maps(problem), _scale(problem)
+    maps, scale = transfer_maps(problem), acceleration_scale(problem)
     reach = maps.reach[-1] * scale[:, None]
     miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
     controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)

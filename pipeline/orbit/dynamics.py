@@ -1,4 +1,4 @@
-"""Linear relative motion: what the rest asks of it, and the Clohessy-Wiltshire equations."""
+"""Linear relative motion: the protocol of its models, and the Clohessy-Wiltshire equations."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable

@@ -1,4 +1,4 @@
-"""Proofs by the ends alone that no plan is passively safe.
+"""Proofs from initial and goal states alone that no plan is passively safe.
 
 A craft that loses its thrust at the first node drifts on from its start, and after the plan the
 others drift on from their goals, whatever the plan is; after the last node all drift on from
@@ -55,7 +55,7 @@ def forced_goals(
 def _starts_with_goals(
     initial: Formation, goal: Formation, problem: Problem, orbits: float
 ) -> Encounters:
-    """After the plan, of craft that drift from their starts and others on goals' orbits."""
+    """Encounters after the plan: of craft adrift from their starts with others on goals' orbits."""
     n = len(goal)
     A, _ = problem.dynamics.step(problem.duration)
     both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
@@ -66,7 +66,7 @@ def _starts_with_goals(
 
 
 def _encounters(states: Formation, problem: Problem, orbits: float, node: int) -> Encounters:
-    """Within the collision radius in free drift from the plan's end on."""
+    """Encounters within the collision radius in free drift from the plan's end on."""
     if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
         return
     flown, idle, drift = free_drift(states, problem, orbits)

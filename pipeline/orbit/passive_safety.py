@@ -17,6 +17,7 @@ from pipeline.orbit.approaches import (
     NOTHING,
     Closest,
     Swarms,
+    balls,
     closest_to_origin,
     least_of_each,
     side_by_side,
@@ -115,7 +116,7 @@ class _Paths:
 
     @classmethod
     def of(cls, states: States, controls: Controls, problem: Problem, orbits: float) -> "_Paths":
-        """The paths of which every drift takes so many orbits."""
+        """A plan's paths, where a drift from any node takes so many orbits."""
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
         whole = int(steps + NO_LENGTH)
@@ -170,17 +171,15 @@ def _candidates(
 def _balls(
     start: AnyState, controls: Vector, dynamics: Dynamics, h: float
 ) -> tuple[Vector, Scalar]:
-    """Middle and radius of a ball that each craft stays in over an interval of h s, m."""
+    """As ``balls``, with the ends to which controls, m/s², lead."""
     A, B = dynamics.step(h)
-    begin, end = start[..., :3], start @ A[:3].T + controls @ B[:3].T
-    sag = dynamics.most_acceleration(start, controls, h) * h**2 / 8
-    return (begin + end) / 2, norm(end - begin) / 2 + sag
+    return balls(start, start @ A[:3].T + controls @ B[:3].T, controls, dynamics, h)
 
 
 def _searched(
     node: int, last: int, since: Int[Array, "steps"], swarms: Swarms, moved: Marked | None
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
-    """Drifting craft, others, and steps of a drift from a node, not too many at once.
+    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions.
 
     All of them, or those that depend on the controls of moved craft.
     """

@@ -33,7 +33,7 @@ from scipy.special import gammainccinv, ndtr
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
 from pipeline.orbit.arrays import Controls, Indices, States, Values, Vectors
-from pipeline.orbit.bezier import dot, norm
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
@@ -94,8 +94,8 @@ class _Stretches:
     def covariance(self, which: Indices, one: Maps, other: Maps) -> Values:
         """Covariance of two linear functionals of the errors."""
         state, push = self.covariances
-        found = dot(np.vecmat(one[0], state[which]), other[0])
-        return found + dot(np.vecmat(one[1], push[which]), other[1])
+        found = np.vecdot(np.vecmat(one[0], state[which]), other[0])
+        return found + np.vecdot(np.vecmat(one[1], push[which]), other[1])
 
     def directions(self, which: Indices, share: Values) -> Vectors:
         """Directions in which pairs are likeliest to meet, at shares of the interval."""
@@ -188,9 +188,9 @@ def _at_node(
 def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:
     """Bound on the probability that Gaussian relative positions are within a distance, m."""
     normal = likeliest_direction(gap, covariance, radius)
-    variance = dot(np.vecmat(normal, covariance), normal)
+    variance = np.vecdot(np.vecmat(normal, covariance), normal)
     sigma = np.sqrt(np.maximum(variance, 0.0))
-    return ndtr((radius - dot(normal, gap)) / np.maximum(sigma, TINY))
+    return ndtr((radius - np.vecdot(normal, gap)) / np.maximum(sigma, TINY))
 
 
 def levels_at(
@@ -200,7 +200,7 @@ def levels_at(
     gap, covariance = _at_node(node, first, second, states, spread)
     apart = norm(gap)
     normal = gap / np.maximum(apart, TINY)[:, None]
-    sigma = np.sqrt(dot(np.vecmat(normal, covariance), normal))
+    sigma = np.sqrt(np.vecdot(np.vecmat(normal, covariance), normal))
     return (apart - distance) / np.maximum(sigma, TINY)
 
 
@@ -240,7 +240,7 @@ def _stretches(
 
 
 def _numbers(found: Approaches, n: int) -> Indices:
-    """Of the pairs, in the order of ``pairs``."""
+    """Number of each approach's pair, in the order of ``pairs``."""
     i, j = found.first, found.second
     return i * (2 * n - i - 1) // 2 + j - i - 1
 
@@ -265,7 +265,7 @@ def _chances(stretches: _Stretches) -> tuple[Int[Array, "q"], Float[Array, "q"]]
 
 
 def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
-    """Of each panel the probability, and an estimate of how much of it is due to its margin."""
+    """Each panel's probability, as in ``_chances``, and an estimate of its margin's part in it."""
     at, radius = panels.stretch, stretches.problem.collision_radius
     width = panels.width * stretches.problem.time_step
     here, there = stretches.maps(panels.begin), stretches.maps(panels.begin + panels.width)
@@ -280,7 +280,7 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     turn = panels.last - panels.first
     swing = along(turn, less(there, here))
     erring = stretches.normals * np.sqrt(np.maximum(stretches.covariance(at, swing, swing), 0.0))
-    turning = np.maximum(dot(turn, end - start), 0.0) + erring
+    turning = np.maximum(np.vecdot(turn, end - start), 0.0) + erring
     margin = stretches.stray[at] * width**2 / 8 + turning / 4
     joined = panels.joined(stretches)
     goes_on = np.append(joined[1:], False)[: len(joined)]
@@ -290,7 +290,8 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     first, last = along(panels.first, here), along(panels.last, there)
     step = less(last, first)
     variances = [np.maximum(stretches.covariance(at, one, one), 0.0) for one in (first, last, step)]
-    apart, apart_last = dot(panels.first, start) - radius, dot(panels.last, end) - radius
+    apart = np.vecdot(panels.first, start) - radius
+    apart_last = np.vecdot(panels.last, end) - radius
     mean, mean_last = apart - margin_first, apart_last - margin_last
     chance = falls_below(
         mean, variances[0], mean_last - mean, stretches.covariance(at, first, step), variances[2]

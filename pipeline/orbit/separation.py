@@ -157,7 +157,7 @@ def _closest_at_nodes(states: States) -> tuple[float, int, tuple[int, int]]:
 
 
 def _node_tree(states: States) -> cKDTree:
-    """Positions at all nodes: as many planes of a fourth dimension, too far apart to meet."""
+    """A k-d tree of positions at all nodes, each node's in a far plane of a fourth dimension."""
     positions = states[..., :3]
     size = 2 * float(np.ptp(positions, axis=(0, 1)).sum()) + 1.0
     plane = np.broadcast_to(size * np.arange(states.shape[1])[:, None], (*states.shape[:2], 1))

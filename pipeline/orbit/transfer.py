@@ -50,7 +50,7 @@ def transfer_maps(problem: Problem) -> TransferMaps:
     for t in range(1, T):
         reach[t] = A @ reach[t - 1]
         reach[t, :, 3 * (t - 1) : 3 * t] = B
-    weight = _state_weight(problem)
+    weight = state_weight(problem)
     scaled = weight[:, None] * reach[-1]
     to_goal = np.linalg.pinv(scaled) * weight
     free = np.eye(m) - to_goal @ reach[-1]  # leaves the final state alone
@@ -71,12 +71,12 @@ def has_one_plan(problem: Problem) -> bool:
 
     Two intervals have six components, as many as a state; singular at special steps only.
     """
-    reach = transfer_maps(problem).reach[-1] * _state_weight(problem)[:, None]
+    reach = transfer_maps(problem).reach[-1] * state_weight(problem)[:, None]
     return reach.shape == (6, 6) and float(np.linalg.cond(reach)) < REGULAR
 
 
-def _state_weight(problem: Problem) -> Float[Array, "6"]:
-    """Puts velocities on the scale of positions: one m/s counts like 1/e m."""
+def state_weight(problem: Problem) -> Float[Array, "6"]:
+    """Weights of a state's components: a velocity of 1 m/s counts like a position of 1/e m."""
     return np.repeat([1.0, 1.0 / problem.mean_motion], 3)
 
 
@@ -175,7 +175,7 @@ def with_coasts(controls: Controls, problem: Problem) -> Controls:
     largest = np.maximum(largest, problem.evasive_control)
     burns = np.abs(controls) > COAST * largest
     kept = np.where(burns, controls, 0.0)
-    reach, weight = transfer_maps(problem).reach[-1], _state_weight(problem)
+    reach, weight = transfer_maps(problem).reach[-1], state_weight(problem)
     dropped = (controls - kept).reshape(len(controls), -1)
     change = weight * np.matvec(reach, dropped)
     for k in np.flatnonzero(np.abs(change).max(axis=1) > UNCHANGED).tolist():

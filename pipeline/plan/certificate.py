@@ -200,7 +200,7 @@ def _passive_safety(
     requirements: Requirements,
     swarms: Swarms,
 ) -> Sequence[PassiveSafety | None]:
-    """Of each swarm, where it was asked for."""
+    """The passive safety of each swarm, where it was asked for."""
     orbits = requirements.passive_safety
     if orbits is None:
         return [None] * len(swarms.sizes)

@@ -1,4 +1,4 @@
-"""A plan, what can become of a scenario, and a plan's summary in a line."""
+"""A plan, its status, and its summary in a line."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field

@@ -22,7 +22,7 @@ SAME = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Rechecked:
-    """A plan as its controls fly it."""
+    """A plan as found anew from its controls, and what is wrong with it."""
 
     # states, certificate and status found anew from the scenario and the controls; the lower bound
     # on the fuel and how it was proven are as the file has them
@@ -41,8 +41,8 @@ def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
     """
     _refuse_overflow(claimed, scenario)
     problem, said, asked = scenario.problem, claimed.certificate, claimed.requirements
-    made = Made(claimed.controls, said.fuel_lower_bound, said.fuel_lower_bound_proof)
-    made = replace(made, convex_solves=claimed.convex_solves)
+    bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
+    made = Made(claimed.controls, *bound, claimed.convex_solves)
     flown = planned(claimed.planner, scenario, made, asked)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
@@ -71,7 +71,7 @@ def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
 
 
 def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
-    """Controls so large that arithmetic on them has no meaning."""
+    """Raise InputError for controls so large that arithmetic on them has no meaning."""
     most = float(np.abs(claimed.controls).max())
     if not most * scenario.problem.duration**2 <= FURTHEST:
         raise InputError(

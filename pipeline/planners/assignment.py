@@ -105,7 +105,7 @@ def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Some of all assignments, in Murty's way."""
+    """A part of all assignments, as Murty's method splits them."""
 
     slots: Slots  # the best of the part, or of the one that it was split from
     kept: int  # craft before this one keep their goals of ``slots``
@@ -113,7 +113,7 @@ class _Part:
     forbidden: tuple[tuple[int, int], ...]
 
     def costs(self, costs: Float[Array, "n n"]) -> Float[Array, "_ _"]:
-        """Of the craft that are not kept and of all goals; infinite where one is not to be had."""
+        """Costs of craft that are not kept, by goal; infinite where it is taken or forbidden."""
         left = costs[self.kept :].copy()
         left[:, list(self.slots[: self.kept])] = np.inf
         for craft, goal in self.forbidden:
@@ -129,7 +129,7 @@ class _Part:
         return (*self.slots[: self.kept], *slots.tolist())
 
     def bounds_without(self, costs: Float[Array, "n n"]) -> Float[Array, "n"]:
-        """No assignment of the part in which a craft takes another goal costs less than this.
+        """For each craft, a lower bound on the cost of the part where it takes another goal.
 
         That craft needs another goal, and its goal another craft; by the reduced costs, none of
         which is negative, either adds the least that is left to it. Those of kept craft are not

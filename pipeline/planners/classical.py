@@ -3,17 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from jaxtyping import Float
-
-from pipeline.arrays import Array
 from pipeline.expert import Settings, solve_many
 from pipeline.expert.batch import Batch
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
 from pipeline.planners.certified import certified
 from pipeline.scenario import Scenario
-
-Controls = Float[Array, "n intervals 3"]
 
 
 @dataclass(frozen=True)

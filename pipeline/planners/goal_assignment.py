@@ -150,7 +150,7 @@ class _Candidates:
         return gap_of(fuel, bound, self.scenario.problem)
 
     def narrowed(self, plan: Plan) -> "_Candidates":
-        """Without what cannot be passively safe, where that is why the plan of the first is none.
+        """Without assignments that cannot be passively safe, where that refutes the first.
 
         What refutes one assignment says little of the others: craft may drift into one goal each,
         their own.
@@ -162,7 +162,7 @@ class _Candidates:
         return replace(self, allowed=forced_goals(*ends, problem, asked.orbits))
 
     def others(self, plan: Plan) -> list[Slots]:
-        """What may be better than the plan of the first: the next best, and the given order.
+        """Assignments that may be better than the first's plan: the next best, and the given order.
 
         None where that plan is safe and not dear, and none whose decoupled costs are more.
         """

@@ -67,7 +67,7 @@ class NetworkPlanner:
 
 @dataclass(frozen=True)
 class Seeded:
-    """Another planner, whose plans seed the expert."""
+    """The expert, seeded with the plans of another planner."""
 
     planner: Planner  # where the seeds come from
     settings: Settings = field(default_factory=lambda: Settings(stop="first-safe"))  # of the expert

@@ -36,7 +36,7 @@ YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than any
 
 
 def _strict(**one_of: str) -> ConfigDict:
-    """Unknown keys are refused; of some fields, by their types, exactly one is given."""
+    """Pydantic's settings: no unknown keys and, of some fields with their types, exactly one."""
     if not one_of:
         return ConfigDict(extra="forbid", frozen=True)
     forms: list[Any] = [

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pipeline.figures.labels import MISSING, error, number
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import MU_EARTH, R_EARTH
+from pipeline.orbit.reference import R_EARTH, radius_at
 from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan, Rechecked
 from pipeline.scenario import Scenario
 
@@ -120,7 +120,7 @@ def scenario_rows(scenario: Scenario) -> Rows:
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
     most = problem.max_acceleration
     limit = "none" if most is None else f"{1000 * most:g} mm/s²"
-    altitude = (MU_EARTH / problem.mean_motion**2) ** (1 / 3) - R_EARTH
+    altitude = radius_at(problem.mean_motion) - R_EARTH
     about = f", {number(altitude / 1000)} km above the Earth" if altitude > 0 else ""
     return [
         ("Craft", str(scenario.n)),

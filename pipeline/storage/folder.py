@@ -1,4 +1,4 @@
-"""The folder of a dataset, on this machine or wherever else a URL leads."""
+"""A folder of files, on this machine or wherever else a URL leads."""
 
 import os
 from collections.abc import Callable, Iterator

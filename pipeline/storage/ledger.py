@@ -85,10 +85,10 @@ class Ledger(Generic[Kind]):
 
     def __init__(self, folder: Folder, manifest: Kind, progress: Progress) -> None:
         self.folder, self.manifest, self._progress = folder, manifest, progress
-        self.timed = read_timed(folder) or {}
+        known = read_timed(folder) if folder.exists(TIMED) else {}
+        self.timed = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
-        known = read_timed(folder) if folder.exists(TIMED) else {}
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
         self._not_before = -float("inf")
 
@@ -313,7 +313,7 @@ def read_timed(folder: Folder) -> dict[str, str] | None:
 
 
 def _read_stamps(folder: Folder) -> dict[str, list[int | str]]:
-    """Nothing where they are missing or damaged: then the shards are read."""
+    """The stamps of shards; none where they are missing or damaged, so that shards are read."""
     try:
         found = parsed(folder.read(STAMPS))
     except (OSError, ValueError):

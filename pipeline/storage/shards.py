@@ -135,7 +135,7 @@ def _refuse_long_texts(content: bytes, schema: pa.Schema, most: Size) -> None:
 
 
 def _refuse_contradiction(file: pq.ParquetFile) -> None:
-    """A footer has the metadata twice, for all readers of Parquet and for Arrow."""
+    """Refuse a footer whose two copies of the metadata, for all readers and for Arrow, differ."""
     for_all, for_arrow = file.metadata.metadata or {}, file.schema_arrow.metadata or {}
     if any(for_all.get(key) != for_arrow.get(key) for key in (METADATA_KEY, TIMED_KEY)):
         raise InputError("is damaged: the two copies of its metadata differ")

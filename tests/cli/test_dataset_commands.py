@@ -1,6 +1,5 @@
 """sample, solve, dataset and verify as a person runs them, interruptions included."""
 
-import hashlib
 import os
 import signal
 import subprocess
@@ -9,13 +8,11 @@ import time
 from pathlib import Path
 
 import pytest
+from contents import content
 from processes import workers_of
 from typer.testing import CliRunner
 
 from cli.main import app
-
-NO_CONTENT = {"_lock", "_stamps.json", "_timings", "_damaged", "_foreign"}
-"""Files that differ between runs which make the same."""
 
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
@@ -27,14 +24,6 @@ def run(*arguments):
     result = CliRunner().invoke(app, [str(a) for a in arguments])
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     return result.exit_code, result.stdout, result.stderr
-
-
-def content(folder):
-    return {
-        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and not NO_CONTENT & {*path.relative_to(folder).parts}
-    }
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
 """A small solved dataset, made once and copied."""
 
-import hashlib
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,10 +16,6 @@ SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, se
 """Five shards, the last of n=2 not full."""
 
 
-NO_CONTENT = {"_lock", "_stamps.json", "_timings", "_damaged", "_foreign"}
-"""Files and folders that differ between runs which make the same."""
-
-
 @pytest.fixture(scope="session")
 def solved_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dataset") / "data"
@@ -34,17 +28,3 @@ def solved_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def solved(solved_once: Path, tmp_path: Path) -> Path:
     """A folder of its own with a solved dataset."""
     return Path(shutil.copytree(solved_once, tmp_path / "data"))
-
-
-@pytest.fixture(scope="session")
-def content() -> Callable[[Path], dict[str, str]]:
-    """Digest of every file of a dataset that all runs make the same, taken here."""
-
-    def of(folder: Path) -> dict[str, str]:
-        return {
-            path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in sorted(folder.rglob("*"))
-            if path.is_file() and not NO_CONTENT & {*path.relative_to(folder).parts}
-        }
-
-    return of

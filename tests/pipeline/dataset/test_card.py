@@ -12,6 +12,7 @@ import pyarrow.dataset as pads
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from contents import content
 from typer.testing import CliRunner
 
 from cli.main import app
@@ -235,7 +236,7 @@ def test_a_split_is_there_whole_or_not_by_itself(solved, one):
         assert rows == sum(file.rows for file in some)
 
 
-def test_the_card_and_what_keeps_the_folder_are_no_foreign_files(carded, content):
+def test_the_card_and_what_keeps_the_folder_are_no_foreign_files(carded):
     for name in (".gitattributes", ".git/objects/ab/cd"):
         (carded / name).parent.mkdir(parents=True, exist_ok=True)
         (carded / name).write_text("of git")
@@ -255,7 +256,7 @@ def test_the_documented_way_to_read_a_whole_folder_with_a_card(carded):
     assert found.count_rows() == 13
 
 
-def test_a_lost_shard_comes_back_beside_a_card(carded, content):
+def test_a_lost_shard_comes_back_beside_a_card(carded):
     before = content(carded)
     (carded / "n=2/part-00001.parquet").unlink()
     repair(carded, workers=ONE)

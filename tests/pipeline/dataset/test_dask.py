@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+from contents import content
 
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
@@ -121,9 +122,7 @@ def here_and_there(tmp_path):
     return folders
 
 
-def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(
-    cluster, here_and_there, content
-):
+def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(cluster, here_and_there):
     here, there = here_and_there
     cluster.start_workers()
     cluster.await_workers()
@@ -134,7 +133,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(
 
 
 def test_a_scheduler_that_is_killed_and_comes_back_costs_a_sentence_and_no_byte(
-    cluster, here_and_there, content, capfd
+    cluster, here_and_there, capfd
 ):
     here, there = here_and_there
     cluster.start_workers()

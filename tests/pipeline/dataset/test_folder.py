@@ -10,6 +10,7 @@ from threading import Barrier, Lock
 import fsspec
 import pyarrow.dataset as pads
 import pytest
+from contents import content
 from rights import read_only, room_until_told
 
 from pipeline.dataset.manifest import OWNED, read_manifest
@@ -97,7 +98,7 @@ def test_names_are_those_inside_the_folder_wherever_it_is(url):
         fsspec.filesystem("memory").rm("/", recursive=True)
 
 
-def test_a_link_to_a_folder_of_the_dataset_brings_no_file_in_danger(solved, content):
+def test_a_link_to_a_folder_of_the_dataset_brings_no_file_in_danger(solved):
     (solved / "again").symlink_to(".")
     before = content(solved)
     assert list(verify(solved, workers=ONE)) == []
@@ -159,7 +160,7 @@ def test_a_full_disk_gives_a_sentence_and_leaves_what_was_there(tmp_path, monkey
     assert all((folder / "n=8" / name).read_bytes() == done[name] for name in done)
 
 
-def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, solved, content):
+def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, solved):
     (solved / "n=3/part-00001.parquet").unlink()
     before = content(solved)
     with read_only(tmp_path):
@@ -282,7 +283,7 @@ class InStep(Progress):
             self.turn.acquire()
 
 
-def test_two_runs_at_once_without_a_lock_both_end_with_the_same_bytes(in_memory, solved, content):
+def test_two_runs_at_once_without_a_lock_both_end_with_the_same_bytes(in_memory, solved):
     """Object stores have no lock: both runs do all of the work and write the same."""
     sample(in_memory, SAMPLES, Problem(), jobs=1)
     turn, both = Lock(), Barrier(2)

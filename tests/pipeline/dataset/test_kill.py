@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from contents import content
 from kills import run_script
 from processes import SOON, workers_of
 
@@ -44,7 +45,7 @@ print(step + 1)
 """
 
 
-def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_path, content):
+def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_path):
     kills = int(run_script(SCRIPT, tmp_path))
     # Scenarios, timings and plans of two shards, manifests and their copies: each is flushed
     # before and after its rename, so that every kill falls on one side of one.
@@ -93,9 +94,7 @@ def until(holds, seconds=30.0):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
-def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
-    busy, tmp_path, content
-):
+def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(busy, tmp_path):
     import shutil
 
     from pipeline.dataset.solving import solve

@@ -6,6 +6,7 @@ import stat
 from pathlib import Path
 
 import pytest
+from contents import content
 from forged import forge
 from rights import bound_by_modes
 
@@ -43,7 +44,7 @@ def rows(folder):
 
 
 @pytest.mark.parametrize("name", [MANIFEST, COPY])
-def test_a_flipped_bit_of_the_manifest_is_a_fault_and_mended_by_its_copy(solved, content, name):
+def test_a_flipped_bit_of_the_manifest_is_a_fault_and_mended_by_its_copy(solved, name):
     before, chance = content(solved), random.Random(name)
     whole = (solved / name).read_bytes()
     for _ in range(12):
@@ -63,7 +64,7 @@ def test_a_damaged_manifest_stops_work_with_what_to_do(solved):
 
 
 @pytest.mark.parametrize("names", [[MANIFEST], [COPY], [TIMED], [COPY, TIMED], [MANIFEST, TIMED]])
-def test_a_missing_document_is_a_fault_and_made_again_without_solving(solved, content, names):
+def test_a_missing_document_is_a_fault_and_made_again_without_solving(solved, names):
     before, times = content(solved), {p: p.stat().st_mtime_ns for p in solved.rglob("*.parquet")}
     for name in names:
         (solved / name).unlink()
@@ -75,7 +76,7 @@ def test_a_missing_document_is_a_fault_and_made_again_without_solving(solved, co
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_the_datasets_manifest_in_the_place_of_that_of_timings_is_a_fault(solved, content, swapped):
+def test_the_datasets_manifest_in_the_place_of_that_of_timings_is_a_fault(solved, swapped):
     before, timed = content(solved), (solved / TIMED).read_bytes()
     (solved / TIMED).write_bytes((solved / MANIFEST).read_bytes())
     if swapped:
@@ -143,7 +144,7 @@ def test_a_damaged_shard_is_kept_beside_the_one_that_took_its_place(solved):
         assert faults(solved) == []
 
 
-def test_a_shard_that_nobody_may_read_is_a_fault_and_made_again(solved, content):
+def test_a_shard_that_nobody_may_read_is_a_fault_and_made_again(solved):
     before = content(solved)
     (solved / SHARD).chmod(0)
     with bound_by_modes():
@@ -168,9 +169,7 @@ def flipped(path):
 
 
 @pytest.mark.parametrize("damage", [swapped, flipped, Path.unlink], ids=lambda f: f.__name__)
-def test_timings_that_are_swapped_damaged_or_gone_are_a_fault_and_come_back(
-    solved, content, damage
-):
+def test_timings_that_are_swapped_damaged_or_gone_are_a_fault_and_come_back(solved, damage):
     before, path = content(solved), solved / "_timings" / SHARD
     damage(path)
     found = {fault.path for fault in faults(solved)}
@@ -182,7 +181,7 @@ def test_timings_that_are_swapped_damaged_or_gone_are_a_fault_and_come_back(
     assert content(solved) == before
 
 
-def test_timings_gone_as_a_whole_are_a_fault_and_come_back(solved, content):
+def test_timings_gone_as_a_whole_are_a_fault_and_come_back(solved):
     before = content(solved)
     shutil.rmtree(solved / "_timings")
     assert len(faults(solved)) == 5 + 1
@@ -192,7 +191,7 @@ def test_timings_gone_as_a_whole_are_a_fault_and_come_back(solved, content):
 
 
 @pytest.mark.parametrize("top", ["", "_scenarios/", "_timings/"])
-def test_a_flipped_bit_of_a_footer_is_a_fault_and_mended(solved, content, top):
+def test_a_flipped_bit_of_a_footer_is_a_fault_and_mended(solved, top):
     before, chance = content(solved), random.Random(top)
     path = solved / top / SHARD
     whole = path.read_bytes()

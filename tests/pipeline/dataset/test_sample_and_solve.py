@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from contents import content
 from forged import forge, remove
 from typer.testing import CliRunner
 
@@ -123,23 +124,21 @@ def test_a_sample_that_cannot_be_drawn_is_refused(change, word):
     ],
     ids=["count", "seed", "nodes"],
 )
-def test_other_settings_are_refused_by_name_with_both_values(
-    solved, content, samples, problem, words
-):
+def test_other_settings_are_refused_by_name_with_both_values(solved, samples, problem, words):
     before = content(solved)
     with pytest.raises(InputError, match=words):
         sample(solved, samples, problem, jobs=1)
     assert content(solved) == before
 
 
-def test_another_way_to_solve_is_refused_by_name_with_both_values(solved, content):
+def test_another_way_to_solve_is_refused_by_name_with_both_values(solved):
     before = content(solved)
     with pytest.raises(InputError, match="separation = continuous, now it is nodes"):
         solve(solved, Settings(), Requirements("nodes"), workers=ONE)
     assert content(solved) == before
 
 
-def test_another_size_joins_a_folder_and_leaves_the_others_alone(solved, content):
+def test_another_size_joins_a_folder_and_leaves_the_others_alone(solved):
     before = content(solved)
     sample(solved, {4: Sample(count=2)}, Problem(), jobs=1)
     solve(solved, Settings(), workers=ONE)
@@ -294,7 +293,7 @@ def test_whole_numbers_of_a_problem_stay_whole_so_that_shards_made_again_are_the
     assert run.returncode == 0, run.stderr
 
 
-def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved, content):
+def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved):
     before = content(solved)
     times = {p: p.stat().st_mtime_ns for p in solved.glob("n=*/*.parquet")}
     for name in (MANIFEST, COPY):

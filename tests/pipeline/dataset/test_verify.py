@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from contents import content
 from judge import judge_dataset
 
 from pipeline.dataset.manifest import read_manifest
@@ -57,7 +58,7 @@ def test_a_sound_dataset_has_no_faults(solved):
     assert found(solved) == set()
 
 
-def test_scenarios_alone_can_be_verified_and_mended(tmp_path, content):
+def test_scenarios_alone_can_be_verified_and_mended(tmp_path):
     from pipeline.dataset.samples import Sample
 
     sample(tmp_path, {2: Sample(count=4, shard_rows=2)}, Problem(), jobs=1)
@@ -72,9 +73,7 @@ def test_scenarios_alone_can_be_verified_and_mended(tmp_path, content):
 @pytest.mark.parametrize("damage", DAMAGE, ids=lambda f: f.__name__)
 @pytest.mark.parametrize("name", [SHARD, "_scenarios/" + SHARD])
 @pytest.mark.parametrize("mended_by", ["repair", "solve"])
-def test_damage_is_named_and_exactly_that_shard_is_done_again(
-    solved, content, damage, name, mended_by
-):
+def test_damage_is_named_and_exactly_that_shard_is_done_again(solved, damage, name, mended_by):
     before = content(solved)
     damage(solved / name)
     others = [p for p in solved.rglob("*.parquet") if p != solved / name and "_tim" not in str(p)]
@@ -91,7 +90,7 @@ def test_damage_is_named_and_exactly_that_shard_is_done_again(
     assert found(solved) == set()
 
 
-def test_damaged_timings_are_named_and_made_again(solved, content):
+def test_damaged_timings_are_named_and_made_again(solved):
     before = content(solved)
     truncated(solved / "_timings" / SHARD)
     assert {path for path, _ in found(solved)} == {"_timings/" + SHARD}
@@ -177,7 +176,7 @@ def no_number(columns):
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, content, change, what):
+def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, change, what):
     before = content(solved)
     forge(solved, change)
     assert (SHARD, f"rings-s5-n3-train-000004 {what}") in found(solved)

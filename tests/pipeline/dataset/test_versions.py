@@ -5,6 +5,7 @@ import shutil
 
 import pyarrow.parquet as pq
 import pytest
+from contents import content
 from forged import forge, remove
 
 from pipeline.dataset.manifest import read_manifest, settings_of
@@ -36,7 +37,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("run", RUNS)
-def test_scenarios_of_another_version_are_refused_by_name_with_both_versions(solved, content, run):
+def test_scenarios_of_another_version_are_refused_by_name_with_both_versions(solved, run):
     made_by(solved, "sample", numpy="1.0")
     before = content(solved)
     with pytest.raises(InputError, match=r"was sampled with numpy 1\.0, now it is 2"):
@@ -53,7 +54,7 @@ def test_scenarios_of_another_version_are_refused_by_name_with_both_versions(sol
     ],
     ids=["solver", "code"],
 )
-def test_plans_of_another_version_are_refused_by_name(solved, content, run, versions, said):
+def test_plans_of_another_version_are_refused_by_name(solved, run, versions, said):
     made_by(solved, "solve", **versions)
     (solved / "n=2/part-00000.parquet").unlink()
     before = content(solved)

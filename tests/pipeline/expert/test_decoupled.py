@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from judge import exact_step
 from scipy.optimize import linprog
 
 from pipeline.expert import decoupled_optima, solve
@@ -13,11 +13,7 @@ from pipeline.scenario import draw
 
 def by_highs(initial, goal, problem):
     """Least ‖u‖₁ of each craft by HiGHS, with maps from matrix exponentials."""
-    e, m = problem.mean_motion, np.zeros((9, 9))
-    m[:3, 3:6] = m[3:6, 6:] = np.eye(3)
-    m[3, 0], m[3, 4], m[4, 3], m[5, 2] = 3 * e**2, 2 * e, -2 * e, -(e**2)
-    step = expm(m * problem.time_step)
-    A, B = step[:6, :6], step[:6, 6:]
+    A, B = exact_step(problem.mean_motion, problem.time_step)
     power = [np.linalg.matrix_power(A, k) for k in range(problem.nodes)]
     reach = np.hstack([power[problem.intervals - 1 - k] @ B for k in range(problem.intervals)])
     scale, unit = 1 / np.linalg.norm(reach, axis=1), 1e-4
