@@ -18,6 +18,7 @@ CASES = {
     "an unknown family": (["sample", "--out", "x", "--family", "spiral"], "coplanar-split"),
     "no scenarios": (["sample", "--out", "x", "--count", "0"], "count is 0"),
     "odd shares": (["sample", "--out", "x", "--shares", "1,1,1"], "add up to 1"),
+    "shares that are no numbers": (["sample", "--out", "x", "--shares", "nan,0,1"], "0 or more"),
     "shares in words": (["sample", "--out", "x", "--shares", "most"], "three numbers"),
     "no jobs": (["sample", "--out", "x", "--jobs", "0"], "jobs is 0"),
     "no dataset to solve": (["solve", "none"], "none does not exist"),
@@ -48,6 +49,10 @@ CASES = {
         "timed is -1",
     ),
     "no architecture": (["train", "--arch", ",", "--data", "none"], "such as lstm2"),
+    "less than no memory": (
+        ["train", "--arch", "ff1", "--memory", "-1", "--data", "none"],
+        "memory in GB is -1",
+    ),
     "a penalty that the loss has not": (
         ["train", "--arch", "ff1", "--collision-weight", "5", "--data", "none"],
         "has no effect on the training of ff1",
