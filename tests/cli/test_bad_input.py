@@ -5,7 +5,9 @@ import time
 
 import pytest
 
+from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
+from pipeline.plan.document import write_plan
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
@@ -32,6 +34,7 @@ CASES = {
     "no epochs": (["train", "--arch", "ff1", "--epochs", "0", "--data", "none"], "epochs is 0"),
     "no dataset to evaluate on": (["evaluate", "--data", "none"], "none does not exist"),
     "odd sizes": (["evaluate", "--data", "none", "--n", "2..x"], "2..30"),
+    "a file for a dataset": (["evaluate", "--data", "foreign/file"], "file is a file; expected"),
     "no dataset to warm-start on": (["warmstart", "--data", "none"], "none does not exist"),
     "no trials to warm-start": (["warmstart", "--data", "none", "--trials", "0"], "trials is 0"),
     "an unknown optimizer": (["warmstart", "--optimizer", "magic"], "magic"),
@@ -90,6 +93,16 @@ CASES = {
         ["tradeoff", "good.json", "--duration", "10..60min", "--out", "foreign/file"],
         "expected a folder",
     ),
+    **{
+        f"a file for a folder, by {command[0]}": (command, "foreign/file is a file; expected a")
+        for command in (
+            ["scenario", "new", "foreign/file/s.json"],
+            ["plan", "good.json", "--out", "foreign/file/p.json"],
+            ["tradeoff", "good.json", "--duration", "20..22min", "--out", "foreign/file/x"],
+            ["convert", "plan.json", "--to", "csv", "--out", "foreign/file/p.csv"],
+            ["show", "plan.json", "--out", "foreign/file/p.html"],
+        )
+    },
     "no scenario to trade off": (["tradeoff", "none.json", "--duration", "1..2h"], "none.json"),
     "an unknown assignment": (
         ["plan", "good.json", "--out", "p.json", "--assignment", "best"],
@@ -136,7 +149,9 @@ def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "file").touch()
-    write_scenario(tmp_path / "good.json", draw("rings", 0, 2, 0, Problem()))
+    scenario = draw("rings", 0, 2, 0, Problem())
+    write_scenario(tmp_path / "good.json", scenario)
+    write_plan(tmp_path / "plan.json", solve(scenario), scenario)
     before = sorted(tmp_path.rglob("*"))
     done = prolearn(*arguments)
     assert done.returncode == 2, done.stderr
