@@ -1,4 +1,4 @@
-"""What safety after a loss of thrust costs, and how many plans have it without asking.
+"""Cost of passive safety in fuel and time, and how many plans are passively safe unasked.
 
     python -m benchmarks.adrift --out reports/bench
 

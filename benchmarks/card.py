@@ -1,4 +1,4 @@
-"""What the packaged refiner's card says: its plans on test scenarios, alone and after one solve.
+"""Figures of the packaged refiner's card: its plans on test scenarios, alone and after one solve.
 
     python -m benchmarks.card --out reports/bench
 

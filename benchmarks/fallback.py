@@ -1,4 +1,4 @@
-"""How fast and how good plans are of network, network and one solve, expert.
+"""Time and quality of plans: by the network, by it and one convex solve, and by the expert.
 
     python -m benchmarks.fallback --out reports/bench
 

@@ -1,9 +1,9 @@
-"""How little fuel any safe plan can need: a proven floor under the expert's gap.
+"""A proven lower bound on the fuel of any safe plan, by spatial branch and bound.
 
     python -m benchmarks.floor --instances 100
 
 `fuel_lower_bound` ignores that craft must keep apart, so some of every gap is the price of
-safety and no planner's fault. Here spatial branch and bound finds how much. The craft are parted
+safety and no planner's fault. This bound, the floor, shows how much. The craft are parted
 into clusters; what a cluster needs at least, whatever the others do, is a bound, and so is the
 sum over clusters. Within a cluster a node of the tree holds, for some pairs and times τ, a
 spherical triangle that the direction of the gap d = pᵢ(τ) - pⱼ(τ) is to lie in. For corners v₁,
@@ -17,7 +17,8 @@ Where its optimum brings a pair too close, either that pair's triangle is split 
 another time, the whole sphere into eight; the children cover all that their parent did. The
 least bound of any open node is a floor at every moment of the search, so the search may stop at
 a limit: an instance left open has a floor that is valid, only lower than it could be. As for the
-own optima, the bound of a program is what its multipliers prove, not what the solver reports.
+decoupled optima, the bound of a program is what its dual variables prove, not what the solver
+reports.
 """
 
 from dataclasses import dataclass, field

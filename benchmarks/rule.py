@@ -1,7 +1,7 @@
-"""The refiner without what it learned: rounds without trades, and rounds of least change.
+"""The refiner's rounds without its network (the rule), with minimum-fuel or least-squares programs.
 
-Rounds without trades, the rule, show what is learned; those whose programs make the sum of squares
-small, in the null space of the goal's constraint, show what programs of least fuel are worth.
+The rule shows what is learned; programs that minimize the sum of squares, in the null space of the
+goal's constraint, show what minimum-fuel programs are worth.
 """
 
 from collections.abc import Sequence
@@ -29,15 +29,15 @@ from pipeline.scenario import Scenario
 
 RULE, NULL_SPACE = "rule", "rule, null space"
 
-STEADY = 1e-10  # change of all duals under which they are found
-MOST_SWEEPS = 1000  # times that all duals of a craft are gone through at most
-NO_GAIN = 1e-12  # |F g|² under which a plane cannot be moved
+STEADY = 1e-10  # largest change of a dual in a sweep at which the sweeps have converged
+MOST_SWEEPS = 1000  # most sweeps over the duals of a craft
+NO_GAIN = 1e-12  # |F g|² under which controls cannot move a craft along a plane's normal
 
 
 def by_rule(
     initial: Ends, goal: Ends, problem: Problem, rounds: int, programs: Programs = LEAST_FUEL
 ) -> Float[Array, "N n _ 3"]:
-    """Controls after some rounds without trades, m/s².
+    """Controls after some rounds of the refiner without its network, m/s².
 
     Args:
         initial: initial states of N swarms, m and m/s.
@@ -67,7 +67,7 @@ def by_rule(
 def _first_duals(
     _: Decoupled, craft: Int[Array, "k"], gain: Float[Array, "k m"], grid: Grid
 ) -> Float[Array, "k"]:
-    """What giving way costs at the margin after a unit, 1 / |F g|²; at first it is free."""
+    """Initial duals: the marginal cost of a displacement of one, 1 / |F g|²; that of none is 0."""
     return 1 / np.maximum(np.square(gain @ grid.free).sum(axis=1), NO_GAIN)
 
 

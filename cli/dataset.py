@@ -228,7 +228,11 @@ def _tell(
 
 
 def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
-    """A scheduler in the environment does not turn work on this machine into a fault."""
+    """The workers that the options ask for.
+
+    A scheduler's address in the environment, unlike one on the command line, is no error where
+    work is done on this machine.
+    """
     from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
 
     scheduler, wait = settings.scheduler, settings.scheduler_wait

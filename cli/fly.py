@@ -159,7 +159,7 @@ def _refuse_risk(plan: "Plan") -> None:
 
 
 def _kept(required: "Requirements") -> str:
-    """What planning anew keeps other than separation at all times, or nothing."""
+    """A sentence on what replanning keeps instead of separation at all times or beside it, if any."""
     if required.at_nodes:
         return "Planned anew, craft are kept apart at the nodes only, as in the plan."
     if required.passive_safety is None:

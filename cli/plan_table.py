@@ -40,7 +40,7 @@ def closest(row: Row) -> list[str]:
 
 
 def print_plans(rows: Sequence[Row]) -> None:
-    """The table, what there is to say about single plans, and where all of them are."""
+    """Print the table of plans, remarks on single ones, and where their files are."""
     assigned = [row["assignment"] for row in rows if row["assignment"]]
     adrift = [row["passive_safety"] for row in rows if row["passive_safety"]]
     headings = ["scenario", "planner", *HEADINGS]
@@ -85,12 +85,12 @@ def _print_craft(row: Row) -> None:
 
 
 def wrong(row: Row) -> bool:
-    """Whether it is no plan to fly."""
+    """Whether a plan's status is other than solved, so that it must not be flown."""
     return row["status"] != "solved"
 
 
 def who(row: Row) -> str:
-    """The planner, and what became of it where that is no plan to fly."""
+    """The planner's name, with the plan's status where that is not solved."""
     return f"{row['planner']} ({row['status']})" if wrong(row) else row["planner"]
 
 
@@ -124,11 +124,11 @@ EXTRA = {
     "passive_safety": (("adrift\nfrom", "apart\nm"), _adrift),
     "assignment": (("saved\n≥",), _saved),
 }
-"""Columns of what some plans have, by its name in a row: headings, and their cells."""
+"""Columns shown where a plan has the field of this name: their headings, and a row's cells."""
 
 
 def _remarks(row: Row) -> list[str]:
-    """What no column says."""
+    """Sentences on what a plan's row in the table has no column for."""
     said = [f"{row['status']} by {row['planner']}: {row['message']}"] if wrong(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(

@@ -34,7 +34,7 @@ class RateColumn(ProgressColumn):
     """How many units are done a second."""
 
     def render(self, task: Task) -> Text:
-        """The rate of late."""
+        """The recent rate."""
         return Text(f"{task.speed:.3g}/s" if task.speed else "")
 
 

@@ -128,7 +128,7 @@ class Flights(ExperimentSettings):
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Settings of a training but architecture and seed; fields of the recipe change it."""
+    """Settings of a training except architecture and seed; some replace fields of its recipe."""
 
     recipe: Annotated[
         str, option("paper, tuned (on validation), or one of the architecture's own.")

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from uuid import uuid4
 
+from pipeline.errors import InputError
+
 STDIO = Path("-")
 """Instead of a file: what is read is standard input, what is written standard output."""
 
@@ -21,13 +23,31 @@ def unfinished(path: Path) -> Path | None:
     return path.with_name(found[1]) if found else None
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, where they are missing.
+
+    Raises:
+        InputError: where one of them is a file.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        file = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
+        raise InputError(f"{file} is a file; expected a folder.") from error
+
+
 @contextlib.contextmanager
 def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
 
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
+
+    Raises:
+        InputError: where it is a folder, or what should be its folder is a file.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; expected the name of a file.")
     # Named here and made in the block: a file made before it would outlive an interrupt between.
     temporary = path.parent / f".{path.name}.{uuid4().hex}.tmp"
     try:

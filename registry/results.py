@@ -23,7 +23,7 @@ from registry.running import recorded_run
 from registry.store import EVALUATION, Store, opened
 
 LISTED = 5
-"""Runs that a refusal names."""
+"""Most runs that an error message names."""
 
 SEQUENCE = "sequence"
 """Tag with a run's number among those of its experiment, from 1, with leading zeros."""
@@ -51,7 +51,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Done:
-    """The run that an experiment has come to, and whether it was there before."""
+    """The MLflow run with an experiment's results, and whether it was there before."""
 
     run_id: str
     earlier: bool = False

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from registry.store import Store
 
 WRITER = "writer."
-"""What a tag begins with that has the token of a process that writes a run."""
+"""Prefix of the tag that has the token of a process that writes a run."""
 
 FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
 """What MLflow raises where a store fails, or its files are where it cannot reach them."""

@@ -111,7 +111,7 @@ def register_kept(folder: Path) -> ModelVersion:
 
 
 def _register(folder: Path, model: Model, record: TrainingRecord) -> ModelVersion:
-    """Record and register what was saved in a folder inside a temporary one."""
+    """Record and register the network saved in a folder, which lies in a temporary one."""
     arch, params = model.architecture, record.params
     with opened() as store:
         name = f"{arch}-{params['recipe']}"

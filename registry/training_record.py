@@ -17,14 +17,13 @@ from safetensors import safe_open
 from pipeline.documents import parsed
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import write_text
+from pipeline.networks.document import WEIGHTS_FILE
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.entities import curve_metrics, without_secrets
 
 NEEDED = ("arch", "recipe", "dataset", "dataset_digest", "train_instances", "valid_instances")
 """Parameters without which no training can be recorded."""
-
-WEIGHTS = "weights.safetensors"
 
 RECORD = "training.json"
 """File with the record, beside a network that is kept."""
@@ -104,13 +103,13 @@ RECIPE_PARAMS = tuple(
 
 def parameter_count(folder: Path) -> int:
     """Numbers in a saved network's weights."""
-    with safe_open(folder / WEIGHTS, framework="numpy") as weights:
+    with safe_open(folder / WEIGHTS_FILE, framework="numpy") as weights:
         return sum(math.prod(weights.get_slice(k).get_shape()) for k in weights.keys())  # noqa: SIM118
 
 
 def weights_kib(folder: Path) -> float:
     """Size of a saved network's weights, KiB."""
-    return (folder / WEIGHTS).stat().st_size / 1024
+    return (folder / WEIGHTS_FILE).stat().st_size / 1024
 
 
 def keep(folder: Path, record: TrainingRecord) -> Path:

@@ -42,7 +42,7 @@ class HeldOut:
         resume: bool,
         progress: Progress,
     ) -> Done:
-        """Run an experiment and record it, unless it was done before and that will do.
+        """Run an experiment and record it, or find its earlier run where ``resume`` is given.
 
         Args:
             experiment: of EXPERIMENTS but TRAINING.
@@ -70,7 +70,7 @@ class HeldOut:
 def held_out(
     settings: ExperimentSettings, sizes: Sequence[int] | None, choice: Choice = planners_on
 ) -> HeldOut:
-    """What an experiment is run on: of each size the first scenarios by their index.
+    """The test scenarios and networks of an experiment; of each size the first scenarios by index.
 
     Without sizes those of the dataset, and without models in the settings ``choice`` takes part.
 
@@ -95,5 +95,5 @@ def held_out(
 
 
 def listed(values: Iterable[object]) -> str:
-    """Distinct values as a parameter of a run has them."""
+    """Distinct values joined by commas, as a parameter of a run."""
     return ",".join(dict.fromkeys(map(str, values)))

@@ -126,7 +126,7 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
 
 
 def _of_others(name: str, part: Part) -> list[str]:
-    """That there is a run of a part, but of other models or data than the evaluation."""
+    """A note where a part has runs, but none of the evaluation's models and data."""
     other = latest(part.experiment, part.having)
     if other is None:
         return []

@@ -50,7 +50,7 @@ COMPARED = {
 """The averages that a model's run has, by the name of its metric."""
 
 ERRORS = (columns.BOUNDARY, columns.DYNAMICS)
-"""Of predictions alone: what is flown has none but rounding."""
+"""Averages of predictions alone: flown plans have no such errors but rounding."""
 
 DRAWN = ("collisions", "fuel", "safe")
 """Figures of experiment 2."""

@@ -26,7 +26,7 @@ PLAN = "transfer-{}s.plan.json"
 """Name of a plan's file, by its duration in s."""
 
 NOT_IN_CSV = ("min_separation_pair", "assignment", "risk", "craft_delta_v", "craft_delta_v_2norm")
-"""What of a row is no number or word; the plan files have it."""
+"""Fields of a row that are neither number nor word; the plan files have them."""
 
 
 def trade(

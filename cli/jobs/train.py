@@ -20,6 +20,9 @@ from registry.training import record_training
 from registry.training_record import DatasetInfo, recipe_params
 from registry.version import ModelVersion
 
+MEMORY = (1e-9, 1e6)
+"""Least and most that examples may take, GB."""
+
 
 def followed_recipe(arch: str, seed: int, settings: TrainingSettings) -> Recipe:
     """The recipe with the fields that the settings change.
@@ -89,6 +92,7 @@ def train_model(
         ProlearnError: where the loss diverges or the tracking store fails.
     """
     recipe, data, n = followed_recipe(arch, seed, settings), settings.data, settings.n
+    check_range("memory in GB", settings.memory, *MEMORY)
     memory = settings.memory * 1e9
     learn, valid = sources(recipe, data, n, seed=seed, memory=memory, progress=progress)
     connect()  # a store that is away is better known before training than after

@@ -112,7 +112,7 @@ class Tuned:
 
 
 def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
-    """Train with ever better settings until so many trials are complete, earlier ones included.
+    """Search for hyperparameters until so many trials are complete, earlier ones included.
 
     The data's test split stays untouched.
 
@@ -144,7 +144,7 @@ def _storage_beside(store: Store) -> Path:
 
 @contextmanager
 def _parent(store: Store, study: "Study", search: RecipeSearch) -> Iterator[str]:
-    """The run that holds those of the trials: the study's own, wherever it began."""
+    """Id of the parent run of the trials' runs, the same each time that a study goes on."""
     known = study.user_attrs.get(PARENT)
     try:
         known = known and store.client.get_run(known).info.run_id

@@ -236,7 +236,7 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
             f"{MANIFEST} in {folder} {found}; delete it and give the command that made the dataset "
             "again: shards that are sound are kept."
         )
-    what = "does not exist"
+    what = "is a file" if folder.local and folder.local.is_file() else "does not exist"
     if folder.is_there():
         what = "holds no dataset" if folder.names() else "is empty"
     raise InputError(

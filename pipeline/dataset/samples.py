@@ -27,7 +27,7 @@ class Sample:
             raise InputError(f"seed is {self.seed}; expected 0 to {SEEDS - 1}.")
         if self.shard_rows < 1:
             raise InputError(f"shard_rows is {self.shard_rows}; expected at least 1.")
-        if min(self.shares) < 0 or abs(sum(self.shares) - 1) > 1e-9:
+        if not (min(self.shares) >= 0 and abs(sum(self.shares) - 1) <= 1e-9):  # NaN fails both
             raise InputError(
                 f"the shares of {', '.join(SPLITS)} are {self.shares}; expected three numbers "
                 "of 0 or more that add up to 1."

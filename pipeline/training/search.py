@@ -11,6 +11,7 @@ from filelock import FileLock
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.files import make_folder
 from pipeline.networks.encoding import INTERIORS
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
         seed: of what is drawn next.
 
     Raises:
-        InputError: where Optuna is not installed.
+        InputError: where Optuna is not installed, or the path is a folder or below a file.
         ProlearnError: where the file fails, in the block too.
     """
     try:
@@ -66,9 +67,11 @@ def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
             "optuna is not installed; expected the packages of prolearn's extra `tune`: "
             "pip install 'prolearn[tune]'."
         ) from error
+    if path.is_dir():
+        raise InputError(f"--storage is the folder {path}; expected Optuna's SQLite file.")
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         # Several processes must not make its tables at once. The heartbeat is experimental.
         with FileLock(f"{path}.lock"), warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)

@@ -5,7 +5,9 @@ import time
 
 import pytest
 
+from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
+from pipeline.plan.document import write_plan
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
@@ -18,6 +20,7 @@ CASES = {
     "an unknown family": (["sample", "--out", "x", "--family", "spiral"], "coplanar-split"),
     "no scenarios": (["sample", "--out", "x", "--count", "0"], "count is 0"),
     "odd shares": (["sample", "--out", "x", "--shares", "1,1,1"], "add up to 1"),
+    "shares that are no numbers": (["sample", "--out", "x", "--shares", "nan,0,1"], "0 or more"),
     "shares in words": (["sample", "--out", "x", "--shares", "most"], "three numbers"),
     "no jobs": (["sample", "--out", "x", "--jobs", "0"], "jobs is 0"),
     "no dataset to solve": (["solve", "none"], "none does not exist"),
@@ -31,6 +34,7 @@ CASES = {
     "no epochs": (["train", "--arch", "ff1", "--epochs", "0", "--data", "none"], "epochs is 0"),
     "no dataset to evaluate on": (["evaluate", "--data", "none"], "none does not exist"),
     "odd sizes": (["evaluate", "--data", "none", "--n", "2..x"], "2..30"),
+    "a file for a dataset": (["evaluate", "--data", "foreign/file"], "file is a file; expected"),
     "no dataset to warm-start on": (["warmstart", "--data", "none"], "none does not exist"),
     "no trials to warm-start": (["warmstart", "--data", "none", "--trials", "0"], "trials is 0"),
     "an unknown optimizer": (["warmstart", "--optimizer", "magic"], "magic"),
@@ -48,6 +52,10 @@ CASES = {
         "timed is -1",
     ),
     "no architecture": (["train", "--arch", ",", "--data", "none"], "such as lstm2"),
+    "less than no memory": (
+        ["train", "--arch", "ff1", "--memory", "-1", "--data", "none"],
+        "memory in GB is -1",
+    ),
     "a penalty that the loss has not": (
         ["train", "--arch", "ff1", "--collision-weight", "5", "--data", "none"],
         "has no effect on the training of ff1",
@@ -85,6 +93,16 @@ CASES = {
         ["tradeoff", "good.json", "--duration", "10..60min", "--out", "foreign/file"],
         "expected a folder",
     ),
+    **{
+        f"a file for a folder, by {command[0]}": (command, "foreign/file is a file; expected a")
+        for command in (
+            ["scenario", "new", "foreign/file/s.json"],
+            ["plan", "good.json", "--out", "foreign/file/p.json"],
+            ["tradeoff", "good.json", "--duration", "20..22min", "--out", "foreign/file/x"],
+            ["convert", "plan.json", "--to", "csv", "--out", "foreign/file/p.csv"],
+            ["show", "plan.json", "--out", "foreign/file/p.html"],
+        )
+    },
     "no scenario to trade off": (["tradeoff", "none.json", "--duration", "1..2h"], "none.json"),
     "an unknown assignment": (
         ["plan", "good.json", "--out", "p.json", "--assignment", "best"],
@@ -131,7 +149,9 @@ def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "file").touch()
-    write_scenario(tmp_path / "good.json", draw("rings", 0, 2, 0, Problem()))
+    scenario = draw("rings", 0, 2, 0, Problem())
+    write_scenario(tmp_path / "good.json", scenario)
+    write_plan(tmp_path / "plan.json", solve(scenario), scenario)
     before = sorted(tmp_path.rglob("*"))
     done = prolearn(*arguments)
     assert done.returncode == 2, done.stderr

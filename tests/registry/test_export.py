@@ -112,6 +112,13 @@ def test_one_wrong_name_among_several_stops_all_before_anything_is_written(
     assert words in done.output
 
 
+def test_a_folder_in_place_of_the_file_is_refused(folder: Path, ff1: Model) -> None:
+    (folder / "here").mkdir()
+    done = CliRunner().invoke(app, ["models", "export", "ff1", "--out", "here"])
+    assert done.exit_code == 2
+    assert "here is a folder; expected the name of a file" in done.output
+
+
 def test_a_flown_file_gives_controls_that_obey_the_dynamics_and_meet_the_goal(
     folder: Path, ff1: Model
 ) -> None:

@@ -89,6 +89,22 @@ def test_a_storage_of_something_else_gives_a_sentence(folder: Path, solved: Path
         search(solved, 1, storage=Path("notes.db"))
 
 
+@pytest.mark.parametrize(
+    ("storage", "words"),
+    [
+        ("here", "is the folder .*here; expected"),
+        ("file/x.db", "file is a file; expected a folder"),
+    ],
+)
+def test_a_storage_that_can_be_no_file_is_refused(
+    folder: Path, solved: Path, storage: str, words: str
+) -> None:
+    (folder / "here").mkdir()
+    (folder / "file").touch()
+    with pytest.raises(InputError, match=words):
+        search(solved, 1, storage=Path(storage))
+
+
 def test_less_than_one_trial_is_refused(folder: Path, solved: Path) -> None:
     with pytest.raises(InputError, match="trials is 0"):
         search(solved, 0)
