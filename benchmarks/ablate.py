@@ -120,7 +120,7 @@ def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> lis
 
 
 def dense_beside(ground: HeldOut, count: int) -> list[Scenario]:
-    """Test scenarios of the family dense on the data's problem; none where the data has this family."""
+    """Test scenarios of the family dense on the data's problem; none if the data has the family."""
     firsts = [some[0] for some in ground.scenarios.values()]
     if any(first.family == DENSE for first in firsts):
         return []  # trials of the same family are told apart by their number alone

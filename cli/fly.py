@@ -159,7 +159,7 @@ def _refuse_risk(plan: "Plan") -> None:
 
 
 def _kept(required: "Requirements") -> str:
-    """A sentence on what replanning keeps instead of separation at all times or beside it, if any."""
+    """A sentence on what replanning keeps other than separation at all times, if anything."""
     if required.at_nodes:
         return "Planned anew, craft are kept apart at the nodes only, as in the plan."
     if required.passive_safety is None:
