@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
+from pipeline.extras import missing
 from pipeline.text import visible
 from pipeline.urls import public
 
@@ -63,6 +64,10 @@ class Group(TyperGroup):
             _stop(ctx, str(error), BAD_INPUT)
         except ProlearnError as error:
             _stop(ctx, str(error), FAILED)
+        except ModuleNotFoundError as error:
+            if (said := missing(error)) is None:
+                raise
+            _stop(ctx, str(said), BAD_INPUT)
         except OSError as error:
             if error.errno == EPIPE:  # the reader of our output has left; click is silent then
                 raise

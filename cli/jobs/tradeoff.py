@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from cli.settings import Tradeoff
@@ -16,7 +15,7 @@ from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
-from pipeline.tradeoff import Point, arcs_between, knee, tradeoff
+from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff
 from pipeline.tradeoff.figure import tradeoff_figure
 
 PLANS = "plans"
@@ -63,11 +62,11 @@ def trade(
     step = scenario.problem.time_step
     arcs = arcs_between(*durations, step, settings.steps)
     points = tradeoff(scenario, arcs, planner, settings.goal, progress)
-    bend = _bend(points)
+    bend = knee_of(points)
     rows = [_row(point, out, knee=k == bend) for k, point in enumerate(points)]
     for point, row in zip(points, rows, strict=True):
         if row["plan"]:
-            write_plan(Path(row["plan"]), point.plan, point.scenario)
+            write_plan(Path(row["plan"]), point.plan)
     kept = {row["plan"] for row in rows}
     for old in (out / PLANS).glob(PLAN.format("*")):
         if str(old) not in kept:
@@ -78,16 +77,8 @@ def trade(
     return rows
 
 
-def _bend(points: Sequence[Point]) -> int | None:
-    """The knee among the safe plans, by its number among all."""
-    safe = [k for k, point in enumerate(points) if point.safe]
-    time, cost = ([getattr(points[k], name) for k in safe] for name in ("duration", "delta_v"))
-    found = knee(np.array(time, dtype=float), np.array(cost, dtype=float))
-    return None if found is None else safe[found]
-
-
 def _row(point: Point, out: Path, *, knee: bool) -> dict[str, Any]:
-    problem = point.scenario.problem
+    problem = point.plan.scenario.problem
     file = out / PLANS / PLAN.format(f"{point.duration:.9g}")
     return {
         "duration": point.duration,

@@ -50,7 +50,7 @@ def test_what_a_page_shows_works_in_its_order(page, shell, tmp_path, monkeypatch
 def test_what_the_readme_shows_in_python_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario = draw("rings", 0, 4, 0, Problem())
-    write_plan(tmp_path / "plan.json", solve(scenario), scenario)
+    write_plan(tmp_path / "plan.json", solve(scenario))
     document = Sybil([PythonCodeBlockParser()], path=str(ROOT)).parse(ROOT / "README.md")
     examples = list(document.examples())
     assert len(examples) == 2
