@@ -1,0 +1,86 @@
+"""Scenarios of a person's own, from rings or from states."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NotRequired, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import Reference
+from pipeline.scenario import Scenario
+from pipeline.scenario.document import scenario_from
+
+
+class Ring(TypedDict):
+    """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself.
+
+    ``craft`` of them are equally spaced from ``first_phase_deg`` on, or ``phases_deg`` has the
+    phase of each. ``size`` is half the along-track extent and ``offset`` the along-track distance
+    of the centre from the origin, in m.
+    """
+
+    size: float
+    craft: NotRequired[int]
+    first_phase_deg: NotRequired[float]
+    phases_deg: NotRequired[Sequence[float]]
+    tilt_deg: NotRequired[float]
+    cross_phase_deg: NotRequired[float]
+    offset: NotRequired[float]
+
+
+def scenario(
+    initial: Sequence[Ring] | ArrayLike,
+    goal: Sequence[Ring] | ArrayLike,
+    *,
+    altitude: float = 500e3,
+    time_step: float = Problem.time_step,
+    nodes: int = Problem.nodes,
+    collision_radius: float = Problem.collision_radius,
+    max_acceleration: float | None = None,
+    reference: Reference | None = None,
+    name: str = "",
+) -> Scenario:
+    """A scenario from rings or states (m, m/s, LVLH) at either end.
+
+    Args:
+        initial: rings, whose craft follow on, or a row x y z vx vy vz for each craft.
+        goal: likewise, of the same craft in the same order.
+        altitude: of the circular reference orbit, m.
+        time_step: length of an interval of constant control, s.
+        nodes: time nodes, one more than intervals.
+        collision_radius: craft must be further apart at all times, m.
+        max_acceleration: limit on each component of the control, m/s², or None.
+        reference: where and when the orbit is, for ephemerides and for flights about the Earth.
+        name: in files and tables.
+
+    Raises:
+        InputError: naming the field that is missing or wrong.
+    """
+    fields = {
+        "altitude": altitude,
+        "time_step": time_step,
+        "nodes": nodes,
+        "collision_radius": collision_radius,
+        "max_acceleration": max_acceleration,
+        "initial": _end(initial),
+        "goal": _end(goal),
+    }
+    return replace(scenario_from(fields, name), reference=reference)
+
+
+def _end(given: Any) -> Any:
+    """An end as a scenario file has it."""
+    if isinstance(given, list | tuple) and any(isinstance(one, Mapping) for one in given):
+        return {"rings": [_plain(one) for one in given]}
+    return _plain(given)
+
+
+def _plain(given: Any) -> Any:
+    """Numbers and lists in place of numpy's, wherever they are."""
+    if isinstance(given, np.generic | np.ndarray):
+        return given.tolist()
+    if isinstance(given, Mapping):
+        return {name: _plain(value) for name, value in given.items()}
+    return [_plain(one) for one in given] if isinstance(given, list | tuple) else given
