@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from pipeline.arrays import Array
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.scenario import Scenario
@@ -14,11 +14,19 @@ from pipeline.scenario.document import scenario_from
 
 
 class Ring(TypedDict):
-    """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself.
+    """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself; a dictionary.
 
-    ``craft`` of them are equally spaced from ``first_phase_deg`` on, or ``phases_deg`` has the
-    phase of each. ``size`` is half the along-track extent and ``offset`` the along-track distance
-    of the centre from the origin, in m.
+    x = (size/2) cos θ, y = offset - size sin θ, z = (size/2) tan(tilt) cos(θ + cross phase), with
+    the phase θ growing at the mean motion. Only the size is needed, and craft or phases.
+
+    Attributes:
+        size: half the ring's along-track extent, its radial one, m.
+        craft: number of craft, equally spaced in phase.
+        first_phase_deg: phase of the first of them, deg.
+        phases_deg: instead of both, the phase of each craft, deg.
+        tilt_deg: of the ring's plane against the orbital plane, deg.
+        cross_phase_deg: phase between cross-track and radial motion, deg.
+        offset: along-track distance of the ring's centre from the origin, m.
     """
 
     size: float
@@ -31,8 +39,8 @@ class Ring(TypedDict):
 
 
 def scenario(
-    initial: Sequence[Ring] | ArrayLike,
-    goal: Sequence[Ring] | ArrayLike,
+    initial: Sequence[Ring] | Sequence[Sequence[float]] | Array,
+    goal: Sequence[Ring] | Sequence[Sequence[float]] | Array,
     *,
     altitude: float = 500e3,
     time_step: float = Problem.time_step,

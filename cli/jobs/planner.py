@@ -1,10 +1,14 @@
 """The planner that a person names: one that needs no store, or a registered model."""
 
+import re
+
+from pipeline.errors import InputError
 from pipeline.expert.settings import Effort
 from pipeline.extras import told_which_extra
+from pipeline.networks.catalogue import architecture_names
 from pipeline.plan import Requirements
 from pipeline.planners.goal_assignment import GoalAssignment
-from pipeline.planners.named import named_planner
+from pipeline.planners.named import NAMES, named_planner
 from pipeline.planners.planner import Planner
 
 
@@ -26,7 +30,19 @@ def planner_of(
     with told_which_extra():
         found = named_planner(name, requirements, effort=effort, raw=raw)
         if found is None:
+            _refuse_unknown(name)  # before what the registry lacks, or what is not installed
             from cli.jobs.networks import model_planner
 
             found = model_planner(name, requirements, effort=effort, raw=raw)
     return GoalAssignment(found) if assignment == "optimal" else found
+
+
+def _refuse_unknown(reference: str) -> None:
+    """Raise InputError for the name of no planner and no architecture."""
+    name = re.split(r"[@:/]", reference.removeprefix("models:/"))[0].removeprefix("prolearn-")
+    known = architecture_names()
+    if name not in known and not reference.startswith("models:/m-"):
+        raise InputError(
+            f"planner is {reference!r}; expected {', '.join(NAMES)}, or a registered model of "
+            f"{', '.join(known)}, such as ff1 or ff1:paper."
+        )

@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from cli.settings import Tradeoff
 from pipeline.errors import InputError
 from pipeline.figures.style import save
-from pipeline.figures.tables import write_csv
+from pipeline.files import write_rows
 from pipeline.plan import summary
 from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
@@ -92,8 +90,9 @@ def _row(point: Point, out: Path, *, knee: bool) -> dict[str, Any]:
 
 
 def _write_table(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    frame = pd.DataFrame(rows)
-    for k, name in enumerate(("first_craft", "second_craft")):
-        pairs = [row["min_separation_pair"] for row in rows]
-        frame[name] = pd.array([pair and pair[k] for pair in pairs], dtype="Int64")
-    write_csv(frame.drop(columns=[*NOT_IN_CSV]), path)
+    names = [name for name in rows[0] if name not in NOT_IN_CSV]
+    table = (
+        [*(row[name] for name in names), *(row["min_separation_pair"] or (None, None))]
+        for row in rows
+    )
+    write_rows(path, [*names, "first_craft", "second_craft"], table)
