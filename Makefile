@@ -120,10 +120,15 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/mlflow ui --backend-store-uri $${MLFLOW_TRACKING_URI:-sqlite:///mlflow.db} --port $(PORT)
 
 MARKS ?= system or not system
-TEST = --numprocesses 2 --dist worksteal -m "$(MARKS)"
+TEST = --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 test: $(BIN)/pytest ## the tests; MARKS="not system" without those that need a browser, servers or kills
 	$(BIN)/python -m pytest $(TEST) tests/pipeline tests/judge tests/benchmarks --jaxtyping-packages=pipeline,beartype.beartype
 	$(BIN)/python -m pytest $(TEST) --ignore tests/pipeline --ignore tests/judge --ignore tests/benchmarks tests
+
+coverage: $(BIN)/pytest ## the tests, and the lines of each file that none of them runs
+	rm -f .coverage .coverage.*
+	$(MAKE) test COVER="--cov --cov-append --cov-report="
+	$(BIN)/coverage report
 
 KILLS ?= 100
 FLIPS ?= 500
