@@ -76,7 +76,7 @@ def _optima(
 ) -> tuple[Float[Array, "C m"], Float[Array, "L 2"]]:
     controls, dual = own.controls[sides.craft], np.zeros_like(asked)
     free = gain @ grid.free
-    _solve_all(sides.start, sides.order, gain, free, asked, LARGEST_DUAL, controls, dual)
+    _solve_all(sides.start, sides.order, gain, free, asked, controls, dual)
     return controls, dual
 
 
@@ -85,7 +85,7 @@ LEAST_CHANGE = Programs(_first_duals, _optima)  # the program above
 
 @no_type_check
 @njit(cache=True)
-def _solve_all(start, order, gain, free, asked, largest, controls, dual):
+def _solve_all(start, order, gain, free, asked, controls, dual):
     """The optimum of each of C programs; sides are those of ``simplex.solve_all``.
 
     Args:
@@ -94,7 +94,6 @@ def _solve_all(start, order, gain, free, asked, largest, controls, dual):
         gain: rows of planes for the first craft of each, (L, m).
         free: F times these, (L, m).
         asked: what is asked of either craft, (L, 2).
-        largest: cost of what is missing at a plane.
         controls: decoupled optima, which become the result, (C, m).
         dual: zeros, which become the result, (L, 2).
     """
@@ -112,7 +111,7 @@ def _solve_all(start, order, gain, free, asked, largest, controls, dual):
                     length += g[k] * f[k]
                 if length > NO_GAIN:
                     before = dual[plane, second]
-                    now = min(max(before + left / length, 0.0), largest)
+                    now = min(max(before + left / length, 0.0), LARGEST_DUAL)
                     dual[plane, second] = now
                     for k in range(len(u)):
                         u[k] += sign * (now - before) * f[k]
