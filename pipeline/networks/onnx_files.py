@@ -23,7 +23,7 @@ def traced(
     module: nn.Module,
     examples: Mapping[str, Tensor],
     outputs: Sequence[str],
-    dynamic: Sequence[Mapping[int, Any]],
+    dynamic: Sequence[Any],
     name: str,
 ) -> torch.onnx.ONNXProgram:
     """The graph of a module, traced with example inputs by name.

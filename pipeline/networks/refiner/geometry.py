@@ -174,6 +174,31 @@ def approaches(
     return Approaches(share, distance, turns)
 
 
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """L encounters at a share of their intervals, as the first craft of each sees them."""
+
+    interval: Int[Any, "L"]  # which it is, from 0
+    share: Float[Any, "L"]  # when, through which no gradient runs
+    ends: Float[Any, "L 2 6"]  # states relative to the second craft at both ends of the interval
+    distance: Float[Any, "L"]  # to it
+    along: Float[Any, "L 3"]  # unit vector along the gap, from the second craft: the normal
+    gain: Float[Any, "L m"]  # how the craft's controls move it along the normal
+
+    @property
+    def plain(self) -> "Scene":
+        """The same as arrays."""
+        return Scene(*map(plain, vars(self).values()))
+
+
+def scene_of(
+    interval: Int[Any, "L"], share: Float[Any, "L"], ends: Float[Any, "L 2 6"], grid: Grid
+) -> Scene:
+    """The encounters with distances, normals and gains."""
+    distance, along = normals(ends, share)
+    return Scene(interval, share, ends, distance, along, gains(interval, share, along, grid))
+
+
 def normals(
     ends: Float[Any, "L 2 6"], share: Float[Any, "L"]
 ) -> tuple[Float[Any, "L"], Float[Any, "L 3"]]:
@@ -185,7 +210,7 @@ def normals(
         ends: states of the first craft relative to the second at both ends.
         share: when, through which no gradient runs.
     """
-    gap = _weighted(_hermite(like(share, ends)), ends)  # (L, 3)
+    gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING
     along = _unit(where(touching, lambda: _across(velocities(constant(ends), share)), gap))
     return (gap * along).sum(axis=1), along
@@ -199,11 +224,23 @@ def gains(
     return (weights.reshape(-1, 1, 12) @ rows(grid.ends, interval))[:, 0]
 
 
+def positions(ends: Float[Any, "L 2 6"], share: Float[Any, "*k L"]) -> Float[Any, "*k L 3"]:
+    """Relative positions at shares of an interval."""
+    return _weighted(_hermite(like(share, ends)), ends)
+
+
 def velocities(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
     """Relative velocities at a share of an interval."""
     s = like(share, ends)
     weights = [6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)]
-    return _weighted(namespace(ends).stack(weights, axis=1), ends)
+    return _weighted(namespace(ends).stack(weights, axis=-1), ends)
+
+
+def accelerations(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
+    """Relative accelerations at a share of an interval."""
+    s = like(share, ends)
+    weights = [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2]
+    return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
 def passing(
@@ -216,15 +253,15 @@ def passing(
     return _unit(past), _length(speed)[:, 0]
 
 
-def _hermite(s: Float[Any, "L"]) -> Float[Any, "L 4"]:
+def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
     """What a position is of position and velocity at one end, then at the other."""
     r = 1 - s
     weights = [r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r]
-    return namespace(s).stack(weights, axis=1)
+    return namespace(s).stack(weights, axis=-1)
 
 
-def _weighted(weights: Float[Any, "L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "L 3"]:
-    return namespace(ends).einsum("lk,lkx->lx", weights, ends.reshape(-1, 4, 3))
+def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "*k L 3"]:
+    return namespace(ends).einsum("...lk,lkx->...lx", weights, ends.reshape(-1, 4, 3))
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:

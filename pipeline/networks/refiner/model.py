@@ -41,13 +41,14 @@ from pipeline.networks.refiner.geometry import (
     Approaches,
     Encounters,
     Grid,
+    Scene,
     approaches,
     encounters,
-    gains,
     grid_of,
     in_units,
     normals,
     passing,
+    scene_of,
 )
 from pipeline.networks.refiner.programs import (
     LEAST_FUEL,
@@ -89,11 +90,8 @@ is 0 where messages are left out and else 1."""
 
 
 def edge_features(
-    distance: Float[Any, "L"],
-    gain: Float[Any, "L m"],
-    along: Float[Any, "L 3"],
-    motion: tuple[Float[Any, "L 3"], Float[Any, "L"]],
-    time: Float[Any, "L"],
+    scene: Scene,
+    nodes: int,
     dual: Float[Any, "L 2"],
     first_dual: Float[Any, "L 2"],
     load: Float[Any, "L 2 3"],
@@ -102,24 +100,21 @@ def edge_features(
     """Edge features, as either craft sees them.
 
     Args:
-        distance: to the other craft.
-        gain: of the first craft's controls.
-        along: normal, from the second craft to the first.
-        motion: direction past each other, and speed.
-        time: of the closest approach, as a share of the transfer.
+        scene: the encounters.
+        nodes: T.
         dual: of each plane in the round before, for either craft.
         first_dual: what its first unit costs.
         load: of either craft: planes, the sum of their duals, fuel beyond the decoupled optimum.
         number: of the round, from 0.
     """
-    past, speed = motion
+    past, speed = passing(scene.ends, scene.share, scene.along)
     xp = namespace(dual)
     shared = [
-        3 * xp.clip(1 - distance, -2, 2),
-        cast(distance < 1, dual),
-        time,
+        3 * xp.clip(1 - scene.distance, -2, 2),
+        cast(scene.distance < 1, dual),
+        (scene.interval + scene.share) / (nodes - 1),
         xp.log(speed + 0.1),
-        xp.log(xp.linalg.vector_norm(gain, axis=1) + 1e-3),
+        xp.log(xp.linalg.vector_norm(scene.gain, axis=1) + 1e-3),
         xp.zeros_like(speed) + number / 8,
     ]
     own = [
@@ -131,7 +126,7 @@ def edge_features(
         xp.clip(load[..., 2], None, 5),
     ]
     both = [xp.broadcast_to(values[:, None], dual.shape) for values in shared]
-    around = xp.concatenate([along, past], axis=1)  # (L, 6)
+    around = xp.concatenate([scene.along, past], axis=1)  # (L, 6)
     around = xp.stack([around, -around], axis=1)  # (L, 2, 6)
     return xp.concatenate([xp.stack(both + own, axis=2), around], axis=2)
 
@@ -360,34 +355,25 @@ def play(
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or task.own.others.shape[1] == 0:
         return now
-    met, share = task.met.of(which), now.near.share[which]
-    ends, craft = met.relative(now.states), met.craft  # (L, 2, 6), (L, 2)
-    distance, along = normals(ends, share)  # (L,), (L, 3)
-    gain = gains(met.interval, share, along, task.grid)  # (L, m)
+    met, grid = task.met.of(which), task.grid
+    craft = met.craft  # (L, 2)
+    scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
+    distance, gain = scene.distance, scene.gain  # (L,), (L, m)
     first_dual = _with_first_duals(task, now.first_dual, which, plain(gain), programs)
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
     trade = constant(distance) * 0
     if weights is not None:
-        features = edge_features(
-            plain(distance),
-            plain(gain),
-            plain(along),
-            passing(plain(ends), share, plain(along)),
-            (met.interval + share) / (task.grid.nodes - 1),
-            dual,
-            first,
-            _load(craft, dual, task, plain(now.controls)),
-            number,
-        )  # (L, 2, F)
-        free = free_directions(gain, task.grid)  # (L, m)
+        load = _load(craft, dual, task, plain(now.controls))  # (L, 2, 3)
+        features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
+        free = free_directions(gain, grid)  # (L, m)
         trade = agree(weights, like(features, gain), free, sides)  # (L,)
     give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = programs.optima(task.own, sides, gain, asked, task.grid)  # (C, m), (L, 2)
+    best, paid = programs.optima(task.own, sides, gain, asked, grid)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)
-    flown = task.grid.fly(rows(task.initial, sides.craft), best)
+    flown = grid.fly(rows(task.initial, sides.craft), best)
     states = with_rows(now.states, sides.craft, flown)
     dual = with_rows(np.zeros_like(now.dual), which, paid)
     moved = np.zeros(len(controls), dtype=bool)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +14,7 @@ from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import open_session
 from pipeline.networks.refiner.model import play, start, task_of
-from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, TOLD, takes
+from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, TOLD
 from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
@@ -31,8 +31,7 @@ Run = Callable[[str, AgentMemory], Mapping[str, Any]]
 """Runs the step of a name on what one craft knows, and gives its outputs by name."""
 
 
-@dataclass(frozen=True)
-class Edge:
+class Edge(NamedTuple):
     """One craft's side of an encounter."""
 
     craft: int  # whose side
@@ -78,30 +77,31 @@ def fly_rounds(
 
 def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
     """Both sides of all encounters, which every craft finds by itself."""
-    others = [[j for j in range(len(swarm)) if j != k] for k in range(len(swarm))]
     places: dict[tuple[int, int, int], int] = {}
     for k, craft in enumerate(swarm if len(swarm) > 1 else ()):
-        told = np.stack([swarm[j]["states"] for j in others[k]])
+        others = [j for j in range(len(swarm)) if j != k]
+        told = np.stack([swarm[j]["states"] for j in others])
         which, interval = np.nonzero(run("meet", {**craft, TOLD + "states": told})["met"])
-        for place, (q, t) in enumerate(zip(which, interval, strict=True)):
-            places[k, others[k][q], int(t)] = place
-        states, count = craft["states"], len(interval)
+        places |= {
+            (k, others[q], int(t)): place
+            for place, (q, t) in enumerate(zip(which, interval, strict=True))
+        }
+        states = craft["states"]
         craft["interval"] = interval
         craft["nodes"] = np.stack([states[interval], states[interval + 1]], axis=1)
-        craft["price"], craft["first_price"] = np.zeros((2, count))
+        craft["price"], craft["first_price"] = np.zeros((2, len(interval)))
     return [Edge(k, place, j, places[j, k, t]) for (k, j, t), place in places.items()]
 
 
 def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequence[str]) -> None:
     """On each of some edges, a craft is told what has these names by the one that it meets."""
     for name in names:
-        for edge in edges:
-            craft = swarm[edge.craft]
-            told = craft.setdefault(TOLD + name, np.zeros_like(craft[name]))
-            told[edge.place] = swarm[edge.other][name][edge.there]
         for craft in swarm:  # who is told nothing knows nothing, but in the right shape
             if name in craft:
                 craft.setdefault(TOLD + name, np.zeros_like(craft[name]))
+        for edge in edges:
+            told = swarm[edge.craft][TOLD + name]
+            told[edge.place] = swarm[edge.other][name][edge.there]
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class Files:
 
     def __call__(self, name: str, known: AgentMemory) -> Mapping[str, Any]:
         """The outputs of a step by name."""
-        given = {one: known[one] for one in takes(STEPS[name])}
+        given = {one: known[one] for one in STEPS[name].takes}
         started = time.perf_counter()
         found = self.session[name].run(None, given)
         self.seconds[name].append(time.perf_counter() - started)

@@ -19,7 +19,6 @@ from pipeline.networks.refiner.on_board.steps import (
     Step,
     outputs,
     sizes_of,
-    takes,
     told_each_round,
     value,
 )
@@ -83,11 +82,11 @@ def export_craft(
 def _write(step: Step, message: int, path: Path, about: Mapping[str, Any]) -> None:
     """The file of a step."""
     sizes = sizes_of(step.problem.nodes, message, ANY["P"], ANY["Q"])
-    inputs, gives = takes(type(step)), outputs(type(step))
+    inputs, gives = step.takes, outputs(type(step))
     axes = {
         name: [letter if letter in ANY else None for letter in value(name).shape]
         for name in (*inputs, *gives)
     }
-    dynamic = [{k: Dim.DYNAMIC for k, a in enumerate(axes[name]) if a} for name in inputs]
+    dynamic = tuple({k: Dim.DYNAMIC for k, a in enumerate(axes[name]) if a} for name in inputs)
     examples = {name: value(name).example(sizes) for name in inputs}
-    write(traced(step, examples, gives, dynamic, REFINER), path, axes, about)
+    write(traced(step, examples, gives, [dynamic], REFINER), path, axes, about)
