@@ -6,13 +6,11 @@ Planners take turns on each instance, so that the machine's noise falls on all a
 CPU times of one core. Prints tables, and writes expert.json.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
-from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Annotated, Any
 
@@ -22,16 +20,10 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.peers import solve_dccp
 from benchmarks.tables import Row, quartiles, show, write_json
-from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve as solve_dataset
 from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import decoupled_seed
-from pipeline.expert.solvers import SOLVERS
-from pipeline.expert.subproblem import Optimum, Subproblem
 from pipeline.orbit.problem import Problem
-from pipeline.parallel.workers import Workers
 from pipeline.plan import SOLVED, Requirements, Separation
 from pipeline.scenario import Scenario, draw
 
@@ -47,7 +39,6 @@ MANY_STARTS, SEARCHED = 32, 30
 """Searches that show what further ones could still win, for swarms of at most so many craft."""
 
 DEFAULT = Settings()
-STORED = 1000  # instances of n = 10 that are solved into Parquet
 NODES = (6, 11, 21, 41, 61)
 ORBITS = (0.25, 0.5, 1.0, 2.0)
 
@@ -70,13 +61,11 @@ def main(
         grids = _grids()
         show("n = 10 on other grids and durations", grids)
         batches = [_batch(n, count) for n, count in BATCHES.items()]
-        show("Alone and in a batch, and how much of that the convex programs take", batches)
-        stored = [_stored(STORED)]
-        show("Into Parquet, by one process", stored)
+        show("Alone and in a batch", batches)
         crowds = [row for n, count in CROWDS.items() for row in _crowd(n, count)]
         show("Dense swarms", crowds)
     result = {"ratios": ratios, "growth": growth, "exponent": exponent, "grids": grids}
-    result |= {"batches": batches, "stored": stored, "crowds": crowds}
+    result |= {"batches": batches, "crowds": crowds}
     write_json(out / "expert.json", result)
 
 
@@ -142,50 +131,15 @@ def _grids() -> list[Row]:
 
 
 def _batch(n: int, count: int) -> Row:
-    """Time an instance, with its certificate, and the share of it inside the solver."""
+    """Time an instance, with its certificate, alone and in a batch."""
     scenarios = _drawn(n, count)
     solve_many(scenarios)
     row: Row = {"n": n, "instances": count}
-    row["first_safe_batch_ms"] = (
-        1e3 * _time(partial(solve_many, settings=FIRST_SAFE), scenarios) / count
-    )
-    for name, work in (("alone", solve), ("first_safe", partial(solve, settings=FIRST_SAFE))):
-        row[f"{name}_ms"] = 1e3 * float(np.mean([_time(work, s) for s in scenarios]))
-    with _inside_solver() as inside:
-        alone = sum(_time(solve, s) for s in scenarios)
-        row["alone_in_solver"] = f"{inside[0] / alone:.0%}"
-    with _inside_solver() as inside:
-        together = _time(solve_many, scenarios)
-        row["batch_ms"] = 1e3 * together / count
-        row["batch_in_solver"] = f"{inside[0] / together:.0%}"
+    for name, settings in (("", DEFAULT), ("first_safe_", FIRST_SAFE)):
+        alone = sum(_time(partial(solve, settings=settings), one) for one in scenarios)
+        together = _time(partial(solve_many, settings=settings), scenarios)
+        row |= {f"{name}ms": 1e3 * alone / count, f"{name}batch_ms": 1e3 * together / count}
     return row
-
-
-@contextmanager
-def _inside_solver() -> Iterator[list[float]]:
-    """CPU time of the convex programs that are solved in the block, s."""
-    spent, real = [0.0], SOLVERS["simplex"]
-
-    def timed(sub: Subproblem) -> Optimum:
-        started = process_time()
-        found = real(sub)
-        spent[0] += process_time() - started
-        return found
-
-    SOLVERS["simplex"] = timed
-    try:
-        yield spent
-    finally:
-        SOLVERS["simplex"] = real
-
-
-def _stored(count: int) -> Row:
-    """CPU time of a dataset, from scenarios to Parquet."""
-    with TemporaryDirectory() as folder:
-        sample(folder, {10: Sample(seed=SEED, count=count)}, Problem(), jobs=1)
-        work = partial(solve_dataset, settings=DEFAULT, workers=Workers(jobs=1))
-        seconds = _time(work, folder)
-    return {"n": 10, "instances": count, "s": seconds, "s_for_10000": seconds * 10_000 / count}
 
 
 def _crowd(n: int, count: int) -> list[Row]:
