@@ -97,14 +97,11 @@ def open_session(path: Path) -> Any:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep to ourselves what torch and its exporter say about what we do not use."""
-    loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnx_ir")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", category=Warning)
             yield
     finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
+        logging.disable(before)
