@@ -55,12 +55,7 @@ class Grid:
 
 @lru_cache(maxsize=32)
 def grid_of(problem: Problem, device: Any = None) -> Grid:
-    """The grid of a problem, whose collision radius has no part in it.
-
-    Args:
-        problem: orbit and time grid.
-        device: of torch, for tensors; None for arrays of numpy.
-    """
+    """The grid of a problem, whose collision radius has no part in it; on a device, as tensors."""
     if device is not None:
         grid, torch = grid_of(problem), sys.modules["torch"]
         with torch.inference_mode(False):  # what is kept must serve training too
@@ -131,11 +126,7 @@ def encounters(
 ) -> Encounters:
     """Pairs of the same swarm of n craft, and intervals in which they come near each other.
 
-    Args:
-        states: of all craft.
-        n: craft of each swarm.
-        near: within which distance, r_col.
-        of_extent: the same as a share of the swarm's extent, where that is more.
+    That is within a distance of ``near`` r_col, or a share of the swarm's extent where it is more.
     """
     within = np.maximum(near, of_extent * extents(states, n))
     return Encounters(*close_pairs(np.ascontiguousarray(states), n, within))
@@ -154,14 +145,9 @@ def approaches(
     before: Approaches | None = None,
     moved: Bool[Array, "N"] | None = None,
 ) -> Approaches:
-    """The closest approach of each encounter.
+    """The closest approach of each encounter; beyond a distance it may be left infinite.
 
-    Args:
-        met: pairs and intervals.
-        states: of all craft.
-        within: distance beyond which it may be left infinite, r_col; by default none is.
-        before: what was found before some craft moved; pairs of which neither has keep that.
-        moved: which craft those are; all of them by default.
+    Pairs of which neither craft has moved keep what was found before; by default all have.
     """
     E = len(met.first)
     share, distance, turns = np.empty(E), np.empty(E), np.empty(E, dtype=bool)
@@ -205,10 +191,6 @@ def normals(
     """Distance between the craft of each pair at a share of an interval, and the unit vector along.
 
     Where two craft touch, that is any across their motion, and gradients do not turn it.
-
-    Args:
-        ends: states of the first craft relative to the second at both ends.
-        share: when, through which no gradient runs.
     """
     gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING

@@ -32,7 +32,6 @@ from pipeline.networks.refiner.arrays import (
     namespace,
     plain,
     rows,
-    segment_sum,
     self_adjoint,
     sigmoid,
     with_rows,
@@ -97,15 +96,10 @@ def edge_features(
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
-    """Edge features, as either craft sees them.
+    """Edge features, as either craft sees them, in the round of a number.
 
-    Args:
-        scene: the encounters.
-        nodes: T.
-        dual: of each plane in the round before, for either craft.
-        first_dual: what its first unit costs.
-        load: of either craft: planes, the sum of their duals, fuel beyond the decoupled optimum.
-        number: of the round, from 0.
+    ``dual`` is of the round before; ``load`` has planes, the sum of their duals, and fuel beyond
+    the decoupled optimum.
     """
     past, speed = passing(scene.ends, scene.share, scene.along)
     xp = namespace(dual)
@@ -141,14 +135,7 @@ def free_directions(gain: Float[Any, "L m"], grid: Grid) -> Float[Any, "L m"]:
 def agree(
     weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
 ) -> Float[Any, "L"]:
-    """Message passing: the trade of each encounter, r_col.
-
-    Args:
-        weights: of the network.
-        features: of each edge, as either craft sees it.
-        free: unit vectors by which planes are alike.
-        sides: whose the planes are.
-    """
+    """Message passing: the trade of each encounter, r_col; ``free`` says which planes are alike."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
     said = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
@@ -178,14 +165,9 @@ def aggregate(
 @no_type_check
 @njit(cache=True, fastmath=True)
 def add_up(told, free, start, order, result):
-    """Both sums, where sides 2l and 2l + 1 are those of encounter l.
+    """Both sums, into ``result``, which begins as zeros; sides are those of ``Sides``.
 
-    Args:
-        told: what goes into the first sum and into the second, (L, 2, 2H).
-        free: unit vectors, (L, m).
-        start: where the sides of each craft begin in ``order``, (C + 1,).
-        order: all sides, (2L,).
-        result: zeros, which become the sums, (L, 2, 2H).
+    What is told, (L, 2, 2H), has what goes into the first sum and what goes into the second.
     """
     m, H = free.shape[1], told.shape[2] // 2
     every = np.empty(H, told.dtype)
@@ -301,14 +283,9 @@ def task_of(
     radius: Float[Array, "b"],
     device: Any = None,
 ) -> Task:
-    """Swarms with their decoupled optima and their encounters.
+    """Swarms with their decoupled optima and their encounters, from m and m/s.
 
-    Args:
-        problem: orbit and time grid.
-        initial: initial states, m and m/s.
-        goal: goal states.
-        radius: collision radius of each swarm, m.
-        device: of torch where gradients are wanted; None for numpy.
+    ``device`` is torch's, where gradients are wanted.
     """
     grid, n = grid_of(problem), initial.shape[1]
     begin, end = (in_units(states, radius, problem) for states in (initial, goal))
@@ -337,15 +314,9 @@ def play(
     among: Bool[Array, "b"] | None = None,
     programs: Programs = LEAST_FUEL,
 ) -> Iterate:
-    """One round.
+    """The next iterate, by the round of a number from 0; without trades if there are no weights.
 
-    Args:
-        weights: of the network; None for rounds without trades.
-        task: the swarms.
-        now: the iterate before.
-        number: of the round, from 0.
-        among: swarms that go on, while the others keep their controls; by default all.
-        programs: what each craft solves.
+    ``among`` has the swarms that go on, while the others keep their controls; by default all do.
     """
     # A plane stays, or pairs would forget each other and meet again.
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
@@ -478,4 +449,5 @@ def lack(task: Task, now: Iterate, distance: float) -> Float[Any, "b"]:
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
     distances, _ = normals(task.met.of(which).relative(now.states), now.near.share[which])
-    return segment_sum(distance - distances, task.swarm[which], len(task.initial) // task.n)
+    of_swarm = np.equal.outer(np.arange(len(task.initial) // task.n), task.swarm[which])
+    return cast(like(of_swarm, distances), distances) @ (distance - distances)

@@ -7,7 +7,7 @@ collision radius as far as both formations allow: in units of r_col nothing else
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import torch
@@ -53,9 +53,9 @@ class Sizes(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    width: int = Field(ge=1, le=4096, strict=True)
-    message: int = Field(ge=1, le=4096, strict=True)
-    rounds: int = Field(ge=0, le=1000, strict=True)
+    width: int = Field(default=32, ge=1, le=4096, strict=True)
+    message: int = Field(default=16, ge=1, le=4096, strict=True)
+    rounds: int = Field(default=14, ge=0, le=1000, strict=True)
 
 
 class LossSettings(BaseModel):
@@ -118,24 +118,15 @@ def _two_layers(before: int, width: int, after: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(before, width), nn.SiLU(), nn.Linear(width, after))
 
 
-@dataclass(frozen=True)
 class Refiner:
-    """An ``Architecture`` that answers with controls, by its sizes."""
+    """An ``Architecture`` that answers with controls."""
 
-    width: int = 32
-    message: int = 16
-    rounds: int = 14
-
+    config: ClassVar[Mapping[str, Any]] = Sizes().model_dump()
     answers: ClassVar[Answer] = "controls"
     objective: ClassVar[str] = "best_valid_loss"
     unused: ClassVar[frozenset[str]] = frozenset(
         {"dropout", "interior", "target", "scaling", "collision_weight"}
     )
-
-    @property
-    def config(self) -> Mapping[str, Any]:
-        """Its sizes."""
-        return {"width": self.width, "message": self.message, "rounds": self.rounds}
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:

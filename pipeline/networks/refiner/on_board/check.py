@@ -48,15 +48,7 @@ def fly_rounds(
     *,
     rounds: int,
 ) -> Iterator[Float[Array, "n m"]]:
-    """Controls of all craft, m/s²: the decoupled optima, and after each round.
-
-    Args:
-        run: how a craft runs a step.
-        initial: m and m/s.
-        goal: m and m/s.
-        r_col: collision radius, m.
-        rounds: how many.
-    """
+    """Controls of all craft, m/s²: the decoupled optima, and after each round; by m and m/s."""
     swarm: list[AgentMemory] = [
         {"initial": start, "goal": end, "r_col": np.array(r_col)}
         for start, end in zip(initial, goal, strict=True)
@@ -114,16 +106,12 @@ class Compared:
 
 @dataclass(frozen=True)
 class CraftCheck:
-    """What was measured.
-
-    Attributes:
-        difference: largest difference from the whole swarm's, as a share of its largest control.
-    """
+    """What was measured."""
 
     swarms: int  # swarms that were flown
     ties: int  # those in which another optimum of the same fuel was met
     encounters: int  # most encounters of a craft in them
-    difference: float
+    difference: float  # largest from the whole swarm's, as a share of its largest control
     seconds: Mapping[str, float]  # median time of a step on one core, by its name
 
 

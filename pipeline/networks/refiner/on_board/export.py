@@ -32,28 +32,21 @@ ANY = {"P": 5, "Q": 4}  # axes of any length, and the length with which graphs a
 
 @dataclass(frozen=True)
 class ExportedCraft:
-    """The files of one craft and what was measured of them.
-
-    Attributes:
-        told: numbers that a craft tells in each round for each live encounter, by name.
-    """
+    """The files of one craft and what was measured of them."""
 
     folder: Path  # where they are, each named after its step
     kib: Mapping[str, float]  # size of each, by step, KiB
     sha256: Mapping[str, str]  # digest of each, by step
-    told: Mapping[str, int]
+    told: Mapping[str, int]  # numbers told in each round for each live encounter, by name
     checked: CraftCheck  # how near they are to torch, and how fast
 
 
 def export_craft(
     model: Model, folder: Path, *, about: Mapping[str, Any] | None = None
 ) -> ExportedCraft:
-    """Write the steps that one craft runs, as ``begin.onnx`` and so on.
+    """Write the steps that one craft of a refiner runs, as ``begin.onnx`` and so on.
 
-    Args:
-        model: a refiner.
-        folder: where the files go; those of these names are replaced.
-        about: JSON values that are stored in each file's metadata.
+    Files of these names are replaced; each has the JSON values ``about`` in its metadata.
 
     Raises:
         InputError: where onnx or onnxruntime is not installed, or the folder is a file.

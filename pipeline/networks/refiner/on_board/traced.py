@@ -130,13 +130,9 @@ def first_duals(own: Tableau, gain: Float[Tensor, "P m"]) -> Float[Tensor, "P"]:
 def solve_one(
     own: Tableau, row: Float[Tensor, "p m"], asked: Float[Tensor, "p"], real: Bool[Tensor, "p"]
 ) -> tuple[Float[Tensor, "m"], Float[Tensor, "p"]]:
-    """Controls and duals of one craft's program.
+    """Controls and duals of one craft's program, with rows g of the planes and what they ask, d.
 
-    Args:
-        own: its decoupled optimum.
-        row: g of each plane.
-        asked: d of each plane.
-        real: which planes there are; the others are met and stay so.
+    Only some of the planes are real; the others are met and stay so.
     """
     p, m = row.shape
     row = torch.where(real[:, None], row, 0.0)
