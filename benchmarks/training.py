@@ -9,7 +9,7 @@ thread. Prints a table, and writes training.json.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from time import perf_counter
+from timeit import timeit
 from typing import Annotated
 
 import numpy as np
@@ -131,14 +131,8 @@ def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Batches)
 
 def _in_turn(ways: Mapping[str, Epoch], rounds: int) -> dict[str, np.ndarray]:
     """Seconds of each way, round after round; one more round goes before them, to warm up."""
-    seconds = [[_time(epoch) for epoch in ways.values()] for _ in range(rounds + 1)]
+    seconds = [[timeit(epoch, number=1) for epoch in ways.values()] for _ in range(rounds + 1)]
     return dict(zip(ways, np.array(seconds[1:]).T, strict=True))
-
-
-def _time(epoch: Epoch) -> float:
-    started = perf_counter()
-    epoch()
-    return perf_counter() - started
 
 
 if __name__ == "__main__":

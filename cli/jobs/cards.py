@@ -6,7 +6,7 @@ from pipeline.markdown import Markdown, code, formatted, table
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import TOLERANCE, Exported
 from pipeline.networks.refiner.model import SAFE, STEADY
-from pipeline.networks.refiner.on_board.check import TOLERANCE as CRAFT_TOLERANCE
+from pipeline.networks.refiner.on_board.export import TOLERANCE as CRAFT_TOLERANCE
 from pipeline.networks.refiner.on_board.export import ExportedCraft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, value
 from pipeline.templates import template

@@ -104,12 +104,8 @@ class Encoding:
 def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMPONENT) -> Encoding:
     """The encoding whose scales come from training examples, in one pass over them.
 
-    Args:
-        examples: what is learnt from; where there are no plans, the inputs stand for them.
-        interior: of INTERIORS.
-        target: STATES or OFFSET.
-        scaling: COMMON, by the largest component's root mean square, or COMPONENT, each by its
-            own.
+    They are COMMON, the largest component's root mean square, or of each COMPONENT its own. Where
+    there are no plans, the inputs stand for them.
 
     Raises:
         InputError: for an unknown interior, target or scaling.

@@ -113,14 +113,8 @@ def combinations_of(n: int, size: int) -> Int[Array, "k size"]:
 
     All of them where there are at most MOST_COMBINATIONS. Otherwise random permutations, cut into
     pieces of ``size`` with the last piece wrapping round, until there are so many: so craft are in
-    nearly equally many. More only where fewer could not hold every craft.
-
-    Args:
-        n: craft in the swarm, at least ``size``.
-        size: craft in a combination.
-
-    Returns:
-        Indices of craft, ascending in each row; read-only.
+    nearly equally many. More only where fewer could not hold every craft. Indices ascend in each
+    row, and are read-only.
     """
     if comb(n, size) <= MOST_COMBINATIONS:
         found = np.array(list(combinations(range(n), size)))

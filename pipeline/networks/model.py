@@ -99,11 +99,8 @@ class Model:
     ) -> Float[Array, "N n T 6"]:
         """Node states in m and m/s as the network answers, by the training's collision radius.
 
-        States that it answers obey no dynamics; controls are flown, and may miss the goal.
-
-        Args:
-            initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
-            goal: their goal states.
+        States that it answers obey no dynamics; controls are flown, and may miss the goal. Swarms
+        may have any n ≥ 1 craft, their states in m and m/s.
 
         Raises:
             InputError: where the two differ in shape or are not states of swarms.

@@ -191,13 +191,9 @@ def export(
     Inputs ``initial`` and ``goal``, (batch, n, 6); output ``states``, (batch, n, T, 6), and
     with ``flown`` also ``controls``, (batch, n, T-1, 3).
 
-    Args:
-        model: what to export.
-        path: the file, replaced where it exists.
-        n: craft that the file is for; by default any number that one graph of the architecture
-            answers for.
-        flown: project the prediction onto the transfers that can be flown.
-        about: JSON values that are stored in the file's metadata.
+    The file is for n craft, or for any number that one graph of the architecture answers for.
+    ``flown`` projects the prediction onto the transfers that can be flown; the file's metadata has
+    the JSON values ``about``.
 
     Raises:
         InputError: where onnx or onnxruntime is not installed, n is no number of craft, or the
@@ -207,18 +203,6 @@ def export(
     """
     if n is not None:
         check_range("n", n, 1, MOST_CRAFT)
-    outputs = ("states", "controls") if flown else ("states",)
-    made = _traced(model, n, outputs)
-    with published(path) as temporary:
-        axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
-        write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
-        checked = check(temporary, model, n, flown=flown)
-        kib = temporary.stat().st_size / 1024
-    return Exported(path, kib, flown, checked)
-
-
-def _traced(model: Model, n: int | None, outputs: Sequence[str]) -> torch.onnx.ONNXProgram:
-    """The graph of a model."""
     architecture = find(model.architecture)
     if not isinstance(architecture, Supervised):
         raise InputError(
@@ -226,8 +210,15 @@ def _traced(model: Model, n: int | None, outputs: Sequence[str]) -> torch.onnx.O
             "own; expected one derived from pipeline.networks.supervised.Supervised, or refiner: "
             "these alone are exported."
         )
-    module = OnBoard(architecture, model, flown="controls" in outputs)
+    outputs = ("states", "controls") if flown else ("states",)
+    module = OnBoard(architecture, model, flown=flown)
     craft = n or max(2, min(TRACED, model.n_train - 1))
-    axes = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
+    free = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
     ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}
-    return traced(module, ends, outputs, (axes, axes), model.architecture)
+    made = traced(module, ends, outputs, (free, free), model.architecture)
+    with published(path) as temporary:
+        axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
+        write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
+        checked = check(temporary, model, n, flown=flown)
+        kib = temporary.stat().st_size / 1024
+    return Exported(path, kib, flown, checked)

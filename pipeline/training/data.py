@@ -79,14 +79,9 @@ def sources(
 ) -> tuple[ExampleSource, ExampleSource]:
     """What a recipe learns from, and what decides which weights are kept.
 
-    Args:
-        recipe: whose ``draws`` replace the dataset's training split by fresh scenarios, drawn like
-            it, or whose ``crowded`` adds some.
-        data: a solved dataset; its test split stays untouched.
-        n: swarm size.
-        seed: of fresh scenarios.
-        memory: bytes that each of the two may take; what is larger streams from the dataset.
-        progress: told of crowded scenarios as they are drawn.
+    The recipe's ``draws`` replace the training split of a solved dataset by fresh scenarios, drawn
+    like it from the seed, or its ``crowded`` adds some, of which ``progress`` is told; the test
+    split stays untouched. Each of the two may take so many bytes of memory; what is larger streams.
 
     Raises:
         InputError: where there is no dataset, the size is not in it, it is not solved, or no

@@ -34,10 +34,8 @@ which the search makes small, says nothing about collisions."""
 def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
     """The study of a name in an SQLite file, both made where they are missing.
 
-    Args:
-        path: the file.
-        name: the same for searches whose trials can be compared.
-        seed: of what is drawn next.
+    The name is the same for searches whose trials can be compared; the seed is of what is drawn
+    next.
 
     Raises:
         InputError: where Optuna is not installed, or the path is a folder or below a file.

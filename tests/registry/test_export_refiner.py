@@ -12,8 +12,7 @@ from cli.main import app
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.on_board.check import CraftCheck
-from pipeline.networks.refiner.on_board.export import ExportedCraft
+from pipeline.networks.refiner.on_board.export import CraftCheck, ExportedCraft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, told_each_round
 from pipeline.networks.refiner.packaged import packaged
 from pipeline.training.loop import Trained

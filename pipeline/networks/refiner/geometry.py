@@ -23,11 +23,9 @@ from pipeline.networks.refiner.nearest import close_pairs, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
-NEAR = 4.0
-"""Distance in r_col within which decoupled optima must come for a pair to be looked at at all."""
-
-NEAR_OF_EXTENT = 0.15
-"""The same as a share of the swarm's extent: who flies far can be sent far off at little cost."""
+# Distance within which decoupled optima must come for a pair to be looked at at all: in r_col, and
+# as a share of the swarm's extent, since who flies far can be sent far off at little cost
+NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
 TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
 STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move past each other
@@ -35,18 +33,14 @@ STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move pa
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The constant maps of a problem, scaled: all node states are drift · s₁ + reach · u.
-
-    Attributes:
-        ends: rows of ``reach`` for the states at both ends of each interval.
-    """
+    """The constant maps of a problem, scaled: all node states are drift · s₁ + reach · u."""
 
     nodes: int  # T
     step: float  # Δt, s
     drift: Float[Any, "_ 6"]  # effect of the initial state on the states of all nodes
     reach: Float[Any, "_ m"]  # effect of the m = 3(T-1) controls on them
     free: Float[Any, "m m"]  # takes from controls the part that changes the final state; symmetric
-    ends: Float[Any, "intervals 12 m"]
+    ends: Float[Any, "intervals 12 m"]  # rows of ``reach`` for both ends of each interval
 
     def fly(self, initial: Float[Any, "N 6"], controls: Float[Any, "N m"]) -> Float[Any, "N T 6"]:
         """Node states, by Eq. 2."""
@@ -109,16 +103,11 @@ class Encounters:
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """The closest approach of each encounter, through which no gradient runs.
-
-    Attributes:
-        turns: whether the pair comes closer before and parts after it; where not, they are closer
-            in the interval before or after.
-    """
+    """The closest approach of each encounter, through which no gradient runs."""
 
     share: Float[Array, "E"]  # when, as a share of the interval; 0 where it was not looked at
     distance: Float[Array, "E"]  # r_col; infinite where it was not looked at
-    turns: Bool[Array, "E"]
+    turns: Bool[Array, "E"]  # whether the pair comes closer before and parts after it
 
 
 def encounters(

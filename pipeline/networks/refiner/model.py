@@ -59,24 +59,19 @@ from pipeline.networks.refiner.programs import (
 )
 from pipeline.orbit.problem import Problem
 
-WATCHED = 1.3
-"""Distance in r_col within which a pair that turns from coming closer to parting gets a plane."""
+WATCHED = 1.3  # distance in r_col within which a pair that turns from coming closer gets a plane
 
 SAFE = 1 + 1e-4
 """Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
 centimetres in intervals of four minutes; planes ask for more, and certificates are exact."""
 
-TURNS_ONLY = 3
-"""Rounds in which pairs get planes only where they turn; after them also wherever unsafe."""
-
+TURNS_ONLY = 3  # rounds in which pairs get planes only where they turn, then wherever unsafe
 MARGIN = 0.2 / 15  # separation beyond r_col that is asked for, in r_col
 SHARPNESS = 4.0  # power of the other's dual by which a craft gives way
 LEAST_DUAL = 1e-4  # dual that stands for none, so that there is a ratio of duals
 MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
 
-STEADY = 1e-4
-"""Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""
-
+STEADY = 1e-4  # share by which fuel must change in a round that leaves a swarm safe to go on
 FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter meet its plane
 FEATURES = 18  # F: edge features, as one of the two craft sees them
 
@@ -263,17 +258,13 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """What the rounds have come to.
-
-    Attributes:
-        first_dual: what the first unit of separation costs either craft; 0 before there is a plane.
-    """
+    """What the rounds have come to."""
 
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
     near: Approaches  # closest approaches of the encounters
     dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
-    first_dual: Float[Array, "E 2"]
+    first_dual: Float[Array, "E 2"]  # what its first unit costs; 0 before there is one
 
 
 def task_of(

@@ -41,9 +41,7 @@ EPOCHS = 6  # of ``short`` and of every recipe that it is compared with
 UNSAFE = 0.1  # what an unsafe swarm counts as in the score, as fuel over the lower bound
 CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
 
-RAISED = 2.5
-"""Most by which they are raised; what is more crowded is hardly to be planned by anybody."""
-
+RAISED = 2.5  # most by which they are raised; what is more crowded hardly anybody can plan
 NO_FUEL = 1e-9  # fuel in r_col/Δt² that counts as none
 AT_ONCE = 500  # formations whose free drift is looked at together
 
@@ -59,39 +57,29 @@ class Sizes(BaseModel):
 
 
 class LossSettings(BaseModel):
-    """The options of a refiner's recipe.
-
-    Attributes:
-        violation: what a r_col that an encounter lacks counts as, as fuel over the lower bound.
-        clear: distance beyond r_col up to which an encounter lacks something, r_col; nobody is seen
-            beyond ``WATCHED``.
-        labels: what a r_col of average distance from the expert's nodes counts as, where it has
-            planned; these swarms' collision radii are not raised then.
-    """
+    """The options of a refiner's recipe; what is lacking counts as fuel over the lower bound."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     rounds: int = Field(default=8, ge=1)  # in training
-    violation: float = 2.5
+    violation: float = 2.5  # what a r_col that an encounter lacks counts as
+    # distance beyond r_col up to which it lacks something; nobody is seen beyond ``WATCHED``
     clear: float = Field(default=0.008, ge=0, le=WATCHED - 1)
     earlier: float = 0.5  # weight of a round, as a share of that of the next
     raised: bool = True  # whether collision radii are raised
     third: bool = True  # whether craft tell each other of their other encounters
+    # what a r_col of average distance from the expert's nodes counts as, where it has planned;
+    # these swarms' collision radii are not raised then
     labels: float = Field(default=0.0, ge=0)
 
 
 class MessagePassing(nn.Module):
     """The weights of the network, of which ``model.agree`` is the forward pass.
 
-    Untrained its trades are 0.
-
-    Attributes:
-        message: numbers in a message.
-        rounds: that an answer takes.
-        hears: 1, or 0 where messages are left out; stored with the weights.
+    Untrained its trades are 0. A message has so many numbers, and an answer takes so many rounds.
     """
 
-    hears: Float[Tensor, ""]
+    hears: Float[Tensor, ""]  # 1, or 0 where messages are left out; stored with the weights
 
     def __init__(self, width: int, message: int, rounds: int) -> None:
         super().__init__()
@@ -158,7 +146,10 @@ class Refiner:
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
         """Ends, collision radii and those to which they may be raised, and plans: m and m/s."""
-        radius = swarms.collision_radius
+        radius, states = swarms.collision_radius, swarms.states
+        if states is None:  # nobody has planned them
+            (b, n, _), T = swarms.initial.shape, swarms.problem.nodes
+            states = torch.full((b, n, T, 6), torch.nan)
         apart = torch.full_like(radius, torch.inf)
         for k in range(0, len(apart), AT_ONCE):
             for ends in (swarms.initial, swarms.goal):
@@ -167,7 +158,7 @@ class Refiner:
         return {
             **{"initial": swarms.initial, "goal": swarms.goal, "radius": radius},
             "most": (apart / CROWDED).clamp(min=radius, max=RAISED * radius),
-            "states": _planned(swarms).float(),
+            "states": states.float(),
         }
 
     def loss(
@@ -238,14 +229,6 @@ def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
     """Fuel over the lower bound of each swarm, 1 where none is needed."""
     bound = task.fuel(torch.from_numpy(task.own.controls).to(controls))
     return task.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
-
-
-def _planned(swarms: Swarms) -> Float[Tensor, "b n T 6"]:
-    """The expert's states; not numbers where it has not planned."""
-    if swarms.states is not None:
-        return swarms.states
-    b, n, _ = swarms.initial.shape
-    return swarms.initial.new_full((b, n, swarms.problem.nodes, 6), torch.nan)
 
 
 def _crowded(batch: Batch, encoding: Encoding, settings: LossSettings) -> Swarms:

@@ -57,13 +57,10 @@ STATE, LENGTH, ACCELERATION = "x y z (m), vx vy vz (m/s)", "m", "m/s²"
 
 @dataclass(frozen=True)
 class Value:
-    """One input or output.
+    """One input or output."""
 
-    Attributes:
-        shape: sizes; by letter where they differ: T nodes, m = 3(T-1) controls, P encounters, Q
-            other craft, H numbers of a message.
-    """
-
+    # sizes; by letter where they differ: T nodes, m = 3(T-1) controls, P encounters, Q other craft,
+    # H numbers of a message
     shape: tuple[int | str, ...]
     what: str  # unit and meaning
     dtype: torch.dtype = torch.float64  # its type
@@ -72,10 +69,6 @@ class Value:
     def sized(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """The shape in numbers."""
         return tuple(size if isinstance(size, int) else sizes[size] for size in self.shape)
-
-    def example(self, sizes: Mapping[str, int]) -> Tensor:
-        """Ones of that shape and type."""
-        return torch.ones(self.sized(sizes), dtype=self.dtype)
 
 
 def _states(*shape: int | str, at: str) -> Value:
@@ -129,19 +122,12 @@ def sizes_of(nodes: int, message: int, encounters: int, others: int) -> dict[str
 
 
 class Step(nn.Module):
-    """One graph of some inputs, by which a craft makes some outputs.
+    """One graph of some inputs, by which a craft makes some outputs."""
 
-    Attributes:
-        takes: names of the inputs, in order.
-        gives: names of the outputs.
-        tells: those of them that the other craft must have before the next step.
-        tells_all: whether also of encounters that are not live.
-    """
-
-    takes: tuple[str, ...] = ()
-    gives: tuple[str, ...] = ()
-    tells: tuple[str, ...] = ()
-    tells_all = False
+    takes: tuple[str, ...] = ()  # names of the inputs, in order
+    gives: tuple[str, ...] = ()  # names of the outputs
+    tells: tuple[str, ...] = ()  # those that the other craft must have before the next step
+    tells_all = False  # whether also of encounters that are not live
 
     def __init__(self, network: MessagePassing, problem: Problem) -> None:
         super().__init__()

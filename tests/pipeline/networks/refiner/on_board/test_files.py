@@ -13,8 +13,14 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
 from pipeline.networks.model import load
 from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, task_of
-from pipeline.networks.refiner.on_board.check import Files, check, compare, fly_rounds, together
-from pipeline.networks.refiner.on_board.export import export_craft
+from pipeline.networks.refiner.on_board.export import (
+    Files,
+    check,
+    compare,
+    export_craft,
+    fly_rounds,
+    together,
+)
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs
 from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem

@@ -11,7 +11,7 @@ from tableaux import one_of
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.refiner.geometry import Encounters, approaches, grid_of
-from pipeline.networks.refiner.on_board.check import Compared, compare, fly_rounds, together
+from pipeline.networks.refiner.on_board.export import Compared, compare, fly_rounds, together
 from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, told_each_round
 from pipeline.networks.refiner.on_board.traced import (
     Tableau,
