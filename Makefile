@@ -146,7 +146,6 @@ bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside t
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
 	$(BIN)/python -m benchmarks.fallback --out reports/bench
-	$(BIN)/python -m benchmarks.card --out reports/bench
 
 docs: $(BIN)/sphinx-build ## the documentation as pages, in build/docs
 	$(BIN)/typer cli.main utils docs --name prolearn --title Commands --output docs/commands.md
