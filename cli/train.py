@@ -5,15 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cli.models import document_of
 from cli.options import architectures, int_list, name_list, with_settings
-from cli.output import beside, echo, print_json
+from cli.output import beside, echo, print_json, tell
 from cli.progress import progress
 from cli.settings import AsJson, TrainingSettings, TuningSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
-    from cli.jobs.tune import Tuned
-    from registry.version import ModelVersion
+    from registry.models import ModelVersion
 
 
 @with_settings
@@ -107,18 +106,13 @@ def tune(settings: TuningSettings, as_json: AsJson = False) -> None:
 
     with beside(as_json), progress(f"tuning {settings.arch}") as shown:
         found = job(settings, shown)
-    if as_json:
-        print_json(found)
-        return
-    echo(*_search_summary(found, settings))
-
-
-def _search_summary(found: "Tuned", asked: TuningSettings) -> tuple[str, str]:
     values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in found.best.items()}
     options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in values.items())
-    return (
+    tell(
+        as_json,
+        found,
         f"{found.trials} trials are complete in {found.storage}; best {found.in_words} on "
         f"validation data; MLflow run {found.run_id}.",
-        f"Train with its settings: prolearn train --arch {asked.arch} --recipe {asked.recipe} "
-        f"--data {public_url(asked.data)} --n {asked.n} {options}",
+        f"Train with its settings: prolearn train --arch {settings.arch} --recipe "
+        f"{settings.recipe} --data {public_url(settings.data)} --n {settings.n} {options}",
     )

@@ -19,8 +19,7 @@ from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.planners.planner import Planner
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
-from registry.models import load, newest_trainings, resolve
-from registry.version import PREFIX, ModelVersion
+from registry.models import PREFIX, ModelVersion, load, newest_trainings, resolve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +35,7 @@ class EvaluatedNetwork(EvaluatedPlanner):
     version: ModelVersion
 
     def on(self, problem: Problem) -> "EvaluatedNetwork":
-        """The same network for another time grid.
-
-        Raises:
-            InputError: where its weights do not fit.
-        """
+        """The same network for another time grid; InputError where its weights do not fit."""
         model = self.predictor.on(problem)
         return replace(self, planner=NetworkPlanner(model, self.planner.name), predictor=model)
 
@@ -50,11 +45,7 @@ Choice = Callable[[Where], list[ModelVersion]]
 
 
 def newest_on(data: Where) -> list[ModelVersion]:
-    """The newest trainings on a dataset.
-
-    Raises:
-        InputError: where there are models and none was trained on this data.
-    """
+    """The newest trainings on a dataset; InputError where all models were trained on others."""
     manifest = read_manifest(data)
     found = newest_trainings({n: manifest.digest(n) for n in manifest.samples})
     if not found and (others := newest_trainings()):
@@ -82,11 +73,8 @@ def networks(
     """The networks of some references; without any, the newest that were trained on some data.
 
     They are in the same order whatever that of the references is; ``choice`` is made where there
-    are none.
-
-    Raises:
-        InputError: for a reference to nothing, a model of another orbit or time grid than the
-            data's, or where there are models and none was trained on this data.
+    are none. An InputError names a model that is none, or of another orbit or time grid than the
+    data's.
     """
     named = {v.uri: v for v in map(resolve, references)}.values()
     chosen = sorted(
@@ -124,14 +112,10 @@ def unlearned() -> list[EvaluatedPlanner]:
 def model_planner(
     reference: str, requirements: Requirements, *, effort: str | None, raw: bool
 ) -> Planner:
-    """The planner that a reference to a model names.
+    """The planner that a reference to a model names; InputError where there is none.
 
     The expert comes after it with some effort, of EFFORTS, as in ``with_expert``: unless ``raw``,
-    which leaves the model's flown plan as it is, safe or not.
-
-    Raises:
-        InputError: for a name that no planner has, where the registry has no such model, or for
-            an effort without the expert.
+    which leaves the model's flown plan as it is, safe or not, and goes with no effort.
     """
     if raw:
         refuse_effort(effort)
