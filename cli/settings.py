@@ -58,12 +58,9 @@ class ExperimentSettings:
     """Settings that all experiments have."""
 
     models: Annotated[
-        str | None,
-        option("Models, such as ff1,lstm2:paper; by default the newest trained on the data."),
+        str | None, option("Such as ff1,lstm2:paper; by default the newest trained on the data.")
     ] = None
-    data: Annotated[str, option("Solved dataset, a folder or a URL; its test split is used.")] = (
-        "data/paper"
-    )
+    data: Annotated[str, option("Solved dataset, folder or URL: its test split.")] = "data/paper"
     trials: Annotated[int | None, option("Most trials of each size.")] = None
 
 
@@ -82,12 +79,10 @@ class WarmStarts(ExperimentSettings):
     """Settings of experiment 3."""
 
     optimizer: Annotated[
-        Literal["expert", "plain"],
-        option("The expert, or a plain SCP over all pairs at the nodes, as the paper's."),
+        Literal["expert", "plain"], option("Our expert, or the paper's kind: a plain SCP at nodes.")
     ] = "expert"
     sizes: Annotated[
-        str | None,
-        option("Swarm sizes; by default 10,30 for the expert and 10 for the plain SCP.", "--n"),
+        str | None, option("Swarm sizes; by default 10,30, or 10 for the plain SCP.", "--n")
     ] = None
     trials: Annotated[int | None, option("Trials of each size.")] = 100
 
@@ -100,11 +95,7 @@ class TransferTimes(ExperimentSettings):
     nodes: Annotated[str, option("Numbers of nodes T, at the time step of the training.")] = "6..21"
     time_steps: Annotated[
         str | None,
-        option(
-            "Time steps Δt in s, at the nodes of the training; by default those with the transfer "
-            "times of --nodes.",
-            "--time-step",
-        ),
+        option("Time steps Δt, s; by default those with the durations of --nodes.", "--time-step"),
     ] = None
     trials: Annotated[int | None, option("Most trials of each transfer time.")] = 100
 
@@ -115,10 +106,7 @@ class Flights(ExperimentSettings):
 
     models: Annotated[
         str | None,
-        option(
-            "Networks that answer on any time grid, such as refiner,lstm2; by default the newest "
-            "refiners trained on the data."
-        ),
+        option("For any time grid, such as refiner,lstm2; by default the newest refiners."),
     ] = None
     n: Annotated[int, option("Swarm size.")] = 10
     trials: Annotated[int | None, option("Most scenarios.")] = 100
@@ -146,8 +134,7 @@ class TrainingSettings:
         float | None, option("Weight of the collision penalty (ffcol, lstmcol).")
     ] = None
     crowded: Annotated[
-        int | None,
-        option("Crowded scenarios that the refiner learns from beside the dataset's."),
+        int | None, option("Crowded scenarios that the refiner learns from beside the data.")
     ] = None
     device: Device = "auto"
     memory: Annotated[
@@ -182,15 +169,10 @@ class WorkerSettings:
     ] = "loky"
     scheduler: Annotated[
         str | None,
-        option(
-            "Of the Dask cluster, such as tcp://10.0.0.1:8786.",
-            envvar="DASK_SCHEDULER_ADDRESS",
-            show_envvar=True,
-        ),
+        option("Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"),
     ] = None
     scheduler_wait: Annotated[
-        float | None,
-        option("Seconds in which a scheduler that was lost may come back; 300 by default."),
+        float | None, option("Seconds in which a lost scheduler may come back; 300 by default.")
     ] = None
 
 
@@ -205,11 +187,7 @@ class ProblemSettings:
     max_acceleration: Annotated[float | None, option("Limit on each component, m/s².")] = None
 
     def problem(self) -> "Problem":
-        """The problem on a circular orbit so high above the Earth.
-
-        Raises:
-            InputError: where a value makes no sense.
-        """
+        """The problem on a circular orbit so high above the Earth; InputError for a wrong value."""
         from pipeline.orbit.problem import Problem
         from pipeline.orbit.reference import mean_motion_at
 
@@ -227,36 +205,22 @@ class RiskSettings:
 
     risk: Annotated[
         float | None,
-        option(
-            "Most probability that any pair ever comes within the collision radius, flown in open "
-            "loop with the errors that the sigmas say."
-        ),
+        option("Most probability that a pair ever comes within r_col in open loop."),
     ] = None
     navigation_sigma: Annotated[
-        float | None,
-        option("With --risk: standard deviation of each component of the initial positions, m."),
+        float | None, option("With --risk: sigma of each component of initial positions, m.")
     ] = None
     thrust_sigma: Annotated[
         float | None,
-        option(
-            "With --risk: standard deviation of each burn's size, as a share of it, and of its "
-            "direction about each axis across it, rad."
-        ),
+        option("With --risk: sigma of a burn's size, a share, and of its direction, rad an axis."),
     ] = None
     velocity_sigma: Annotated[
         float | None,
-        option(
-            "With --risk: standard deviation of each component of the initial velocities, m/s; by "
-            "default the mean motion times --navigation-sigma."
-        ),
+        option("Likewise of velocities, m/s; by default the mean motion times --navigation-sigma."),
     ] = None
 
     def limit(self) -> "RiskLimit | None":
-        """The limit on the risk, or None where none is given.
-
-        Raises:
-            InputError: where a risk is given without errors, or errors without a risk.
-        """
+        """The limit on the risk, if any; InputError for one without errors, or errors without."""
         from pipeline.plan import RiskLimit
 
         risk, navigation, thrust = self.risk, self.navigation_sigma, self.thrust_sigma
@@ -281,34 +245,25 @@ class FlightConditions:
 
     eccentricity: Annotated[float, option("Of the reference orbit, up to 0.01.")] = 0.001
     inclination: Annotated[
-        float | None,
-        option("Of the reference orbit, deg; by default the scenario's, else 97.4."),
+        float | None, option("Of it, deg; by default the scenario's, else 97.4.")
     ] = None
     raan: Annotated[
-        float | None,
-        option("Right ascension of its ascending node, deg; by default the scenario's, else 0."),
+        float | None, option("Right ascension of its node, deg; the scenario's, else 0.")
     ] = None
     argument_of_perigee: Annotated[float, option("From the ascending node, deg.")] = 90.0
     argument_of_latitude: Annotated[
-        float | None,
-        option("Of the origin at the first node, deg; by default the scenario's, else 0."),
+        float | None, option("At the first node, deg; the scenario's, else 0.")
     ] = None
     no_j2: Annotated[bool, flag("--no-j2", "Leave the Earth's oblateness out.")] = False
     drag: Annotated[
-        float | None,
-        option("Add drag: C_D A/m in the middle of the swarm, m²/kg; 0.01 is that of a CubeSat."),
+        float | None, option("Add drag: mean C_D A/m of the swarm, m²/kg; a CubeSat's is 0.01.")
     ] = None
     drag_spread: Annotated[
-        float | None,
-        option("By what share of it the first craft has less and the last more.  [default: 0.1]"),
+        float | None, option("Share that the first craft has less, the last more.  [default: 0.1]")
     ] = None
 
     def about(self, reference: "Reference | None") -> "Conditions":
-        """The conditions, and where the options say nothing the scenario's reference orbit.
-
-        Raises:
-            InputError: where a value makes no sense.
-        """
+        """The conditions, and where the options say nothing the scenario's reference orbit."""
         from pipeline.flight.conditions import Conditions
 
         if self.drag_spread is not None and self.drag is None:
@@ -355,26 +310,19 @@ class FlownTrials:
         ),
     ] = None
     world: Annotated[
-        Literal["nonlinear", "linear"],
-        _trial("Fly in the conditions above, or in the model that plans are made for."),
+        Literal["nonlinear", "linear"], _trial("The conditions above, or the model of planners.")
     ] = "nonlinear"
     replan: Annotated[
-        Literal["none", "every-node"],
-        _trial("Compare with craft that are planned anew at every node."),
+        Literal["none", "every-node"], _trial("Compare with craft planned anew at every node.")
     ] = "none"
     planner: Annotated[
         str, _trial("Who plans anew, as for `prolearn plan`.", autocompletion=planners)
     ] = "expert"
     effort: Annotated[Effort | None, _trial("Of the expert then, as for `prolearn plan`.")] = None
     margin: Annotated[
-        float | None,
-        _trial(
-            "Asked for beyond r_col when planning anew, m; by default 3 sigma one interval ahead."
-        ),
+        float | None, _trial("Beyond r_col then, m; by default 3 sigma one interval ahead.")
     ] = None
-    size: Annotated[
-        float, _trial("Distance of two craft's centres at which they may touch, m.")
-    ] = 0.35
+    size: Annotated[float, _trial("Distance of two centres at which craft may touch, m.")] = 0.35
     out: Annotated[Path | None, _trial("Folder; PLAN-flown by default.")] = None
     jobs: Annotated[int, _trial("Processes; -1 for all cores.")] = -1
 
