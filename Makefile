@@ -153,7 +153,8 @@ UNIVERSAL = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-ve
 lock: $(BIN)/prolearn ## exact versions for every Python and platform; UPGRADE=--upgrade takes the newest
 	$(BIN)/python -m pip install --quiet uv
 	$(UNIVERSAL) --all-extras --output-file constraints.txt
-	$(UNIVERSAL) --constraint constraints.txt --output-file requirements/run.txt
+	$(UNIVERSAL) --constraint constraints.txt --output-file requirements/light.txt
+	$(UNIVERSAL) --constraint constraints.txt --extra learn --output-file requirements/run.txt
 	$(UNIVERSAL) --constraint constraints.txt --extra dev --output-file requirements/test.txt
 	$(UNIVERSAL) --constraint constraints.txt --extra docs --output-file requirements/docs.txt
 

@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
+from pipeline.extras import missing
 from pipeline.text import visible
 from pipeline.urls import public
 
@@ -53,6 +54,10 @@ class Group(TyperGroup):
         except USAGE as error:
             error.message = visible(error.message)
             raise
+        except ModuleNotFoundError as error:
+            if (said := missing(error)) is None:
+                raise
+            _stop(ctx, str(said), BAD_INPUT)
         except (ProlearnError, OSError) as error:
             if getattr(error, "errno", None) == EPIPE:  # our reader has left; click is silent then
                 raise

@@ -38,9 +38,9 @@ def convert(
     """
     from pipeline.export import write_csv, write_ephemerides, write_parquet
     from pipeline.plan import SOLVED
-    from pipeline.plan.document import read_whole_plan
+    from pipeline.plan.document import read_plan
 
-    made, scenario = read_whole_plan(plan)
+    made = read_plan(plan)
     target = out or _default(plan, to)
     if target == STDIO and to != "csv":
         raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
@@ -50,11 +50,12 @@ def convert(
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
     try:
         if to == "oem":
-            files = write_ephemerides(made, scenario, target, stem_of(plan))
+            files = write_ephemerides(made, target, stem_of(plan))
             echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
         else:
-            (write_csv if to == "csv" else write_parquet)(made, scenario, target)
-            about = f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes."
+            (write_csv if to == "csv" else write_parquet)(made, target)
+            of = made.scenario
+            about = f"{target}: {of.n} craft at {of.problem.nodes} nodes."
             echo(about, err=target == STDIO)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from error
@@ -93,7 +94,7 @@ def show(
         prolearn show plan.json
         prolearn show plan.json --out plan.html
     """
-    from pipeline.plan.document import read_whole_plan
+    from pipeline.plan.document import read_plan
     from pipeline.show import write_page
 
     target = out or (STDIO if plan == STDIO else plan.with_suffix(".html"))
@@ -101,10 +102,10 @@ def show(
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
     with within_memory():
-        claimed, scenario = read_whole_plan(plan)
+        claimed = read_plan(plan)
         try:
-            shown = write_page(target, claimed, scenario, plan.name)
+            shown = write_page(target, claimed, plan.name)
         except InputError as error:
             raise InputError(f"{plan}: {error}") from error
-    said = " ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults])
+    said = " ".join([f"{target}: {claimed.scenario.n} craft by {claimed.planner}.", *shown.faults])
     echo(said, err=target == STDIO)

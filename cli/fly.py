@@ -10,7 +10,6 @@ import typer
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, print_table
-from cli.plan import planner_of
 from cli.plan_table import closest
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from pipeline.flight.errors import Errors
     from pipeline.flight.summary import Summary
     from pipeline.plan import Plan, Requirements
-    from pipeline.scenario import Scenario
 
 CONDITIONS = tuple(field.name for field in fields(FlightConditions))
 OF_REPLANNING = ("planner", "effort", "margin")
@@ -63,7 +61,7 @@ def fly(
         prolearn fly plan.json --trials 1000 --replan every-node
         prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
     """
-    from pipeline.plan.document import read_whole_plan
+    from pipeline.plan.document import read_plan
 
     if settings.trials is None:
         refuse(context, OF_TRIALS, "without --trials; expected both: add --trials 1000.")
@@ -72,18 +70,17 @@ def fly(
     if settings.world == "linear":
         refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
     with within_memory():
-        made, scenario = read_whole_plan(plan)
-    about = conditions.about(scenario.reference)
+        made = read_plan(plan)
+    about = conditions.about(made.scenario.reference)
     if settings.trials is None:
-        _fly_once(plan, made, scenario, about, as_json=as_json)
+        _fly_once(plan, made, about, as_json=as_json)
     else:
-        _fly_trials(plan, made, scenario, about, settings, as_json=as_json)
+        _fly_trials(plan, made, about, settings, as_json=as_json)
 
 
 def _fly_trials(
     path: Path,
     plan: "Plan",
-    scenario: "Scenario",
     conditions: "Conditions",
     settings: FlownTrials,
     *,
@@ -91,20 +88,21 @@ def _fly_trials(
 ) -> None:
     """Fly it many times, with errors."""
     from cli.jobs.fly_trials import fly_trials
+    from cli.jobs.planner import planner_of
+    from pipeline.flight.loops import refuse_replanning
     from pipeline.flight.world import LinearWorld
 
-    problem, linear = scenario.problem, settings.world == "linear"
+    scenario, linear = plan.scenario, settings.world == "linear"
+    problem = scenario.problem
     world = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
     errors = errors_of(settings.errors, settings.error or [])
     planner = None
     if settings.replan != "none":
-        _refuse_risk(plan)
+        refuse_replanning(plan)
         planner = planner_of(settings.planner, plan.requirements, settings.effort)
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        loops = fly_trials(
-            plan, scenario, world, errors, folder, settings, planner=planner, progress=shown
-        )
+        loops = fly_trials(plan, world, errors, folder, settings, planner=planner, progress=shown)
     if as_json:
         required = None if planner is None else asdict(plan.requirements)
         result = {"folder": str(folder), "loops": loops, "requirements": required}
@@ -144,20 +142,6 @@ def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
     return errors
 
 
-def _refuse_risk(plan: "Plan") -> None:
-    """Refuse to plan anew for a risk, which is one of open loop.
-
-    Raises:
-        InputError: where the plan was asked for one.
-    """
-    if (risk := plan.certificate.risk) is not None:
-        raise InputError(
-            f"the plan was asked for a risk of at most {risk.asked:g} in open loop, which planning "
-            "anew does not keep; expected --replan none, or a plan without --risk: --margin is "
-            "what keeps craft apart from their errors then."
-        )
-
-
 def _kept(required: "Requirements") -> str:
     """A sentence on what replanning keeps other than separation at all times, if anything."""
     if required.at_nodes:
@@ -171,18 +155,16 @@ def _kept(required: "Requirements") -> str:
     )
 
 
-def _fly_once(
-    path: Path, plan: "Plan", scenario: "Scenario", conditions: "Conditions", *, as_json: bool
-) -> None:
+def _fly_once(path: Path, plan: "Plan", conditions: "Conditions", *, as_json: bool) -> None:
     """Fly it without errors, with one effect more each time."""
     from pipeline.flight.effects import effects, flight_report
 
     try:
         with within_memory():
-            found = effects(scenario, plan.controls, conditions)
+            found = effects(plan.scenario, plan.controls, conditions)
     except InputError as wrong:
         raise InputError(f"{path}: {wrong}") from wrong
-    report = {"plan": str(path), **flight_report(plan, scenario, conditions, found)}
+    report = {"plan": str(path), **flight_report(plan, conditions, found)}
     print_json(report) if as_json else print_flight(report)
     raise typer.Exit(0 if report["safe"] else FAILED)
 

@@ -26,8 +26,6 @@ from pipeline.errors import InputError
 from pipeline.files import STDIO, stem_of
 
 if TYPE_CHECKING:
-    from pipeline.plan import Requirements
-    from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
 TOGETHER = 50
@@ -111,6 +109,7 @@ def plan(
         prolearn plan a.json b.json --json --out plans/
         prolearn plan - --out p.json
     """
+    from cli.jobs.planner import planner_of
     from pipeline.orbit.dynamics import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
@@ -130,10 +129,10 @@ def plan(
     with told_if_stopped(kept), progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
-            for scenario, made in zip(group, chosen.plan(group), strict=True):
+            for made in chosen.plan(group):
                 path, target = scenarios[len(rows)], targets[len(rows)]
-                write_plan(target, made, made.flown(scenario))
-                problem = scenario.problem
+                write_plan(target, made)
+                problem = made.scenario.problem
                 off = model_error(made.states, problem.mean_motion, problem.duration).total
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
                 rows.append({"scenario": str(path), "plan": str(target), **summary(made), **more})
@@ -162,23 +161,3 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     if out.is_file():
         raise InputError(f"--out is the file {out}; expected a folder for several plans.")
     return [out / name for name in names]
-
-
-def planner_of(
-    name: str,
-    requirements: "Requirements",
-    effort: Effort | None,
-    *,
-    raw: bool = False,
-    assignment: str = "given",
-) -> "Planner":
-    """The planner of a name; all but models need neither MLflow nor torch."""
-    from pipeline.planners.goal_assignment import GoalAssignment
-    from pipeline.planners.named import named_planner
-
-    found = named_planner(name, requirements, effort=effort, raw=raw)
-    if found is None:
-        from cli.jobs.networks import model_planner
-
-        found = model_planner(name, requirements, effort=effort, raw=raw)
-    return GoalAssignment(found) if assignment == "optimal" else found

@@ -10,7 +10,6 @@ import typer
 from cli.app import told_if_stopped, within_memory
 from cli.options import with_settings
 from cli.output import echo, print_json, print_table
-from cli.plan import planner_of
 from cli.plan_table import HEADINGS, cells, who, wrong
 from cli.progress import progress
 from cli.settings import AsJson, Tradeoff
@@ -46,6 +45,7 @@ def tradeoff(
         prolearn tradeoff scenario.json --duration 1..3h --goal moving --out trade/
     """
     durations = seconds(settings.duration)
+    from cli.jobs.planner import planner_of
     from cli.jobs.tradeoff import trade
     from pipeline.plan import Requirements
 

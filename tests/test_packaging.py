@@ -1,4 +1,4 @@
-"""What is installed: three import packages of one distribution, and a light command line."""
+"""What is installed: four import packages of one distribution, and a light command line."""
 
 import importlib.metadata
 import subprocess
@@ -11,7 +11,7 @@ from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
 
-@pytest.mark.parametrize("package", ["pipeline", "registry", "cli"])
+@pytest.mark.parametrize("package", ["prolearn", "pipeline", "registry", "cli"])
 def test_the_import_packages_belong_to_prolearn_alone(package):
     assert set(importlib.metadata.packages_distributions()[package]) == {"prolearn"}
 

@@ -1,6 +1,5 @@
 """Registered networks as planners, in the experiments and for the command ``plan``."""
 
-import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -8,18 +7,17 @@ from dataclasses import dataclass, replace
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner
-from pipeline.networks.catalogue import architecture_names
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import REFINER, for_comparison
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
 from pipeline.planners.classical import BASELINES, Expert
-from pipeline.planners.named import NAMES, refuse_effort, with_expert
+from pipeline.planners.named import refuse_effort, with_expert
 from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.planners.planner import Planner
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
-from registry.models import PREFIX, ModelVersion, load, newest_trainings, resolve
+from registry.models import ModelVersion, load, newest_trainings, resolve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,13 +117,6 @@ def model_planner(
     """
     if raw:
         refuse_effort(effort)
-    # What a planner can be is said before what the registry lacks.
-    name = re.split(r"[@:/]", reference.removeprefix("models:/"))[0].removeprefix(PREFIX)
-    if name not in architecture_names() and not reference.startswith("models:/m-"):
-        raise InputError(
-            f"planner is {reference!r}; expected {', '.join(NAMES)}, or a registered model of "
-            f"{', '.join(architecture_names())}, such as ff1 or ff1:paper."
-        )
     model, version = load(reference)
     flown = NetworkPlanner(model, f"{version.arch}/{version.version}", requirements)
     return flown if raw else with_expert(flown, effort)

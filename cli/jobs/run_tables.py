@@ -11,7 +11,7 @@ from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages as columns
 from pipeline.experiments.ablations import summarize_ablations
 from pipeline.experiments.averages import sizes_of_paper, summarize
-from pipeline.experiments.examples import figure_transfer
+from pipeline.experiments.examples import figure_of
 from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
 from pipeline.experiments.experiment3 import summarize_warmstarts
 from pipeline.experiments.experiment4 import summarize_times
@@ -128,4 +128,4 @@ def _draw(
     for name in DRAWN:
         save(sizes_figure(shown, QUANTITIES[name], style), folder / name, [".png"])
     example = example_transfer(scenario, [EvaluatedPlanner(Expert()), network])
-    save(figure_transfer(example), folder / "transfer", [".png"])
+    save(figure_of(example), folder / "transfer", [".png"])

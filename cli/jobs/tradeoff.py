@@ -4,19 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from cli.settings import Tradeoff
 from pipeline.errors import InputError
 from pipeline.figures.style import save
-from pipeline.figures.tables import write_csv
+from pipeline.files import write_rows
 from pipeline.plan import summary
 from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
-from pipeline.tradeoff import Point, arcs_between, knee, tradeoff
+from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff
 from pipeline.tradeoff.figure import tradeoff_figure
 
 PLANS = "plans"
@@ -63,11 +60,11 @@ def trade(
     step = scenario.problem.time_step
     arcs = arcs_between(*durations, step, settings.steps)
     points = tradeoff(scenario, arcs, planner, settings.goal, progress)
-    bend = _bend(points)
+    bend = knee_of(points)
     rows = [_row(point, out, knee=k == bend) for k, point in enumerate(points)]
     for point, row in zip(points, rows, strict=True):
         if row["plan"]:
-            write_plan(Path(row["plan"]), point.plan, point.scenario)
+            write_plan(Path(row["plan"]), point.plan)
     kept = {row["plan"] for row in rows}
     for old in (out / PLANS).glob(PLAN.format("*")):
         if str(old) not in kept:
@@ -78,16 +75,8 @@ def trade(
     return rows
 
 
-def _bend(points: Sequence[Point]) -> int | None:
-    """The knee among the safe plans, by its number among all."""
-    safe = [k for k, point in enumerate(points) if point.safe]
-    time, cost = ([getattr(points[k], name) for k in safe] for name in ("duration", "delta_v"))
-    found = knee(np.array(time, dtype=float), np.array(cost, dtype=float))
-    return None if found is None else safe[found]
-
-
 def _row(point: Point, out: Path, *, knee: bool) -> dict[str, Any]:
-    problem = point.scenario.problem
+    problem = point.plan.scenario.problem
     file = out / PLANS / PLAN.format(f"{point.duration:.9g}")
     return {
         "duration": point.duration,
@@ -101,8 +90,9 @@ def _row(point: Point, out: Path, *, knee: bool) -> dict[str, Any]:
 
 
 def _write_table(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    frame = pd.DataFrame(rows)
-    for k, name in enumerate(("first_craft", "second_craft")):
-        pairs = [row["min_separation_pair"] for row in rows]
-        frame[name] = pd.array([pair and pair[k] for pair in pairs], dtype="Int64")
-    write_csv(frame.drop(columns=[*NOT_IN_CSV]), path)
+    names = [name for name in rows[0] if name not in NOT_IN_CSV]
+    table = (
+        [*(row[name] for name in names), *(row["min_separation_pair"] or (None, None))]
+        for row in rows
+    )
+    write_rows(path, [*names, "first_craft", "second_craft"], table)

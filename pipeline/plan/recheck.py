@@ -12,7 +12,6 @@ from pipeline.orbit.risk import FAR, collision_risk
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.judge import POSITION_TOLERANCE, Made, planned, violations
 from pipeline.plan.plan import SOLVED, Plan
-from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
@@ -33,17 +32,18 @@ class Rechecked:
     faults: tuple[str, ...]  # what is wrong with it, in sentences; empty where it is solved
 
 
-def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
+def recheck(claimed: Plan) -> Rechecked:
     """Fly a plan's controls from its scenario's initial states and certify the outcome.
 
     Controls too large for numbers are an InputError, and so is passive safety that is claimed for
     no length of a drift or with separation at the nodes only.
     """
-    _refuse_overflow(claimed, scenario)
-    problem, said, asked = scenario.problem, claimed.certificate, claimed.requirements
+    _refuse_overflow(claimed)
+    problem, said = claimed.scenario.problem, claimed.certificate
+    asked = claimed.requirements
     bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
     made = Made(claimed.controls, *bound, claimed.convex_solves)
-    flown = planned(claimed.planner, scenario, made, asked)
+    flown = planned(claimed.planner, claimed.scenario, made, asked)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])
@@ -70,10 +70,10 @@ def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
     return Rechecked(plan, not unsafe, tuple(fault.rstrip(".") + "." for fault in faults))
 
 
-def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
+def _refuse_overflow(claimed: Plan) -> None:
     """Raise InputError for controls so large that arithmetic on them has no meaning."""
     most = float(np.abs(claimed.controls).max())
-    if not most * scenario.problem.duration**2 <= FURTHEST:
+    if not most * claimed.scenario.problem.duration**2 <= FURTHEST:
         raise InputError(
             f"the controls reach {most:.3g} m/s², which leads beyond "
             f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."

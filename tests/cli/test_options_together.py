@@ -90,7 +90,7 @@ def planned(planner, options, limited):
     except InputError as error:
         return None, str(error)
     (plan,) = (GoalAssignment(found) if OPTIMAL in options else found).plan([scenario])
-    return plan.flown(scenario), plan
+    return plan.scenario, plan
 
 
 def broken(scenario, plan, options):
