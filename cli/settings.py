@@ -37,11 +37,6 @@ Separation = Annotated[
     option("Keep craft apart at all times, or at the nodes only."),
 ]
 Effort = Literal["first", "default", "best"]
-Assignment = Annotated[
-    Literal["given", "optimal"],
-    option("Who takes which goal: as given, or such that the fuel is least."),
-]
-AllowDrift = Annotated[bool, flag("--allow-drift", "Accept states that are not energy-matched.")]
 PlanFile = Annotated[Path, typer.Argument(help="Plan file; - is standard input.")]
 
 Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
@@ -328,7 +323,36 @@ class FlownTrials:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tradeoff:
+class Planning:
+    """Settings of who plans, and what of a plan."""
+
+    planner: Annotated[
+        str,
+        option(
+            "expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
+            autocompletion=planners,
+        ),
+    ] = "expert"
+    separation: Separation = "continuous"
+    effort: Annotated[
+        Effort | None,
+        option(
+            "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
+            "the best of several searches. By default the second; after a model, the first, and "
+            "after the refiner that only where it has no safe plan."
+        ),
+    ] = None
+    assignment: Annotated[
+        Literal["given", "optimal"],
+        option("Who takes which goal: as given, or such that the fuel is least."),
+    ] = "given"
+    allow_drift: Annotated[
+        bool, flag("--allow-drift", "Accept states that are not energy-matched.")
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tradeoff(Planning):
     """Settings of a trade-off of fuel against transfer time."""
 
     duration: Annotated[str, option("Range of transfer times: 10..60min, 600..3600s.")]
@@ -341,8 +365,3 @@ class Tradeoff:
         ),
     ] = "fixed"
     out: Annotated[Path | None, option("Folder; SCENARIO-tradeoff by default.")] = None
-    planner: Annotated[str, option("As for `prolearn plan`.", autocompletion=planners)] = "expert"
-    separation: Separation = "continuous"
-    effort: Annotated[Effort | None, option("As for `prolearn plan`.")] = None
-    assignment: Assignment = "given"
-    allow_drift: AllowDrift = False

@@ -8,9 +8,9 @@ from pipeline.extras import told_which_extra
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from registry.models import ModelVersion
 
     from pipeline.networks.model import Model
+    from registry.models import ModelVersion
 
 
 def read_dataset(

@@ -21,15 +21,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.progress import SILENT, Progress
 from pipeline.scratch import scratch_folder
 from pipeline.storage.shards import Size, decode, digest_of, encode, text_bytes
-from registry.entities import (
-    EVALUATION_DATA,
-    dataset_input,
-    moment,
-    own_tags,
-    pages,
-    params_of,
-    recorded,
-)
+from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.running import FAILURES, recorded_run
 from registry.store import EVALUATION, Store, opened
@@ -106,9 +98,10 @@ def record(
         tags[SEQUENCE] = _next_number(store, experiment)
         name = experiment.removeprefix("prolearn-")
         with recorded_run(store, experiment, name, tags) as run_id:
-            store.client.log_batch(run_id, params=params_of(params))
+            store.client.log_batch(run_id, params=entities.params_of(params))
             if dataset is not None:
-                store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
+                used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
+                store.client.log_inputs(run_id, [used])
             store.client.log_artifacts(run_id, str(scratch))
             if files is not None:
                 store.client.log_artifacts(run_id, str(files), FILES)
@@ -126,7 +119,7 @@ def earlier_run(
     ``kind`` names the parameters that tell kinds of runs apart, of which the newest counts.
     ``progress`` is told where a run was made with other versions or is damaged.
     """
-    wanted = recorded(params)
+    wanted = entities.recorded(params)
     run = latest(experiment, {name: wanted[name] for name in kind})
     if run is None or run.params != wanted:
         return None
@@ -294,15 +287,15 @@ def _run_of(store: Store, run: Any) -> Run:
     return Run(
         experiment=names[run.info.experiment_id],
         run_id=run.info.run_id,
-        created=moment(run.info.start_time),
-        params=recorded(run.data.params),
-        tags=own_tags(run.data.tags),
+        created=entities.moment(run.info.start_time),
+        params=entities.recorded(run.data.params),
+        tags=entities.own_tags(run.data.tags),
     )
 
 
 def _runs(store: Store, experiment: str, **query: Any) -> Iterator[Any]:
     """MLflow's runs: those with a number by that, the greatest first; others are anywhere."""
-    return pages(
+    return entities.pages(
         store.client.search_runs,
         experiment_ids=[store.experiments[experiment]],
         order_by=[f"tags.`{SEQUENCE}` DESC", "attributes.start_time DESC"],

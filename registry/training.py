@@ -32,18 +32,7 @@ from pipeline.networks.recipes import Recipe, for_comparison
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
-from registry.entities import (
-    EVALUATION_DATA,
-    TRAINING_DATA,
-    curve_metrics,
-    dataset_input,
-    metrics_of,
-    now,
-    params_of,
-    warn,
-    whole,
-    without_secrets,
-)
+from registry import entities
 from registry.environment import TRAINED_BY, environment_tags, requirements
 from registry.models import (
     CHAMPION,
@@ -175,14 +164,14 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> ModelVersio
         name = f"{arch}-{params['recipe']}"
         with recorded_run(store, TRAINING, name, record.tags) as run_id:
             facts = {k: params[k] for k in ("train_instances", "valid_instances")}
-            used = (params["dataset"], params["dataset_digest"], TRAINING_DATA, facts)
-            store.client.log_inputs(run_id, [dataset_input(*used)])
-            curves = curve_metrics(record.history)
-            store.client.log_batch(run_id, metrics=curves, params=params_of(params))
+            used = (params["dataset"], params["dataset_digest"], entities.TRAINING_DATA, facts)
+            store.client.log_inputs(run_id, [entities.dataset_input(*used)])
+            curves = entities.curve_metrics(record.history)
+            store.client.log_batch(run_id, metrics=curves, params=entities.params_of(params))
             with temporary_files_in(folder.parent):
                 _log_curves(store, run_id, record)
                 model_id = _log_model(folder, model)
-            store.client.log_batch(run_id, metrics=metrics_of(record.metrics, model_id))
+            store.client.log_batch(run_id, metrics=entities.metrics_of(record.metrics, model_id))
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
             number = _new_version(store, PREFIX + arch, run_id, model_id, tags)
         aliases = store.client.get_registered_model(PREFIX + arch).aliases
@@ -195,7 +184,7 @@ def _keep(folder: Path, record: TrainingRecord) -> Path:
     """Copy a saved network to ``unregistered/<arch>-<time>`` with the record of its training."""
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
     kept = Path("unregistered").absolute() / f"{record.params['arch']}-{stamp}"
-    params = {key: without_secrets(value) for key, value in record.params.items()}
+    params = {key: entities.without_secrets(value) for key, value in record.params.items()}
     try:
         shutil.copytree(folder, kept)
         content = {**vars(record), "params": params}
@@ -214,7 +203,7 @@ def _read_record(path: Path) -> TrainingRecord:
         record = TrainingRecord(**parsed(path.read_bytes()))
         if not all([*(record.params[name] for name in NEEDED), record.history["number"]]):
             raise ValueError("a part of it is empty")
-        curve_metrics(record.history)
+        entities.curve_metrics(record.history)
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(
             f"{path} cannot be used ({error}); expected the file that `prolearn train` leaves in "
@@ -283,12 +272,14 @@ def add_model_results(
             if run_of_version(store, version.run_id) is None:
                 raise FileNotFoundError("it is gone")
             _add_metrics(store, version, metrics)
-            used = dataset_input(*dataset, EVALUATION_DATA)
+            used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
             store.client.log_inputs(version.run_id, [used])
             store.client.log_artifacts(version.run_id, str(figures), "figures")
         except FAILURES as error:
             reason = next(iter(str(error).splitlines()), "")[:300]
-            warn(f"The evaluation of {version.uri} is not added to its training run ({reason}).")
+            entities.warn(
+                f"The evaluation of {version.uri} is not added to its training run ({reason})."
+            )
 
 
 def _add_metrics(
@@ -306,8 +297,8 @@ def _add_metrics(
     names = {name for one in metrics.values() for name in one}
     history = store.client.get_metric_history
     known = [metric.timestamp for name in names for metric in history(version.run_id, name)]
-    stamp = min(max([now(), *(time + 1 for time in known)]), LATEST)
-    added = [m for step, of in metrics.items() for m in metrics_of(of, model, step, stamp)]
+    stamp = min(max([entities.now(), *(time + 1 for time in known)]), LATEST)
+    added = [m for step, of in metrics.items() for m in entities.metrics_of(of, model, step, stamp)]
     store.client.log_batch(version.run_id, metrics=added)
 
 
@@ -337,10 +328,10 @@ def _training_row(version: ModelVersion) -> dict[str, Any]:
     measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
     return {
         **{name: getattr(version, name) for name in ("arch", "recipe", "training_seed", "version")},
-        **{name: whole(params.get(name, "")) for name in counts},
+        **{name: entities.whole(params.get(name, "")) for name in counts},
         **{name: metrics.get(name) for name in measured},
         **{name: params.get(name) for name in ("device", "threads")},
-        "best_epoch": whole(f"{metrics.get('best_epoch', math.nan):.0f}"),
+        "best_epoch": entities.whole(f"{metrics.get('best_epoch', math.nan):.0f}"),
         "valid_loss": metrics.get("best_valid_loss"),
         "seconds": metrics.get("training_seconds"),
     }
