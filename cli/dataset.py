@@ -4,17 +4,23 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.options import families, given_options, refuse, with_settings
+from cli.options import given_options, refuse, with_settings
 from cli.output import beside, echo, print_json
 from cli.progress import progress
-from cli.settings import AsJson, Jobs, ProblemSettings, Separation, WorkerSettings, flag, option
+from cli.settings import (
+    AsJson,
+    Family,
+    Jobs,
+    ProblemSettings,
+    Separation,
+    WorkerSettings,
+    flag,
+    option,
+)
 from pipeline.errors import InputError
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from pipeline.dataset.verifying import Fault
     from pipeline.parallel.workers import Workers
 
 Out = Annotated[str, option("Dataset folder or URL.")]
@@ -28,13 +34,7 @@ def sample(
     n: Annotated[int, option("Spacecraft in each scenario.")] = 10,
     count: Annotated[int, option("Scenarios to draw.")] = 1000,
     seed: Annotated[int, option("Root seed.")] = 0,
-    family: Annotated[
-        str,
-        option(
-            "rings, dense, coplanar-split, tilt-split, independent or rotation.",
-            autocompletion=families,
-        ),
-    ] = "rings",
+    family: Family = "rings",
     shares: Annotated[str, option("Shares of the train, valid and test split.")] = "0.8,0.1,0.1",
     problem: ProblemSettings,
     jobs: Jobs = -1,
@@ -194,26 +194,18 @@ def verify(
         else:
             faults = list(check(folder, workers=workers, progress=shown))
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
-    where, rows = public_url(folder), {} if mend else {"rows": shown.count}
-    if as_json:
-        print_json({"folder": where, "repaired": mend, "faults": faults, **rows})
-    else:
-        _tell(faults, left, where, shown.count, mended=mend)
-    raise typer.Exit(int(bool(left)))
-
-
-def _tell(
-    faults: "Sequence[Fault]", left: "Sequence[Fault]", where: str, rows: int, *, mended: bool
-) -> None:
-    """Say every fault, and what came of them."""
-    for fault in faults:
-        echo(f"{fault.path}: {fault.what}", err=True)
+    where, rows = public_url(folder), shown.count
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
+    if as_json:
+        counted = {} if mend else {"rows": rows}
+        print_json({"folder": where, "repaired": mend, "faults": faults, **counted})
+        raise typer.Exit(int(bool(left)))
+    echo(*(f"{fault.path}: {fault.what}" for fault in faults), err=True)
     if not faults:
         echo(f"{where} is sound: {rows} rows.")
     elif not left:
         echo(f"{where} is mended: {many}.")
-    elif not mended:
+    elif not mend:
         echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
     else:
         echo(
@@ -222,6 +214,7 @@ def _tell(
             f"make; to set them aside all the same: prolearn verify {where} --repair --yes",
             err=True,
         )
+    raise typer.Exit(int(bool(left)))
 
 
 def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":

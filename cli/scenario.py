@@ -12,9 +12,9 @@ from rich.padding import Padding
 from rich.table import Table
 
 from cli.app import FAILED, Group, within_memory
-from cli.options import families, refuse, with_settings
+from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
-from cli.settings import AsJson, ProblemSettings, flag, option
+from cli.settings import AsJson, Family, ProblemSettings, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,13 +49,7 @@ def new(
     context: typer.Context,
     scenario: Annotated[Path, typer.Argument(help="File to write; - is standard output.")],
     *,
-    family: Annotated[
-        str,
-        option(
-            "Draw: rings, dense, coplanar-split, tilt-split, independent or rotation.",
-            autocompletion=families,
-        ),
-    ] = "rings",
+    family: Family = "rings",
     n: Annotated[int, option("Spacecraft to draw.")] = 10,
     seed: Annotated[int, option("Root seed of the draw.")] = 0,
     index: Annotated[int, option("Number of the draw in its split.")] = 0,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cli.options import architectures, planners
+from cli.options import architectures, families, planners
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,6 +37,13 @@ Separation = Annotated[
     option("Keep craft apart at all times, or at the nodes only."),
 ]
 Effort = Literal["first", "default", "best"]
+Family = Annotated[
+    str,
+    option(
+        "rings, dense, coplanar-split, tilt-split, independent or rotation.",
+        autocompletion=families,
+    ),
+]
 PlanFile = Annotated[Path, typer.Argument(help="Plan file; - is standard input.")]
 
 Data = Annotated[str, option("Solved dataset, a folder or a URL.")]

@@ -1,7 +1,7 @@
 """Commands that train networks and search for hyperparameters."""
 
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cli.models import document_of
 from cli.options import architectures, int_list, name_list, with_settings
@@ -10,9 +10,6 @@ from cli.progress import progress
 from cli.settings import AsJson, TrainingSettings, TuningSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.urls import public_url
-
-if TYPE_CHECKING:
-    from registry.models import ModelVersion
 
 
 @with_settings
@@ -69,7 +66,13 @@ def _trained(
     with progress(title) as shown:
         earlier = trained_before(arch, seed, settings, shown) if resume else None
         version, contest = earlier or train_model(arch, seed, settings, shown)
-    echo(f"Trained before: {_summary(version)}" if earlier else _summary(version))
+    names = ("best_epoch", "valid_position_rmse", "training_seconds")
+    epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
+    echo(
+        f"{'Trained before: ' if earlier else ''}{version.name} version {version.version} "
+        f"({version.recipe}): best epoch {epoch:.0f}, predicted positions {rmse:.3g} m RMS from "
+        f"the expert's, {seconds:.0f} s."
+    )
     document = {**document_of(version), "earlier": earlier is not None}
     if contest is None:
         return document
@@ -77,15 +80,6 @@ def _trained(
     who = f"version {champion}" if champion else "none"
     echo(f"Champion of {version.name}: {who}; {contest.reason}.")
     return {**document, "champion": champion}
-
-
-def _summary(version: "ModelVersion") -> str:
-    names = ("best_epoch", "valid_position_rmse", "training_seconds")
-    epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
-    return (
-        f"{version.name} version {version.version} ({version.recipe}): best epoch {epoch:.0f}, "
-        f"predicted positions {rmse:.3g} m RMS from the expert's, {seconds:.0f} s."
-    )
 
 
 @with_settings
