@@ -62,20 +62,16 @@ def export(
 ) -> ExportedModel:
     """Export a registered model or the packaged refiner as ONNX, its card as ``<out>.md``.
 
-    A refiner becomes a folder of files, named as the file would be but without ``.onnx``.
-
-    No reference is the packaged refiner, which needs no store. The file is
-    ``<name>-v<version>.onnx`` in the current folder by default; it is for n craft, or any number
-    that the architecture answers for; ``flown`` projects the prediction onto the transfers that
-    can be flown. A refiner takes neither. A ProlearnError says where the file does not answer as
-    the model does.
+    A refiner becomes a folder of files, named as the file would be but without ``.onnx``; None is
+    the packaged one, which needs no store. The file, by default ``<name>-v<version>.onnx`` here, is
+    for n craft, or any number that the architecture answers for; ``flown`` projects the prediction
+    onto the transfers that can be flown. A refiner takes neither. A ProlearnError says where the
+    file does not answer as the model does.
     """
     model, version = (load_network(FOLDER), None) if reference is None else load(reference)
-    known: dict[str, str] = {"uri": PACKAGED}
-    measured: Measured = {}
-    if version is not None:
-        measured = {name: model_metric_by_size(version, name) for name in BY_SIZE}
-        known = {name: getattr(version, name) for name in ("uri", "run_id", "dataset_digest")}
+    names = () if version is None else ("uri", "run_id", "dataset_digest")
+    known = {"uri": PACKAGED} | {name: getattr(version, name) for name in names}
+    measured = {} if version is None else {k: model_metric_by_size(version, k) for k in BY_SIZE}
     about = {
         **known,
         "arch": model.architecture,

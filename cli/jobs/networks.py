@@ -1,6 +1,5 @@
 """Registered networks as planners, in the experiments and for the command ``plan``."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -78,15 +77,13 @@ def networks(
     chosen = sorted(
         named or choice(data), key=lambda v: (v.arch, v.recipe, v.training_seed, v.version)
     )
-    # A name with the version, where an average over seeds would be over different trainings.
-    keys: dict[str, set[tuple[str, ...]]] = {}
-    for version in chosen:
-        keys.setdefault(version.label, set()).add(version.training_key)
-    alike = Counter((v.label, v.training_seed) for v in chosen)
     found, problem = [], read_manifest(data).problem
     for version in chosen:
-        alone = len(keys[version.label]) == alike[version.label, version.training_seed] == 1
-        name = version.arch if alone else f"{version.arch}/{version.version}"
+        # A name with the version, where an average over seeds would be over different trainings.
+        alike = [v for v in chosen if v.label == version.label]
+        again = [v.training_seed for v in alike].count(version.training_seed) > 1
+        mixed = again or len({v.training_key for v in alike}) > 1
+        name = f"{version.arch}/{version.version}" if mixed else version.arch
         model, _ = load(version)
         check_problem(model, problem, public_url(data))
         found.append(

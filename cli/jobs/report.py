@@ -100,26 +100,19 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
     for name, part in PARTS.items():
         same = {name: first.params.get(name, "") for name in part.same}
         run = latest(part.experiment, {**same, **part.having})
-        if run is None:
-            notes += _of_others(name, part)
-            continue
-        try:
-            # Other parts have the evaluation's models.
-            models = _models_of(run) if part.same == DATA else ()
-            found[name] = Found(run, sound_table(run), models)
-        except ProlearnError as error:
-            notes.append(f"{name} is left out: {error}")
+        if run:
+            try:
+                # Other parts have the evaluation's models.
+                models = _models_of(run) if part.same == DATA else ()
+                found[name] = Found(run, sound_table(run), models)
+            except ProlearnError as error:
+                notes.append(f"{name} is left out: {error}")
+        elif other := latest(part.experiment, part.having):
+            others = "other models or other data" if part.same == SAME else "other data"
+            text = "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
+            of = (name, other.run_id, _day(other), others, part.command)
+            notes.append(formatted(text + "`{}` makes one.", *of))
     return found, notes
-
-
-def _of_others(name: str, part: Part) -> list[str]:
-    """A note where a part has runs, but none of the evaluation's models and data."""
-    other = latest(part.experiment, part.having)
-    if other is None:
-        return []
-    others = "other models or other data" if part.same == SAME else "other data"
-    text = "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; `{}` makes "
-    return [formatted(f"{text}one.", name, other.run_id, _day(other), others, part.command)]
 
 
 def _model_names(run: Run) -> list[str]:

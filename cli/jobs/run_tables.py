@@ -1,7 +1,6 @@
 """Tables of experiments' runs: checked, averaged, and those averages in a model's own run."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -41,7 +40,6 @@ COMPARED = {
 ERRORS = (columns.BOUNDARY, columns.DYNAMICS)
 """Averages of predictions alone: flown plans have no such errors but rounding."""
 
-DRAWN = ("collisions", "fuel", "safe")  # figures of experiment 2
 
 KINDS: Mapping[str, tuple[str, Callable[[pd.DataFrame], pd.DataFrame]]] = {
     EVALUATION: ("trials", summarize),
@@ -96,9 +94,14 @@ def add_to_model(
     same = (trials.planner == network.planner.name) & (trials.recipe == network.recipe)
     mine = summarize(trials[same & (trials.training_seed == network.training_seed)])
     beside = summarize(trials[trials.planner == Expert().name])
+    summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), network]
+    paper, style = sizes_of_paper(summary), styles(summary["planner"])
+    metrics = _metrics(mine, network.predictor.n_train)
     with scratch_folder() as scratch:
-        _draw(scratch, pd.concat([beside, mine]), network, scenario)
-        metrics = _metrics(mine, network.predictor.n_train)
+        for name in ("collisions", "fuel", "safe"):
+            figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)
+            save(figure, scratch / name, [".png"])
+        save(figure_of(example_transfer(scenario, example)), scratch / "transfer", [".png"])
         add_model_results(network.version, metrics, scratch, dataset=dataset)
 
 
@@ -116,16 +119,3 @@ def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
         if n == n_train:
             found[0].update({f"exp1_{k}": v for k, v in values.items()})
     return found
-
-
-def _draw(
-    folder: Path, summary: pd.DataFrame, network: EvaluatedNetwork, scenario: Scenario
-) -> None:
-    """Figures of experiment 2 and of one transfer, beside the expert's."""
-    style = styles(summary["planner"])
-    paper = sizes_of_paper(summary)
-    shown = summary if paper.empty else paper
-    for name in DRAWN:
-        save(sizes_figure(shown, QUANTITIES[name], style), folder / name, [".png"])
-    example = example_transfer(scenario, [EvaluatedPlanner(Expert()), network])
-    save(figure_of(example), folder / "transfer", [".png"])
