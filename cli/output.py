@@ -44,11 +44,8 @@ def print_table(
 ) -> None:
     """Print a table, plain and in full width where it does not go to a terminal.
 
-    Args:
-        headings: of the columns, on one line or two.
-        rows: their cells; on a terminal the first gives way at its beginning, for the rest to fit.
-        texts: columns that are text and aligned left; the others are numbers.
-        marked: rows shown in red.
+    On a terminal the first column gives way at its beginning, for the rest to fit. Columns in
+    ``texts`` are aligned left, as the others, numbers, are not; rows in ``marked`` are red.
     """
     rows = [[visible(cell) for cell in row] for row in rows]
     console = Console()

@@ -44,15 +44,10 @@ class NoteColumn(ProgressColumn):
 
 
 class Shown(JobProgress):
-    """Shows how far some work is once it says how much there is of it.
-
-    Attributes:
-        count: units that are done.
-        failed: how many of them failed.
-    """
+    """Shows how far some work is once it says how much there is of it."""
 
     def __init__(self, what: str, stack: ExitStack) -> None:
-        self.count = self.failed = 0
+        self.count = self.failed = 0  # units that are done, and how many of them failed
         self._what, self._stack = visible(what), stack
         self._bar: Progress | None = None
 

@@ -114,8 +114,8 @@ def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVers
     """The newest trainings of each architecture and recipe that differ in their seed alone.
 
     Of those trained on other data or with other settings, only those like the newest count; of
-    several trainings with one seed the newest. They are those on data of some digests, by swarm
-    size, or on any.
+    several trainings with one seed the newest. With digests of data, by swarm size, only those
+    that were trained on it.
     """
     wanted = set(digests.items()) if digests is not None else None
     versions = [v for v in list_versions() if wanted is None or (v.n, v.dataset_digest) in wanted]

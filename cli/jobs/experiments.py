@@ -84,13 +84,9 @@ class HeldOut:
     ) -> Done:
         """Run an experiment and record it, or, to resume, find its newest run, if done like this.
 
-        Args:
-            experiment: of EXPERIMENTS but TRAINING.
-            params: parameters of the run that its settings leave open or do not have.
-            make: gives a row for each trial, and leaves files for the run in a folder.
-            kind: settings that tell kinds of its runs apart.
-            resume: look for a run with the same settings and versions first.
-            progress: told where other versions did it before.
+        ``params`` are those that its settings leave open or do not have; ``make`` gives a row for
+        each trial and leaves files in a folder; ``kind`` names settings that tell kinds of its runs
+        apart.
         """
         params = {
             **vars(self.settings),

@@ -148,23 +148,21 @@ def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
 
 def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Contest:
     """Make a new version the champion where it does better on its validation data."""
-    contest = _contest(version, trials, data)
-    note_contest(version, contest.reason)  # last: ``train --resume`` compares where it is missing
-    return contest
-
-
-def _contest(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Contest:
     champion = champion_of(version.name)
     if for_comparison(version.arch, version.recipe):
-        return Contest(champion, f"recipe {version.recipe} is there to be compared with")
-    if champion is None or champion.version == version.version:
-        first = "the first version of its model" if version.version == 1 else "there is no other"
-        return Contest(set_champion(version), first)
-    try:
-        better, reason = _compared(version, trials, champion, data)
-    except InputError as error:
-        return Contest(champion, f"version {champion.version} cannot be compared: {error}")
-    return Contest(set_champion(version) if better else champion, reason)
+        reason = f"recipe {version.recipe} is there to be compared with"
+    elif champion is None or champion.version == version.version:
+        first = version.version == 1
+        reason = "the first version of its model" if first else "there is no other"
+        champion = set_champion(version)
+    else:
+        try:
+            better, reason = _compared(version, trials, champion, data)
+            champion = set_champion(version) if better else champion
+        except InputError as error:
+            reason = f"version {champion.version} cannot be compared: {error}"
+    note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
+    return Contest(champion, reason)
 
 
 def promote(
