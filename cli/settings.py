@@ -246,48 +246,39 @@ class FlightConditions:
     """Conditions in which a plan is flown; None leaves a value to the scenario."""
 
     eccentricity: Annotated[float, option("Of the reference orbit, up to 0.01.")] = 0.001
-    inclination: Annotated[
-        float | None, option("Of it, deg; by default the scenario's, else 97.4.")
+    inclination_deg: Annotated[
+        float | None, option("Deg; by default the scenario's, else 97.4.", "--inclination")
     ] = None
-    raan: Annotated[
-        float | None, option("Right ascension of its node, deg; the scenario's, else 0.")
+    raan_deg: Annotated[
+        float | None, option("Right ascension of its node, deg; the scenario's, else 0.", "--raan")
     ] = None
-    argument_of_perigee: Annotated[float, option("From the ascending node, deg.")] = 90.0
-    argument_of_latitude: Annotated[
-        float | None, option("At the first node, deg; the scenario's, else 0.")
+    argument_of_perigee_deg: Annotated[
+        float, option("From the ascending node, deg.", "--argument-of-perigee")
+    ] = 90.0
+    argument_of_latitude_deg: Annotated[
+        float | None,
+        option("At the first node, deg; the scenario's, else 0.", "--argument-of-latitude"),
     ] = None
     no_j2: Annotated[bool, flag("--no-j2", "Leave the Earth's oblateness out.")] = False
-    drag: Annotated[
-        float | None, option("Add drag: mean C_D A/m of the swarm, m²/kg; a CubeSat's is 0.01.")
+    ballistic: Annotated[
+        float | None, option("Add drag: mean C_D A/m, m²/kg; a CubeSat's is 0.01.", "--drag")
     ] = None
-    drag_spread: Annotated[
-        float | None, option("Share that the first craft has less, the last more.  [default: 0.1]")
+    spread: Annotated[
+        float | None,
+        option("By what share the first has less, the last more.  [default: 0.1]", "--drag-spread"),
     ] = None
 
     def about(self, reference: "Reference | None") -> "Conditions":
         """The conditions, and where the options say nothing the scenario's reference orbit."""
         from pipeline.flight.conditions import Conditions
 
-        if self.drag_spread is not None and self.drag is None:
+        if self.spread is not None and self.ballistic is None:
             raise InputError(
-                f"--drag-spread is {self.drag_spread:g} without --drag; expected both: add --drag "
-                "0.01."
+                f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
             )
-        asked = Conditions(
-            eccentricity=self.eccentricity,
-            argument_of_perigee_deg=self.argument_of_perigee,
-            j2=not self.no_j2,
-            ballistic=self.drag,
-        )
-        given = {
-            "inclination_deg": self.inclination,
-            "raan_deg": self.raan,
-            "argument_of_latitude_deg": self.argument_of_latitude,
-            "spread": self.drag_spread,
-        }
-        there = asked if reference is None else asked.about(reference)
-        changes: dict[str, Any] = {k: value for k, value in given.items() if value is not None}
-        return replace(there, **changes)
+        there = Conditions() if reference is None else Conditions().about(reference)
+        given = {k: v for k, v in vars(self).items() if v is not None and k != "no_j2"}
+        return replace(there, **given, j2=not self.no_j2)
 
 
 def _trial(text: str, *names: str, **more: Any) -> Any:

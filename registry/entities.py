@@ -15,7 +15,6 @@ from pipeline.text import visible
 from pipeline.urls import public, public_url
 
 TRAINING_DATA, EVALUATION_DATA = "training", "evaluation"  # what MLflow calls a dataset's use
-DIGEST_LENGTH = 36  # longest digest that MLflow takes for a dataset; the parameter has it in full
 
 _WHOLE = re.compile(r"-?[0-9]{1,15}")
 
@@ -87,7 +86,7 @@ def dataset_input(
     suffix = "" if context == TRAINING_DATA else f"-{context}"
     entity = Dataset(
         name=(Path(path).name or path) + suffix,
-        digest=digest[:DIGEST_LENGTH],
+        digest=digest[:36],  # the longest that MLflow takes; the parameter has it in full
         source_type="local",
         source=json.dumps({"uri": path}),
         profile=json.dumps({"digest": digest, **(profile or {})}, default=str),
