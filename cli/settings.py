@@ -205,9 +205,9 @@ class ProblemSettings:
 class RiskSettings:
     """A chance constraint on separation, and the errors that it is about."""
 
-    risk: Annotated[
+    asked: Annotated[
         float | None,
-        option("Most probability that a pair ever comes within r_col in open loop."),
+        option("Most probability that a pair ever comes within r_col in open loop.", "--risk"),
     ] = None
     navigation_sigma: Annotated[
         float | None, option("With --risk: sigma of each component of initial positions, m.")
@@ -225,20 +225,20 @@ class RiskSettings:
         """The limit on the risk, if any; InputError for one without errors, or errors without."""
         from pipeline.plan import RiskLimit
 
-        risk, navigation, thrust = self.risk, self.navigation_sigma, self.thrust_sigma
-        if navigation is thrust is self.velocity_sigma is None:
-            if risk is None:
-                return None
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        if not given:
+            return None
+        if [*given] == ["asked"]:
             raise InputError(
-                f"--risk is {risk:g} and no error is given; expected --navigation-sigma, "
+                f"--risk is {self.asked:g} and no error is given; expected --navigation-sigma, "
                 "--thrust-sigma, --velocity-sigma or several of them with it."
             )
-        if risk is None:
+        if self.asked is None:
             raise InputError(
                 "a sigma is given without --risk; expected the probability that craft may come too "
                 "close with it, such as --risk 1e-3."
             )
-        return RiskLimit(risk, navigation or 0.0, thrust or 0.0, self.velocity_sigma)
+        return RiskLimit(**given)
 
 
 @dataclass(frozen=True)
