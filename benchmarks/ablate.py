@@ -16,7 +16,7 @@ import pandas as pd
 import typer
 
 from benchmarks.rule import rule, with_rounds
-from cli.jobs.held_out import HeldOut, held_out, listed
+from cli.jobs.experiments import HeldOut, held_out, listed
 from cli.jobs.networks import EvaluatedNetwork, newest_on
 from cli.options import int_list, with_settings
 from cli.progress import progress as shown_progress
@@ -31,9 +31,9 @@ from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
+from registry.models import ModelVersion
 from registry.results import Done
 from registry.store import ABLATIONS
-from registry.version import ModelVersion
 
 DENSE, DENSE_CRAFT = "dense", 10
 """The family that is tried beside the data's, and spacecraft of each such swarm."""

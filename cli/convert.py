@@ -19,10 +19,7 @@ def convert(
     to: Annotated[Form, option("Format.")],
     out: Annotated[
         Path | None,
-        option(
-            "A file, for OEM a folder, for CSV also - for standard output; by default the plan's "
-            "name with the format's ending."
-        ),
+        option("A file, for OEM a folder, for CSV also -; by default named as the plan."),
     ] = None,
 ) -> None:
     """Write a plan in a format that other tools read.
@@ -41,7 +38,8 @@ def convert(
     from pipeline.plan.document import read_plan
 
     made = read_plan(plan)
-    target = out or _default(plan, to)
+    beside = plan if plan == STDIO else plan.with_suffix("" if to == "oem" else f".{to}")
+    target = out or beside
     if target == STDIO and to != "csv":
         raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
     not_over(plan, target)
@@ -66,21 +64,10 @@ def convert(
         raise typer.Exit(FAILED)
 
 
-def _default(plan: Path, to: Form) -> Path:
-    """Where a plan goes without --out."""
-    if plan == STDIO:
-        return STDIO
-    return plan.with_suffix("" if to == "oem" else f".{to}")
-
-
 def show(
     plan: PlanFile,
     out: Annotated[
-        Path | None,
-        option(
-            "Page to write, - for standard output; by default beside the plan, with the suffix "
-            ".html."
-        ),
+        Path | None, option("Page to write, - for standard output; PLAN.html by default.")
     ] = None,
 ) -> None:
     """Write one HTML page that shows a plan and opens without a network.

@@ -105,25 +105,16 @@ def _fly_trials(
         loops = fly_trials(plan, world, errors, folder, settings, planner=planner, progress=shown)
     if as_json:
         required = None if planner is None else asdict(plan.requirements)
-        result = {"folder": str(folder), "loops": loops, "requirements": required}
-        print_json({"plan": str(path), **result})
+        about = {"plan": str(path), "folder": str(folder)}
+        print_json({**about, "loops": loops, "requirements": required})
         return
     print_trials(loops, problem.collision_radius, settings.size)
-    if planner is not None and (kept := _kept(plan.requirements)):
-        echo(kept)
+    echo(*([] if planner is None else _kept(plan.requirements)))
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
 
 
 def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
-    """The errors of a preset with some of them changed.
-
-    Args:
-        preset: of PRESETS.
-        changes: written as NAME=VALUE.
-
-    Raises:
-        InputError: for a name or a value that is none.
-    """
+    """The errors of a preset, of PRESETS, with some of them changed as in NAME=VALUE."""
     from pipeline.flight.errors import PRESETS
 
     errors, names = PRESETS[preset], [field.name for field in fields(PRESETS[preset])]
@@ -142,17 +133,17 @@ def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
     return errors
 
 
-def _kept(required: "Requirements") -> str:
+def _kept(required: "Requirements") -> list[str]:
     """A sentence on what replanning keeps other than separation at all times, if anything."""
     if required.at_nodes:
-        return "Planned anew, craft are kept apart at the nodes only, as in the plan."
+        return ["Planned anew, craft are kept apart at the nodes only, as in the plan."]
     if required.passive_safety is None:
-        return ""
-    return (
+        return []
+    return [
         "Planned anew, craft are also kept apart from any that loses its thrust at a node, for "
         f"{required.passive_safety:g} orbits of drift, as in the plan; nodes without a safe plan "
         "are those at which this or r_col was not kept from where craft seemed to be."
-    )
+    ]
 
 
 def _fly_once(path: Path, plan: "Plan", conditions: "Conditions", *, as_json: bool) -> None:
@@ -177,23 +168,14 @@ HEADINGS = (
 
 def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
-    echo(_about(report["conditions"]))
-    rows = report["effects"]
-    safe = report["collision_radius"]
+    of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
+    held, j2 = of["ballistic"], "with" if of["j2"] else "without"
+    pulled = f"drag of {held:g} m²/kg ± {of['spread']:.0%}" if held else "without drag"
+    orbit = f"Eccentricity {of['eccentricity']:g}, inclination {of['inclination_deg']:g}°"
+    echo(f"{orbit}, {j2} J2, {pulled}.")
     near = [k for k, row in enumerate(rows) if (row["min_separation_bound"] or safe + 1) <= safe]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
-    echo(f"Δv is {number(report['delta_v'])} m/s, as planned.")
-    echo(_verdict(report))
-
-
-def _about(conditions: Mapping[str, Any]) -> str:
-    held = conditions["ballistic"]
-    pulled = f"drag of {held:g} m²/kg ± {conditions['spread']:.0%}" if held else "without drag"
-    return (
-        f"Eccentricity {conditions['eccentricity']:g}, inclination "
-        f"{conditions['inclination_deg']:g}°, {'with' if conditions['j2'] else 'without'} J2, "
-        f"{pulled}."
-    )
+    echo(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
@@ -210,17 +192,14 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 
 def _verdict(report: Mapping[str, Any]) -> str:
     """How far off the goal, and whether any pair comes too close."""
-    miss = (
-        f"At worst, craft {report['goal_error_craft']} ends {error(report['goal_error'])} m from "
-        "its goal"
+    worst, off = report["goal_error_craft"], error(report["goal_error"])
+    miss = f"At worst, craft {worst} ends {off} m from its goal"
+    pair, radius, safe = (
+        report[name] for name in ("min_separation_pair", "collision_radius", "safe")
     )
-    pair, radius = report["min_separation_pair"], report["collision_radius"]
-    at_nodes = report["separation"] == "nodes"
-    if report["safe"] and (pair is None or not at_nodes):
+    if safe and (pair is None or report["separation"] != "nodes"):
         return f"{miss}. No pair comes within {radius:g} m."
-    verdict = (
-        "No pair is too close at a node, and no more was asked" if report["safe"] else "Not safe"
-    )
+    verdict = "No pair is too close at a node, and no more was asked" if safe else "Not safe"
     return (
         f"{miss}. {verdict}: craft {pair[0]} and {pair[1]} come within "
         f"{report['min_separation']:.2f} m of each other; collision_radius is {radius:g} m."

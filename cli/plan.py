@@ -8,20 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.app import not_over, told_if_stopped, within_memory
-from cli.options import planners, with_settings
+from cli.options import with_settings
 from cli.output import beside, print_json, stdout_free
 from cli.plan_table import print_plans
 from cli.progress import progress
-from cli.settings import (
-    AllowDrift,
-    AsJson,
-    Assignment,
-    Effort,
-    RiskSettings,
-    Separation,
-    flag,
-    option,
-)
+from cli.settings import AsJson, Planning, RiskSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.files import STDIO, stem_of
 
@@ -37,27 +28,10 @@ def plan(
     scenarios: Annotated[list[Path], typer.Argument(help="Scenario files; - is standard input.")],
     out: Annotated[Path, option("Plan file, - for standard output, or a folder for several.")],
     *,
-    planner: Annotated[
-        str,
-        option(
-            "expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
-            autocompletion=planners,
-        ),
-    ] = "expert",
-    separation: Separation = "continuous",
-    effort: Annotated[
-        Effort | None,
-        option(
-            "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
-            "the best of several searches. By default the second; after a model, the first, and "
-            "after the refiner that only where it has no safe plan."
-        ),
-    ] = None,
+    planning: Planning,
     raw: Annotated[
         bool, flag("--raw", "A model's own plan, safe or not, without the expert after it.")
     ] = False,
-    allow_drift: AllowDrift = False,
-    assignment: Assignment = "given",
     risk: RiskSettings,
     passive_safety: Annotated[
         float | None,
@@ -118,9 +92,11 @@ def plan(
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
         not_over(path, target)
-    asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
-    requirements = Requirements(separation, passive_safety, risk.limit())
-    chosen = planner_of(planner, requirements, effort, raw=raw, assignment=assignment)
+    asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
+    requirements = Requirements(planning.separation, passive_safety, risk.limit())
+    chosen = planner_of(
+        planning.planner, requirements, planning.effort, raw=raw, assignment=planning.assignment
+    )
     rows: list[dict[str, Any]] = []
 
     def kept() -> str:

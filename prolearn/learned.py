@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from pipeline.networks.model import Model
-    from registry.version import ModelVersion
+    from registry.models import ModelVersion
 
 
 def read_dataset(

@@ -22,8 +22,7 @@ from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.scenario import FURTHEST
 
-TABLE, FIGURE = "trials.csv", "trials"
-"""Names of the files beside the trials."""
+TABLE, FIGURE = "trials.csv", "trials"  # names of the files beside the trials
 
 
 def fly_trials(
@@ -39,10 +38,6 @@ def fly_trials(
     """Fly a plan many times with errors, into a folder of files; a summary of each loop.
 
     A planner plans anew at every node, in further loops beside the open one.
-
-    Raises:
-        InputError: for numbers or a folder that cannot be worked with.
-        ProlearnError: where the folder cannot be written to.
     """
     scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
     if out.exists() and not out.is_dir():

@@ -16,11 +16,8 @@ from pipeline.scenario.document import read_checked
 from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff
 from pipeline.tradeoff.figure import tradeoff_figure
 
-PLANS = "plans"
-"""Folder of the plans within that of the trade-off."""
-
-PLAN = "transfer-{}s.plan.json"
-"""Name of a plan's file, by its duration in s."""
+PLANS = "plans"  # folder of the plans within that of the trade-off
+PLAN = "transfer-{}s.plan.json"  # name of a plan's file, by its duration in s
 
 NOT_IN_CSV = ("min_separation_pair", "assignment", "risk", "craft_delta_v", "craft_delta_v_2norm")
 """Fields of a row that are neither number nor word; the plan files have them."""
@@ -36,23 +33,13 @@ def trade(
 ) -> Sequence[dict[str, Any]]:
     """Plan a scenario for several durations and write the plans, a table and a figure.
 
-    Only safe plans are written as files. Those of an earlier trade-off in the folder go.
-
-    Args:
-        path: a scenario file.
-        planner: who plans.
-        out: folder for the files.
-        settings: steps, goal, and whether states may drift.
-        durations: the shortest and the longest, s.
-        progress: told of each duration.
+    Only safe plans are written as files. Those of an earlier trade-off in the folder go. Durations
+    are the shortest and the longest, s.
 
     Returns:
         A plan's summary for each duration, with ``duration`` (s), ``nodes``, ``time_step``,
         ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan``, or
         None where it is not safe.
-
-    Raises:
-        InputError: for a scenario, a range or a folder that cannot be worked with.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")

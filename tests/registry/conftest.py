@@ -26,9 +26,8 @@ from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
 from pipeline.training.loop import Epoch, Trained, train
-from registry.training import record_training
-from registry.training_record import DatasetInfo
-from registry.version import ModelVersion
+from registry.models import ModelVersion
+from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
 
