@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ Row = dict[str, float | int | str]
 """A line of a table, by column."""
 
 
-def show(title: str, rows: Sequence[Row]) -> None:
+def show(title: str, rows: Sequence[Mapping[Any, Any]]) -> None:
     """Print a table whose columns are the keys of its rows."""
     table = Table(title=title, box=None, pad_edge=False, title_justify="left", header_style="bold")
     for name in rows[0]:
@@ -35,7 +35,6 @@ def quartiles(values: Array) -> str:
 
 
 def write_json(path: Path, result: Any) -> None:
-    """Write a result for whoever plots or compares it later."""
     write_text(path, json.dumps(result, indent=1) + "\n")
 
 

@@ -14,9 +14,9 @@ from pipeline.networks.onnx_export import TOLERANCE, Exported
 from pipeline.networks.onnx_export import export as export_onnx
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.model import SAFE, STEADY
-from pipeline.networks.refiner.on_board.check import TOLERANCE as CRAFT_TOLERANCE
+from pipeline.networks.refiner.on_board.export import TOLERANCE as CRAFT_TOLERANCE
 from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, value
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, value
 from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.templates import template
 from registry.models import PREFIX, ModelVersion, load
@@ -172,7 +172,7 @@ def _step_interface(name: str) -> Markdown:
     """Inputs and outputs of one of a craft's steps."""
     step = STEPS[name]
     rows = []
-    for kind, names in (("input", takes(step)), ("output", outputs(step))):
+    for kind, names in (("input", step.takes), ("output", outputs(step))):
         for one in names:
             sizes, dtype = value(one).shape, str(value(one).dtype).removeprefix("torch.")
             shape = f"({', '.join(map(str, sizes))})" if sizes else "one number"

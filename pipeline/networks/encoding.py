@@ -104,12 +104,8 @@ class Encoding:
 def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMPONENT) -> Encoding:
     """The encoding whose scales come from training examples, in one pass over them.
 
-    Args:
-        examples: what is learnt from; where there are no plans, the inputs stand for them.
-        interior: of INTERIORS.
-        target: STATES or OFFSET.
-        scaling: COMMON, by the largest component's root mean square, or COMPONENT, each by its
-            own.
+    They are COMMON, the largest component's root mean square, or of each COMPONENT its own. Where
+    there are no plans, the inputs stand for them.
 
     Raises:
         InputError: for an unknown interior, target or scaling.
@@ -123,18 +119,14 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
         wanted = wanted - given if target == OFFSET else wanted
         squares += [np.square(states).sum(axis=(0, 1, 2)) for states in (given, wanted)]
         count += given.shape[0] * given.shape[1] * given.shape[2]
-    scale = _common_scale if scaling == COMMON else _component_scale
-    scales = (scale(np.sqrt(square / count)) for square in squares)
+    scales = (_scale(np.sqrt(square / count), scaling) for square in squares)
     return Encoding(examples.problem, examples.n, interior, target, *scales)
 
 
-def _common_scale(size: Float[Array, "6"]) -> tuple[float, ...]:
-    """The largest component's root mean square, for all."""
-    return (float(size.max()) or 1.0,) * 6
-
-
-def _component_scale(size: Float[Array, "6"]) -> tuple[float, ...]:
-    """Root mean square of each component; one that never varies gets a harmless scale."""
+def _scale(size: Float[Array, "6"], scaling: str) -> tuple[float, ...]:
+    """Scales from each component's root mean square; what never varies gets a harmless one."""
+    if scaling == COMMON:
+        return (float(size.max()) or 1.0,) * 6
     kind = np.repeat(size.reshape(2, 3).max(axis=1), 3)  # positions, velocities
     size = np.maximum(size, LEAST_SHARE * kind)
     return tuple(float(s) for s in np.where(size > 0, size, 1.0))

@@ -18,6 +18,9 @@ RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found a
 # Share by which a claimed risk may be below the one found anew: its quadrature is so exact
 SAME = 1e-2
 
+FalseClaim = tuple[str, float, float, str]
+"""Name of a field, the value that a file claims, the value found anew, and the unit."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rechecked:
@@ -80,13 +83,21 @@ def _refuse_overflow(claimed: Plan) -> None:
         )
 
 
-def _false_claims(
-    said: Certificate, found: Certificate, problem: Problem
-) -> Iterator[tuple[str, float, float, str]]:
-    """Fields that a file claims more of than its controls give, with both values and the unit.
+def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> Iterator[FalseClaim]:
+    """Fields that a file claims more of than its controls give.
 
     NaN is a false claim.
     """
+    yield from _false_spending(said, found)
+    yield from _false_separations(said, found)
+    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
+        yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
+    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
+        yield "risk.bound", said.risk.bound, found.risk.bound, ""
+
+
+def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
+    """Fuel, Δv of the swarm and of each craft, and the count of collisions at nodes."""
     for name, unit in (("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")):
         theirs, ours = getattr(said, name), getattr(found, name)
         if not abs(theirs - ours) <= RELATIVE * abs(ours):
@@ -97,6 +108,10 @@ def _false_claims(
             if not abs(theirs - ours) <= RELATIVE * found.delta_v:
                 yield f"{name}[{k}]", theirs, ours, " m/s"
                 break
+
+
+def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
+    """The least separations, in flight and after a loss of thrust, and the bounds below them."""
     parts = (("", said, found), ("passive_safety.", said.passive_safety, found.passive_safety))
     for prefix, claim, truth in parts:
         for name in ("min_separation", "min_separation_bound"):
@@ -105,7 +120,3 @@ def _false_claims(
                 continue
             if not theirs <= ours + 2 * TOLERANCE:
                 yield prefix + name, theirs, ours, " m"
-    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
-        yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
-    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
-        yield "risk.bound", said.risk.bound, found.risk.bound, ""

@@ -10,7 +10,7 @@ from judge import Case, closest_adrift, judge_plan
 from judged import document
 from trials import Errors, frequency, wilson
 
-from benchmarks.rule import Rule
+from benchmarks.rule import rule
 from cli.jobs.planner import planner_of
 from pipeline.errors import InputError
 from pipeline.expert import solve
@@ -67,7 +67,7 @@ PLANNERS = {
     **{name: named(name) for name in ("straight-line", "minimum-energy", "own-LP")},
     "refiner": named("refiner", raw=True),
     "refiner + expert": named("refiner"),
-    "rule": lambda asked: Rule(4, requirements=asked),
+    "rule": lambda asked: rule(4, requirements=asked),
     "network": lambda asked: NetworkPlanner(untrained("ff1"), "ff1", asked),
     "network + expert": lambda asked: Seeded(NetworkPlanner(untrained("ff1"), "ff1", asked)),
 }

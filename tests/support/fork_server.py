@@ -17,6 +17,7 @@ import sys
 import tempfile
 import threading
 import traceback
+from typing import Any
 
 LATE = (
     "cli.main",
@@ -80,7 +81,7 @@ def answer(connection: socket.socket) -> None:
         os._exit(0)
 
 
-def run(asked: dict[str, object], streams: list[int]) -> int:
+def run(asked: dict[str, Any], streams: list[int]) -> int:
     """The exit status of a command or of a piece of code, in this process."""
     os.environ.clear()
     os.environ.update(asked["environment"])
@@ -105,7 +106,7 @@ def run(asked: dict[str, object], streams: list[int]) -> int:
 
 def leave(status: int) -> None:
     """All that an interpreter does at its end, except taking each module apart."""
-    threading._shutdown()
+    threading._shutdown()  # type: ignore[attr-defined]
     atexit._run_exitfuncs()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -86,7 +86,10 @@ def solve_all(
             for _ in range(MOST_PIVOTS):
                 if not pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
                     break
-            read_controls(rows, m, value, basic, u)
+            u[:] = 0.0
+            for i in range(rows):
+                if basic[i] < m:
+                    u[basic[i]] = value[i]
         read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change)
 
 
@@ -183,7 +186,10 @@ def entering_variable(sign, line, cost, other, m, largest, ratio):
     """
     least, steepest, found = np.inf, 0.0, -1
     for k in range(len(other)):
-        ratio[k] = dual_ratio(sign * line[k], cost[k], other[k], m, largest)
+        slope, (low, high) = sign * line[k], slopes(other[k], m, largest)
+        ratio[k] = np.inf
+        if abs(slope) >= NO_PIVOT:
+            ratio[k] = max((cost[k] - (low if slope > 0 else high)) / slope, 0.0)
         least = min(least, ratio[k])
     for k in range(len(other)):
         if ratio[k] <= least + TIE:
@@ -193,16 +199,6 @@ def entering_variable(sign, line, cost, other, m, largest, ratio):
         if tied and (found < 0 or other[k] < other[found]):
             found = k
     return found
-
-
-@no_type_check
-@njit(cache=True)
-def dual_ratio(slope, cost, variable, m, largest):
-    """Dual of the leaving row at which another variable would enter."""
-    if abs(slope) < NO_PIVOT:
-        return np.inf
-    low, high = slopes(variable, m, largest)
-    return max((cost - (low if slope > 0 else high)) / slope, 0.0)
 
 
 @no_type_check
@@ -224,16 +220,6 @@ def exchange(rows, leaving, entering, body, value, basic, other):
             value[i] -= share * amount
     value[leaving] = amount
     basic[leaving], other[entering] = other[entering], basic[leaving]
-
-
-@no_type_check
-@njit(cache=True)
-def read_controls(rows, m, value, basic, controls):
-    """Read the controls off the tableau."""
-    controls[:] = 0.0
-    for i in range(rows):
-        if basic[i] < m:
-            controls[basic[i]] = value[i]
 
 
 @no_type_check
