@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.options import given_options, refuse, with_settings
+from cli.options import given_options, with_settings
 from cli.output import beside, echo, print_json
 from cli.progress import progress
 from cli.settings import (
@@ -227,8 +227,13 @@ def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
 
     scheduler, wait = settings.scheduler, settings.scheduler_wait
     if settings.backend == "loky":
-        reason = "and work on this machine has no scheduler; expected it with --backend dask."
-        refuse(context, ("scheduler", "scheduler_wait"), reason)
+        values = {"scheduler": public_url(scheduler), "scheduler_wait": f"{wait or 0:g}"}
+        for name, option_ in given_options(context).items():
+            if name in values:
+                raise InputError(
+                    f"{option_} is {values[name]} and work on this machine has no scheduler; "
+                    "expected it with --backend dask."
+                )
         return Workers(settings.jobs)
     if not scheduler:
         raise InputError(

@@ -214,7 +214,10 @@ class RiskSettings:
     ] = None
     thrust_sigma: Annotated[
         float | None,
-        option("With --risk: sigma of a burn's size, a share, and of its direction, rad an axis."),
+        option(
+            "With --risk: sigma of each burn's size, as a share of it, and of its direction about "
+            "each axis across it, rad."
+        ),
     ] = None
     velocity_sigma: Annotated[
         float | None,
