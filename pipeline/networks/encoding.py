@@ -34,17 +34,12 @@ INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
 }
 """By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
 
-STATES = "states"  # the answer is the trajectory itself, as in the paper
-OFFSET = "offset"  # the answer is the trajectory's offset from the input's
+TARGETS = STATES, OFFSET = "states", "offset"
+"""The answer is the trajectory itself, as in the paper, or its offset from the input's."""
 
-TARGETS = (STATES, OFFSET)
-
-COMMON = "common"
-"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix."""
-
-COMPONENT = "component"  # a scale for each component, so that each is near 1
-
-SCALINGS = (COMMON, COMPONENT)
+SCALINGS = COMMON, COMPONENT = "common", "component"
+"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix, or
+one for each, so that each is near 1."""
 
 LEAST_SHARE = 1e-6
 """Least scale of a component, as a share of the largest of its kind: rounding is no signal."""
