@@ -30,9 +30,10 @@ from typing import Annotated
 import numpy as np
 import typer
 from jaxtyping import Float, Int
-from rich.console import Console
 from threadpoolctl import threadpool_limits
 
+from benchmarks.tables import show
+from cli.output import echo
 from pipeline.arrays import Array
 from pipeline.expert import BEST, decoupled_optima, solve
 from pipeline.expert.conflicts import ConflictDetection, Trajectory
@@ -64,22 +65,27 @@ def main(
     """Compare the gap of the expert's best plans with the floor under any safe plan's."""
     started = process_time()
     with threadpool_limits(1):
-        rows = [
+        found = [
             floor_and_gaps(draw(family, seed, n, index, Problem()), programs)
             for index in range(instances)
         ]
-    floor, gap, default = 100 * np.array(rows).T
-    write = Console().print
+    floor, gap, default = 100 * np.array(found).T
     took = process_time() - started
-    write(f"{family}, seed {seed}, n = {n}, {instances} instances, {took:.0f} s")
-    write(f"gap of the expert's usual plans   {_mean(default)} %")
-    write(f"gap of the expert's best plans    {_mean(gap)} %")
-    write(f"proven floor of any safe plan's   {_mean(floor)} %")
-    write(f"difference: can be gained at most {_mean(gap - floor)} %")
-    write(f"instances open by over {OPEN} %     {int((gap - floor > OPEN).sum())}")
+    measured = {
+        "gap of the expert's usual plans": default,
+        "gap of the expert's best plans": gap,
+        "proven floor of any safe plan's": floor,
+        "difference: can be gained at most": gap - floor,
+    }
+    rows = [
+        {"": what, "%": f"{k.mean():.4f}", "±": f"{k.std(ddof=1) / len(k) ** 0.5:.4f}"}
+        for what, k in measured.items()
+    ]
+    show(f"{family}, seed {seed}, n = {n}, {instances} instances, {took:.0f} s", rows)
+    echo(f"instances open by over {OPEN} %: {int((gap - floor > OPEN).sum())}")
     if (left := float((default - floor).sum())) > 0:
         won = float((default - gap).sum()) / left
-        write(f"best plans gain at least {won:.0%} of what usual ones leave above the floor")
+        echo(f"best plans gain at least {won:.0%} of what usual ones leave above the floor")
 
 
 def floor_and_gaps(scenario: Scenario, programs: int) -> tuple[float, float, float]:
@@ -238,10 +244,6 @@ def _labels(scenario: Scenario, own: Float[Array, "n intervals 3"], plan: Plan) 
         found, _ = detection.conflicts(flown, scenario.problem.collision_radius + TIGHT)
         near += found
     return cluster_labels(scenario.n, near.first, near.second)
-
-
-def _mean(values: Float[Array, "k"]) -> str:
-    return f"{values.mean():.4f} ± {values.std(ddof=1) / len(values) ** 0.5:.4f}"
 
 
 if __name__ == "__main__":

@@ -75,16 +75,9 @@ LEAST_CHANGE = Programs(_first_duals, _optima)  # the program above
 @no_type_check
 @njit(cache=True)
 def _solve_all(start, order, gain, free, asked, controls, dual):
-    """The optimum of each of C programs; sides are those of ``simplex.solve_all``.
+    """The optimum of each of C programs; arguments are those of ``simplex.solve_all``.
 
-    Args:
-        start: where the sides of each craft begin in ``order``, (C + 1,).
-        order: sides of planes, (S,).
-        gain: rows of planes for the first craft of each, (L, m).
-        free: F times these, (L, m).
-        asked: what is asked of either craft, (L, 2).
-        controls: decoupled optima, which become the result, (C, m).
-        dual: zeros, which become the result, (L, 2).
+    But ``free`` has F times the rows, (L, m), and controls begin as the decoupled optima, (C, m).
     """
     for c in range(len(start) - 1):
         mine, u = order[start[c] : start[c + 1]], controls[c]

@@ -83,15 +83,11 @@ class Architecture(Protocol):
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """An untrained module.
 
-        It must be a function of its arguments alone, since a stored model is rebuilt with it:
-        ``config`` comes from a file and may hold anything; raise ValueError where it makes no
-        sense. All that it holds is stored as weights, so what follows from the problem alone
-        belongs elsewhere.
-
-        Args:
-            config: sizes, as in the property of this name.
-            encoding: swarm size, nodes and problem that the network is for.
-            dropout: share of each hidden layer's outputs to drop in training.
+        It must be a function of its arguments alone, since a stored model is rebuilt with it: the
+        sizes in ``config`` come from a file and may be anything; raise ValueError where they make
+        no sense. All that it holds is stored as weights, so what follows from the problem alone
+        belongs elsewhere. ``dropout`` is the share of each hidden layer's outputs to drop in
+        training.
         """
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:

@@ -18,41 +18,28 @@ Ends = Float[Array, "*batch 6"]
 Trajectories = Float[Array, "*batch T 6"]
 
 
-def line(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
-    """The straight line from initial to goal state, in m and m/s."""
-    return straight_line(initial, goal, problem.nodes)
-
-
-def zeros(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+def _ends_alone(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
     """Nothing but the first and last state of each craft."""
     states = np.zeros((*initial.shape[:-1], problem.nodes, 6))
     states[..., 0, :], states[..., -1, :] = initial, goal
     return states
 
 
-def least_energy(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
-    """Each craft's own transfer of minimum energy, in closed form."""
-    return fly(initial, minimum_energy(initial, goal, problem), problem)
-
-
 INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
-    "line": line,
-    "zeros": zeros,
-    "minimum-energy": least_energy,
+    "line": lambda initial, goal, problem: straight_line(initial, goal, problem.nodes),
+    "zeros": _ends_alone,
+    "minimum-energy": lambda initial, goal, problem: fly(
+        initial, minimum_energy(initial, goal, problem), problem
+    ),
 }
 """By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
 
-STATES = "states"  # the answer is the trajectory itself, as in the paper
-OFFSET = "offset"  # the answer is the trajectory's offset from the input's
+TARGETS = STATES, OFFSET = "states", "offset"
+"""The answer is the trajectory itself, as in the paper, or its offset from the input's."""
 
-TARGETS = (STATES, OFFSET)
-
-COMMON = "common"
-"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix."""
-
-COMPONENT = "component"  # a scale for each component, so that each is near 1
-
-SCALINGS = (COMMON, COMPONENT)
+SCALINGS = COMMON, COMPONENT = "common", "component"
+"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix, or
+one for each, so that each is near 1."""
 
 LEAST_SHARE = 1e-6
 """Least scale of a component, as a share of the largest of its kind: rounding is no signal."""

@@ -269,9 +269,9 @@ class Iterate:
 
 def task_of(
     problem: Problem,
-    initial: Float[Array, "b n 6"],
-    goal: Float[Array, "b n 6"],
-    radius: Float[Array, "b"],
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
     device: Any = None,
 ) -> Task:
     """Swarms with their decoupled optima and their encounters, from m and m/s.
@@ -279,7 +279,7 @@ def task_of(
     ``device`` is torch's, where gradients are wanted.
     """
     grid, n = grid_of(problem), initial.shape[1]
-    begin, end = (in_units(states, radius, problem) for states in (initial, goal))
+    begin, end = (in_units(plain(ends), plain(radius), problem) for ends in (initial, goal))
     own = decoupled_optima(begin, end, grid, problem)
     met = encounters(grid.fly(begin, own.controls), n)
     grid = grid_of(problem, device)
@@ -390,14 +390,14 @@ def answer(
     weights: Weights | None,
     rounds: int,
     problem: Problem,
-    initial: Float[Array, "b n 6"],
-    goal: Float[Array, "b n 6"],
-    radius: Float[Array, "b"],
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
     programs: Programs = LEAST_FUEL,
 ) -> Float[Array, "b n intervals 3"]:
     """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
     controls, _ = cheapest_safe(weights, task_of(problem, initial, goal, radius), rounds, programs)
-    unit = radius / problem.time_step**2
+    unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 
 

@@ -15,7 +15,6 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.networks.architecture import Batch, Swarms
 from pipeline.networks.document import Answer
@@ -174,7 +173,8 @@ class Refiner:
                 "has planned; expected labels 0, or draws 0 to learn from a dataset's plans."
             )
         given = _turned(_crowded(batch, encoding, settings))
-        task, terms = _task(given, given.initial.device), []
+        ends = given.initial, given.goal, given.collision_radius
+        task, terms = task_of(given.problem, *ends, given.initial.device), []
         now, weights = start(task), network.weights
         for number in range(settings.rounds):
             now = play(weights, task, now, number)
@@ -196,7 +196,7 @@ class Refiner:
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         scores = []
         for radius in (batch["radius"], batch["most"]):
-            task = _task(Swarms(encoding.problem, batch["initial"], batch["goal"], radius))
+            task = task_of(encoding.problem, batch["initial"], batch["goal"], radius)
             controls, safe = cheapest_safe(network.arrays, task, network.rounds)
             ratio = _ratio(task, torch.from_numpy(controls))
             scores.append((ratio.log() + UNSAFE * torch.from_numpy(~safe)).mean())
@@ -207,22 +207,13 @@ class Refiner:
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
-        weights, rounds = network.arrays, network.rounds
-        return torch.from_numpy(answer(weights, rounds, swarms.problem, *_arrays(swarms)))
+        ends = swarms.initial, swarms.goal, swarms.collision_radius
+        return torch.from_numpy(answer(network.arrays, network.rounds, swarms.problem, *ends))
 
 
 def _options(**changes: Any) -> dict[str, Any]:
     """A recipe's options, as plain JSON values."""
     return LossSettings(**changes).model_dump(mode="json")
-
-
-def _task(swarms: Swarms, device: torch.device | None = None) -> Task:
-    return task_of(swarms.problem, *_arrays(swarms), device)
-
-
-def _arrays(swarms: Swarms) -> tuple[Array, Array, Array]:
-    """Initial and goal states, and collision radii."""
-    return plain(swarms.initial), plain(swarms.goal), plain(swarms.collision_radius)
 
 
 def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:

@@ -36,24 +36,11 @@ def solve_all(
 ):  # fmt: skip
     """The optimum of each of C programs; all arrays are contiguous float64 or int64.
 
-    A plane has two sides, 2l and 2l + 1, for the two craft between which it is.
-
-    Args:
-        tableau: B⁻¹ R of decoupled optima, (N, 6, m - 6).
-        own: their controls, (N, m).
-        basis: basic controls there, (N, 6).
-        others: the other controls, (N, m - 6).
-        sides: sign of each basic control, (N, 6).
-        costs: duals of the others, (N, m - 6).
-        craft_of: whose programs they are, (C,).
-        start: where the sides of each begin in ``order``, and their number, (C + 1,).
-        order: sides of planes, one craft's after the other's, (S,).
-        gain: rows of planes for the first craft of each, (L, m); the second's are their negatives.
-        asked: what is asked of either, (L, 2).
-        largest: cost of what is missing at a plane, and so its largest dual.
-        controls: result, (C, m).
-        dual: zeros, which become the result, (L, 2).
-        change: zeros, which become ∂u/∂asked, (L, 2, m); (0, 2, m) where it is not wanted.
+    The first six arguments are the fields of ``programs.Decoupled``, the next three those of
+    ``programs.Sides``; gain (L, m), asked (L, 2) and largest are g, d and Λ. Results are controls
+    (C, m), and what begins as zeros: duals (L, 2), and ∂u/∂asked (L, 2, m), which is (0, 2, m)
+    where it is not wanted. A plane has two sides, 2l and 2l + 1, for the two craft between which
+    it is.
     """
     C, m = len(craft_of), own.shape[1]
     most = np.max(start[1:] - start[:-1])
@@ -122,10 +109,7 @@ def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
 @no_type_check
 @njit(cache=True)
 def first_ratios(tableau, basis, others, costs, craft_of, gain, dual):
-    """What the first unit along rows ``gain``, (k, m), costs craft at their decoupled optima.
-
-    The result, (k,), is the dual simplex ratio; other arguments are those of ``solve_all``.
-    """
+    """What the first unit along rows (k, m) costs craft, (k,): the dual simplex ratio."""
     moved = np.empty(others.shape[1])
     for c in range(len(craft_of)):
         craft, g = craft_of[c], gain[c]

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -54,13 +54,9 @@ Run = Callable[[str, AgentMemory], Mapping[str, Any]]
 """Runs the step of a name on what one craft knows, and gives its outputs by name."""
 
 
-class Edge(NamedTuple):
-    """One craft's side of an encounter."""
-
-    craft: int  # whose side
-    place: int  # among its encounters
-    other: int  # the craft that it meets
-    there: int  # the encounter's place among those of the other craft
+Edge = tuple[int, int, int, int]
+"""One side of an encounter: a craft, the encounter's place among its own, the craft that it meets,
+and the place there."""
 
 
 def fly_rounds(
@@ -83,9 +79,9 @@ def fly_rounds(
     yield np.stack([craft["controls"] for craft in swarm])
     for number in range(rounds):
         for name, step in ROUND.items():
-            for k in {edge.craft for edge in edges}:  # others keep their decoupled optimum
+            for k in {edge[0] for edge in edges}:  # others keep their decoupled optimum
                 swarm[k].update(run(name, {**swarm[k], "number": np.array(number)}))
-            live = [e for e in edges if step.tells_all or swarm[e.craft]["live"][e.place]]
+            live = [e for e in edges if step.tells_all or swarm[e[0]]["live"][e[1]]]
             _exchange(swarm, live, step.tells)
         yield np.stack([craft["controls"] for craft in swarm])
 
@@ -105,7 +101,7 @@ def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
         craft["interval"] = interval
         craft["nodes"] = np.stack([states[interval], states[interval + 1]], axis=1)
         craft["price"], craft["first_price"] = np.zeros((2, len(interval)))
-    return [Edge(k, place, j, places[j, k, t]) for (k, j, t), place in places.items()]
+    return [(k, place, j, places[j, k, t]) for (k, j, t), place in places.items()]
 
 
 def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequence[str]) -> None:
@@ -114,9 +110,8 @@ def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequen
         for craft in swarm:  # who is told nothing knows nothing, but in the right shape
             if name in craft:
                 craft.setdefault(TOLD + name, np.zeros_like(craft[name]))
-        for edge in edges:
-            told = swarm[edge.craft][TOLD + name]
-            told[edge.place] = swarm[edge.other][name][edge.there]
+        for k, place, other, there in edges:
+            swarm[k][TOLD + name][place] = swarm[other][name][there]
 
 
 @dataclass(frozen=True)
