@@ -2,10 +2,9 @@
 
     python -m benchmarks.ablate --data data/paper
 
-Tries the newest refiner of each recipe that was trained on a dataset, and the rule without a
-network, on the test split and on swarms of the family dense; tuned, short and the rule after other
-numbers of rounds, too. ``prolearn report`` shows the newest run; docs/refiner.md has what came of
-one. Recipes are trained by ``prolearn train --arch refiner --recipe short`` and its like.
+Tries the newest refiner of each recipe (``prolearn train --arch refiner --recipe short``) and the
+rule without a network, on the test split and on dense swarms; tuned, short and the rule after other
+numbers of rounds, too. ``prolearn report`` shows the newest run, docs/refiner.md what came of one.
 """
 
 from collections.abc import Sequence

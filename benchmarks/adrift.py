@@ -29,8 +29,7 @@ from pipeline.plan import INFEASIBLE, SOLVED, Plan, Requirements
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 SEED = 0
-BETWEEN = 8
-"""Parts of an interval at whose ends a loss between nodes is looked at."""
+BETWEEN = 8  # parts of an interval at whose ends a loss between nodes is looked at
 
 
 def main(

@@ -13,8 +13,7 @@ from pipeline.arrays import Array
 from pipeline.files import write_text
 from pipeline.plan import SOLVED, Plan
 
-Row = dict[str, float | int | str]
-"""A line of a table, by column."""
+Row = dict[str, float | int | str]  # a line of a table, by column
 
 
 def show(title: str, rows: Sequence[Mapping[Any, Any]]) -> None:

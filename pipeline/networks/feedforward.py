@@ -21,18 +21,13 @@ MAX_WIDTH = 1_000_000  # more neurons in a layer than this is a mistake
 
 
 class Layers(BaseModel):
-    """Units of each hidden layer, in order."""
+    """Units of each hidden layer, in order; ValueError where they make no sense."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     hidden: list[Annotated[int, Field(ge=1, le=MAX_WIDTH, strict=True)]] = Field(
         min_length=1, max_length=100
     )
-
-
-def hidden_layers(config: Mapping[str, Any]) -> list[int]:
-    """The ``hidden`` of a configuration; ValueError where it makes no sense."""
-    return Layers.model_validate(dict(config)).hidden
 
 
 @dataclass(frozen=True)
@@ -59,7 +54,7 @@ class FeedForward(Layered):
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """Dense layers from 6·n·T numbers to 6·n·T numbers."""
         size = 6 * encoding.n * encoding.problem.nodes
-        widths = [size, *hidden_layers(config)]
+        widths = [size, *Layers(**config).hidden]
         layers: list[nn.Module] = []
         for before, after in pairwise(widths):
             layers += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(dropout)]

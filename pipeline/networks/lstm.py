@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.feedforward import Layered, hidden_layers
+from pipeline.networks.feedforward import Layered, Layers
 
 STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
 """Weights that all columns share see nT times as many examples: larger steps, fewer epochs do."""
@@ -48,7 +48,7 @@ class Lstm(Layered):
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """LSTM layers and a linear layer back to six numbers a column."""
-        return Columns(hidden_layers(config), dropout)
+        return Columns(Layers(**config).hidden, dropout)
 
     def forward(
         self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding

@@ -16,19 +16,7 @@ SCHEDULES = (CONSTANT, COSINE)
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a network is trained.
-
-    Attributes:
-        gradient_limit: greatest norm of a step's gradient, to which longer ones are cut; 0 for
-            none.
-        averaging: what the mean of the weights over the run keeps of itself at each step; it is
-            this mean that is scored and kept. 0 for the weights themselves.
-        draws: fresh scenarios an epoch, without plans, instead of the dataset's training split; 0
-            for none.
-        crowded: scenarios of the family dense, without plans and drawn once, that are learned from
-            with the others; 0 for none.
-        options: what only one architecture knows, by name.
-    """
+    """How a network is trained; of what is 0 by default there is none."""
 
     name: str  # of RECIPES or the architecture's, or any other for one of your own
     target: str  # what the network answers: "states", or "offset" from the input's trajectories
@@ -41,11 +29,12 @@ class Recipe:
     interior: str = "line"  # what stands in the input between initial and goal state
     collision_weight: float = 0.02  # weight of the collision penalty, in networks that have one
     schedule: str = CONSTANT  # of the learning rate over all epochs, of SCHEDULES
-    gradient_limit: float = 0.0
+    gradient_limit: float = 0.0  # norm to which longer gradients of a step are cut
+    # what the mean of the weights over the run, which is scored and kept, keeps of itself at a step
     averaging: float = 0.0
-    draws: int = 0
-    crowded: int = 0
-    options: Mapping[str, Any] = field(default_factory=dict)
+    draws: int = 0  # fresh scenarios an epoch, without plans, instead of the training split
+    crowded: int = 0  # scenarios of the family dense, without plans, drawn once, beside the others
+    options: Mapping[str, Any] = field(default_factory=dict)  # what only one architecture knows
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be trained with."""

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -158,7 +159,7 @@ def _improve(
     order = torch.Generator().manual_seed(seed)
     history: list[Epoch] = []
     progress.expect(epochs)
-    best, kept = 0, _copied(scored.network)
+    best, kept = 0, deepcopy(scored.network.state_dict())
     for number in range(1, epochs + 1):
         started = time.perf_counter()
         train_loss = pass_over(task, descent, train, order)
@@ -169,7 +170,7 @@ def _improve(
             )
         history.append(Epoch(number, train_loss, valid_loss, time.perf_counter() - started))
         if best == 0 or valid_loss < history[best - 1].valid_loss:
-            best, kept = number, _copied(scored.network)
+            best, kept = number, deepcopy(scored.network.state_dict())
         progress.done(note=f"loss {valid_loss:.4g}")
         if number - best >= recipe.patience:
             break
@@ -187,10 +188,6 @@ def pass_over(task: Task, descent: Descent, data: Batches, order: torch.Generato
         descent.step(loss)
         total = total + loss.detach() * len(batch)
     return float(total) / len(data)
-
-
-def _copied(network: nn.Module) -> dict[str, Tensor]:
-    return {name: tensor.clone() for name, tensor in network.state_dict().items()}
 
 
 @contextmanager

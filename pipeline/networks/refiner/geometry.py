@@ -232,7 +232,8 @@ def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
 
 
 def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "*k L 3"]:
-    return namespace(ends).einsum("...lk,lkx->...lx", weights, ends.reshape(-1, 4, 3))
+    each = "lk,lkx->lx" if weights.ndim == 2 else "tlk,lkx->tlx"
+    return namespace(ends).einsum(each, weights, ends.reshape(-1, 4, 3))
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:

@@ -108,9 +108,8 @@ def first_duals(
     own: Decoupled, craft: Int[Array, "k"], gain: Float[Array, "k m"], _: Grid
 ) -> Float[Array, "k"]:
     """What the first unit along a row costs a craft: the dual simplex ratio."""
-    dual = np.empty(len(craft))
-    first_ratios(own.tableau, own.basis, own.others, own.cost, craft, gain, dual)
-    return dual
+    found = first_ratios(own.tableau, own.basis, own.others, own.cost, craft, gain)
+    return np.asarray(found)
 
 
 @dataclass(frozen=True)

@@ -108,9 +108,9 @@ def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
 
 @no_type_check
 @njit(cache=True)
-def first_ratios(tableau, basis, others, costs, craft_of, gain, dual):
+def first_ratios(tableau, basis, others, costs, craft_of, gain):
     """What the first unit along rows (k, m) costs craft, (k,): the dual simplex ratio."""
-    moved = np.empty(others.shape[1])
+    moved, dual = np.empty(others.shape[1]), np.empty(len(craft_of))
     for c in range(len(craft_of)):
         craft, g = craft_of[c], gain[c]
         for k in range(len(moved)):
@@ -125,6 +125,7 @@ def first_ratios(tableau, basis, others, costs, craft_of, gain, dual):
             # The sign of rounding says nothing.
             least = min(least, 1.0 / SMALL if size < SMALL else rise / size)
         dual[c] = least
+    return dual
 
 
 @no_type_check
