@@ -10,12 +10,11 @@ from typing import Any
 
 from pipeline.errors import InputError
 
+# Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on
 DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
-"""Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on."""
 
+# What may have a docstring
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
-"""What may have a docstring."""
-
 DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 
 

@@ -4,15 +4,12 @@ import re
 from urllib.parse import unquote
 
 HIDDEN = "..."
-
+# A URL inside a sentence; a second one directly behind the first is one of its own
 _URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")
-"""A URL inside a sentence; a second one directly behind the first is one of its own."""
-
+# What ends a sentence, a bracket or a quotation, not the URL in it
 _CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")
-"""What ends a sentence, a bracket or a quotation, not the URL in it."""
-
+# User and password of an address that was given without its scheme
 _BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")
-"""User and password of an address that was given without its scheme."""
 
 
 def public(text: object, *urls: object) -> str:

@@ -28,10 +28,8 @@ from pipeline.templates import template
 LICENCE = "mit"  # of data that come with prolearn: the project's own
 IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
 AGAIN = "data/again"  # folder in the commands that make a dataset once more
-
+# Columns that the card has numbers of
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
-"""Columns that the card has numbers of."""
-
 QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
 TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
 

@@ -39,23 +39,17 @@ from pipeline.storage.shards import Size
 
 CARD = "README.md"
 SCENARIOS = "_scenarios/"
-
 SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # names of shards
 OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
-
+# Files that a dataset may hold beside its shards
 BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
-"""Files that a dataset may hold beside its shards."""
-
+# Files and folders directly inside the folder of a dataset
 TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
-"""Files and folders directly inside the folder of a dataset."""
-
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
-
+# Solvers that datasets of earlier versions name, and what is used instead now
 FORMER_SOLVERS = {"cvxpy": "clarabel"}
-"""Solvers that datasets of earlier versions name, and what is used instead now."""
-
+# Requirements that are recorded, beside the settings of the expert
 REQUIRED = ("separation", "passive_safety")
-"""Requirements that are recorded, beside the settings of the expert."""
 
 
 def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:

@@ -26,8 +26,8 @@ from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.scenario import Scenario
 from pipeline.storage.shards import Size, decode, read_metadata
 
+# Columns that every solved row has a value in
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
-"""Columns that every solved row has a value in."""
 
 VIOLATIONS = {
     "thrust": "breaks the thrust limit",
@@ -36,7 +36,6 @@ VIOLATIONS = {
 }
 
 AT_ONCE = 100  # rows that are certified at once, which bounds memory
-
 ANY = Size(rows=100_000, values=10_000_000)  # the most that a shard of any dataset may hold
 
 Rows = Bool[Array, "N"]

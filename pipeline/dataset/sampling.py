@@ -21,8 +21,8 @@ from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import NewShard, open_ledger, write_shards
 from pipeline.storage.shards import encode
 
+# Code of ours and packages that the bytes of scenarios depend on
 SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scipy", "pyarrow")
-"""Code of ours and packages that the bytes of scenarios depend on."""
 
 
 def sample(

@@ -23,7 +23,6 @@ from pipeline.scenario import Scenario
 from pipeline.storage.shards import TIMED_KEY, metadata_of, read_metadata
 
 FAMILY = "prolearn.dataset/"  # what the schema of every version begins with
-
 SCHEMA = f"{FAMILY}2"
 
 
@@ -71,7 +70,6 @@ PLAN_COLUMNS = (
     _of_plan("convex_solves", INTEGER, "convex programs that the plan took"),
 )
 COLUMNS = (*SCENARIO_COLUMNS, *PLAN_COLUMNS)
-
 SCENARIO_FIELDS = [column.field for column in SCENARIO_COLUMNS]
 SOLVED_FIELDS = [column.field for column in COLUMNS]
 

@@ -34,11 +34,11 @@ from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, NewShard, open_ledger, write_shards
 from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
+# Code of ours and packages that the bytes of plans depend on
 SOLVED_BY: DecidedBy = (
     tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "plan", "expert")),
     ("numpy", "scipy", "pyarrow", "clarabel", "highspy"),
 )
-"""Code of ours and packages that the bytes of plans depend on."""
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:

@@ -31,7 +31,6 @@ DIGEST = "does not have the digest that the manifest gives it"
 CUT_SHORT = "is not in the manifest; the run that made it was cut short"
 UNTIMED = f"is not in {TIMED}"
 NOT_EXPECTED = "does not belong to this dataset"
-
 FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
 MOST_BYTES = 2**30  # size of the largest file that is read to be checked; shards have some MB
 

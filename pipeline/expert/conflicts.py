@@ -18,11 +18,10 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import levels_at
 from pipeline.plan import AT_ALL_TIMES, Requirements
 
-Craft = Int[Array, "_"] | Bool[Array, "_"]
-"""Some craft, by their indices or a mask."""
+Craft = Int[Array, "_"] | Bool[Array, "_"]  # some craft, by their indices or a mask
 
+# What pairs have left beyond what is asked for at the ends, where no control can move them, m
 ENDS = 2 * PROVABLE
-"""What pairs have left beyond what is asked for at the ends, where no control can move them, m."""
 
 
 @dataclass(frozen=True, eq=False)

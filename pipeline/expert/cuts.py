@@ -10,8 +10,7 @@ from pipeline.orbit.passive_safety import LossEncounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import TransferMaps, transfer_maps
 
-TOUCHING = 1e-3
-"""Distance in m under which two craft give no direction of their own."""
+TOUCHING = 1e-3  # distance in m under which two craft give no direction of their own
 
 
 @dataclass(frozen=True, eq=False)

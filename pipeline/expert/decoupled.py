@@ -12,18 +12,14 @@ from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
+# Relative tolerance of the programs of single craft, and so of their lower bound
 BOUND_TOLERANCE = 1e-8
-"""Relative tolerance of the programs of single craft, and so of their lower bound."""
-
-FARKAS_MARGIN = 1e-6
-"""Relative margin by which a proof of impossibility must hold, beyond rounding."""
-
+FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
+# How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own linear program"
-"""How a lower bound is proven."""
-
+# Share of the thrust limit that the programs use, so that rounding stays within it
 LIMIT_SHARE = 1 - 1e-7
-"""Share of the thrust limit that the programs use, so that rounding stays within it."""
 
 
 @dataclass(frozen=True, eq=False)

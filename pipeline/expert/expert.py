@@ -30,14 +30,9 @@ from pipeline.plan import (
 )
 from pipeline.scenario import Scenario
 
-TRIES = 8
-"""Searches at most, each for another number of standard deviations."""
-
-ENOUGH = 0.5
-"""Share of the risk asked for from which a plan is not needlessly safe."""
-
-AIM = 0.75
-"""Share of it that the next number of standard deviations is chosen for."""
+TRIES = 8  # searches at most, each for another number of standard deviations
+ENOUGH = 0.5  # share of the risk asked for from which a plan is not needlessly safe
+AIM = 0.75  # share of it that the next number of standard deviations is chosen for
 
 
 def solve(

@@ -9,8 +9,7 @@ from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.cuts import Cuts
 
-SLACK_TOLERANCE = 1e-5
-"""Slack in m under which a half-space counts as met."""
+SLACK_TOLERANCE = 1e-5  # slack in m under which a half-space counts as met
 
 
 @dataclass(frozen=True, eq=False)

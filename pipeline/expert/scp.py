@@ -37,23 +37,18 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Requirements, gap_of
 
+# Pairs that pass within this of the collision radius in a seed are cut from the start, m
 SEED_LOOK = 15.0
-"""Pairs that pass within this of the collision radius in a seed are cut from the start, m."""
-
-SHIFT = 1.5
-"""By how much further starts move the first gaps at random, in collision radii."""
-
+SHIFT = 1.5  # by how much further starts move the first gaps at random, in collision radii
+# Cost of a metre of slack in units of Δt⁻²: above the dual variable of any cut that can be met
 PENALTY = 1e3
-"""Cost of a metre of slack in units of Δt⁻²: above the dual variable of any cut that can be met."""
-
+# Rounds of a search for passive safety; beyond these another start is likelier to find a plan
 MOST_ROUNDS_PASSIVE = 30
-"""Rounds of a search for passive safety; beyond these another start is likelier to find a plan."""
 
-Cluster = Int[Array, "_"]
-"""Indices of the craft in a cluster."""
+Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
+# Of each scenario, controls that fly its seed, m/s², or None
 Seeds = Sequence[Float[Array, "_ intervals 3"] | None]
-"""Of each scenario, controls that fly its seed, m/s², or None."""
 
 
 def cluster_labels(n: int, first: Int[Array, "k"], second: Int[Array, "k"]) -> Int[Array, "n"]:

@@ -31,12 +31,12 @@ def decoupled_seed(scenario: Scenario) -> Seed:
     return fly(scenario.initial, optima.controls, scenario.problem)
 
 
+# Seeds by the name that tables give them
 SEEDS: dict[str, Callable[[Scenario], Seed] | None] = {
     "none": None,
     "straight line": line_seed,
     "minimum energy": minimum_energy_seed,
 }
-"""Seeds by the name that tables give them."""
 
 
 def checked_seed(scenario: Scenario, seed: Seed) -> Seed:

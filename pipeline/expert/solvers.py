@@ -19,12 +19,10 @@ from scipy import sparse
 from pipeline.arrays import Array
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
 
-TOLERANCE = 1e-7
-"""Relative tolerance of Clarabel in a joint program: far below what a round gains."""
+TOLERANCE = 1e-7  # relative tolerance of Clarabel in a joint program: far below what a round gains
+OPTIMAL = ("Solved", "AlmostSolved")  # what Clarabel calls an optimum
 
-OPTIMAL = ("Solved", "AlmostSolved")
-"""What Clarabel calls an optimum."""
-
+# Of HiGHS
 OPTIONS = {
     "output_flag": False,
     "presolve": "off",
@@ -32,7 +30,6 @@ OPTIONS = {
     "simplex_scale_strategy": 0,  # these programs are scaled
     "threads": 1,
 }
-"""Of HiGHS."""
 
 _STATUS = np.array([highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic], dtype=object)
 _ROWWISE, _MINIMIZE = int(highspy.MatrixFormat.kRowwise), int(highspy.ObjSense.kMinimize)
@@ -75,11 +72,11 @@ def by_interior_points(sub: Subproblem) -> Optimum:
     return sub.optimum(x, z[len(z) - len(sub.required) :])
 
 
+# Solvers by their name in ``Settings``
 SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {
     "simplex": by_simplex,
     "clarabel": by_interior_points,
 }
-"""Solvers by their name in ``Settings``."""
 
 
 def _highs() -> highspy.Highs:

@@ -24,14 +24,11 @@ from jaxtyping import Float, Int
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
 
-LENGTH = 10.0
-"""Scale of half-space rows, m."""
+LENGTH = 10.0  # scale of half-space rows, m
+NEGLIGIBLE = 1e-13  # entries of a scaled map below this are structural zeros
 
-NEGLIGIBLE = 1e-13
-"""Entries of a scaled map below this are structural zeros."""
-
+# Row, column and value of each entry of a matrix that is not zero
 Entries = tuple[Int[Array, "e"], Int[Array, "e"], Float[Array, "e"]]
-"""Row, column and value of each entry of a matrix that is not zero."""
 
 
 class UnsolvableError(ProlearnError):

@@ -31,7 +31,6 @@ from pipeline.orbit.separation import ROUNDING, Separation, closer
 MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
-
 _NONE = np.zeros(0, dtype=int)
 
 

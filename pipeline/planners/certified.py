@@ -11,8 +11,7 @@ from pipeline.expert.batch import Batch
 from pipeline.plan import INFEASIBLE, Made, Plan, Requirements, planned_all
 from pipeline.scenario import Scenario
 
-Ends = Float[Array, "b n 6"]
-"""States of all craft at one end of some transfers, m and m/s."""
+Ends = Float[Array, "b n 6"]  # states of all craft at one end of some transfers, m and m/s
 
 
 def certified(

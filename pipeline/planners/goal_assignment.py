@@ -23,11 +23,10 @@ On 100 crowded validation scenarios of ten craft (family dense) the best of 1, 4
 1.19, 1.18 and 1.18 % above the bound, on 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
 """
 
+# Gap from which the plan of the cheapest assignment is so dear that others are looked at
 DEAR = 1e-2
-"""Gap from which the plan of the cheapest assignment is so dear that others are looked at."""
-
+# How the bound of all assignments is proven
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
-"""How the bound of all assignments is proven."""
 
 IMPOSSIBLE = (
     "whichever goals they take, some craft cannot reach its own within max_acceleration, which is "
@@ -39,8 +38,8 @@ ADRIFT = (
     "plan, which is proven"
 )
 
+# Stages whose seconds are summed over all assignments that are tried
 TIMES = ("plan", "certificate")
-"""Stages whose seconds are summed over all assignments that are tried."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,10 @@ if TYPE_CHECKING:
     from pipeline.planners.network import NetworkPlanner
 
 EXPERT = "expert"
-
 _BASELINES = {baseline.name.replace(" ", "-"): baseline for baseline in BASELINES}
-
+# The names, with hyphens for spaces. The refiner is the one that comes with the package; those of
+# the registry are named with their recipe or version.
 NAMES = (EXPERT, REFINER, *_BASELINES)
-"""The names, with hyphens for spaces. The refiner is the one that comes with the package; those of
-the registry are named with their recipe or version."""
 
 
 def named_planner(

@@ -15,11 +15,10 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published, unfinished
 from pipeline.urls import public, public_url
 
-Where = str | Path
-"""A path, or a URL such as s3://bucket/n10."""
+Where = str | Path  # a path, or a URL such as s3://bucket/n10
 
+# Size in bytes and time of the last change in ns: a file with the same ones has not changed
 Stamp = tuple[int, int]
-"""Size in bytes and time of the last change in ns: a file with the same ones has not changed."""
 
 
 @dataclass(frozen=True)
