@@ -71,6 +71,13 @@ class PassiveSafety:
     node: int | None = None
     time: float | None = None
 
+    @classmethod
+    def of(cls, orbits: float, least: Separation) -> "PassiveSafety":
+        """The passive safety of a swarm whose least separation after a loss is known."""
+        if least.pair is None:
+            return cls(orbits)
+        return cls(orbits, least.distance, least.bound, least.pair, least.node, least.time)
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -136,11 +143,22 @@ def certify(
     misses = np.maximum.reduceat(miss, starts)
     defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
     defects = np.maximum.reduceat(defect, starts)
+    orbits, limit = requirements.passive_safety, requirements.risk
+    drifting: list[PassiveSafety | None] = [None] * len(scenarios)
+    if orbits is not None:
+        adrift = least_after_loss(states, controls, problem, orbits, swarms)
+        drifting = [PassiveSafety.of(orbits, least) for least in adrift]
+    risks: list[Risk | None] = [None] * len(scenarios)
+    if limit is not None:
+        errors = limit.uncertainty(problem)
+        parts = zip(np.split(states, starts[1:]), np.split(controls, starts[1:]), strict=True)
+        bounded = [collision_risk(*part, problem, errors).total for part in parts]
+        risks = [Risk(bound, limit.asked, errors, 0.0, None) for bound in bounded]
     columns = (
         _least_separations(states, controls, problem, swarms),
         swarm_node_collisions(states, problem.collision_radius, swarms).tolist(),
-        _passive_safety(states, controls, problem, requirements, swarms),
-        _risks(states, controls, problem, requirements, swarms),
+        drifting,
+        risks,
         np.split(step * each, starts[1:]),
         np.split(step * turned, starts[1:]),
     )
@@ -160,11 +178,11 @@ def certify(
             dynamics_error=float(defects[k]),
             fuel_lower_bound_proof=bounds[k][1],
             risk=risk,
-            passive_safety=drifting,
+            passive_safety=after_loss,
             craft_delta_v=tuple(spent.tolist()),
             craft_delta_v_2norm=tuple(spent_turned.tolist()),
         )
-        for k, (apart, collisions, drifting, risk, spent, spent_turned) in enumerate(
+        for k, (apart, collisions, after_loss, risk, spent, spent_turned) in enumerate(
             zip(*columns, strict=True)
         )
     ]
@@ -191,39 +209,3 @@ def _least_separations(
             alone = states[craft], controls[craft], problem, side_by_side((len(craft),))
             closest[k] = least_separations(*alone, tolerance=FINE)[0]
     return closest
-
-
-def _passive_safety(
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
-    problem: Problem,
-    requirements: Requirements,
-    swarms: Swarms,
-) -> Sequence[PassiveSafety | None]:
-    """The passive safety of each swarm, where it was asked for."""
-    orbits = requirements.passive_safety
-    if orbits is None:
-        return [None] * len(swarms.sizes)
-    return [
-        PassiveSafety(orbits)
-        if least.pair is None
-        else PassiveSafety(orbits, least.distance, least.bound, least.pair, least.node, least.time)
-        for least in least_after_loss(states, controls, problem, orbits, swarms)
-    ]
-
-
-def _risks(
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
-    problem: Problem,
-    requirements: Requirements,
-    swarms: Swarms,
-) -> Sequence[Risk | None]:
-    """The risk of flying each swarm in open loop, where a limit was asked for."""
-    limit = requirements.risk
-    if limit is None:
-        return [None] * len(swarms.sizes)
-    errors, ends = limit.uncertainty(problem), swarms.starts[1:]
-    parts = zip(np.split(states, ends), np.split(controls, ends), strict=True)
-    bounds = [collision_risk(*part, problem, errors).total for part in parts]
-    return [Risk(bound, limit.asked, errors, sigmas=0.0, fuel_without=None) for bound in bounds]

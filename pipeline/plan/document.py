@@ -151,10 +151,9 @@ OPTIONAL = ("risk", "passive_safety")
 
 
 def _certificate(certificate: Certificate) -> dict[str, Any]:
-    fields = {k: _plain(v) for k, v in vars(certificate).items() if k not in OPTIONAL}
-    asked = ((name, getattr(certificate, name)) for name in OPTIONAL)
-    return fields | {name: asdict(claim) for name, claim in asked if claim is not None}
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    claims = asdict(certificate)
+    asked = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) is not None}
+    for name, value in claims.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            claims[name] = None
+    return claims | asked

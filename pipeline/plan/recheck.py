@@ -40,10 +40,9 @@ def recheck(claimed: Plan) -> Rechecked:
     """
     _refuse_overflow(claimed)
     problem, said = claimed.scenario.problem, claimed.certificate
-    asked = claimed.requirements
     bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
     made = Made(claimed.controls, *bound, claimed.convex_solves)
-    flown = planned(claimed.planner, claimed.scenario, made, asked)
+    flown = planned(claimed.planner, claimed.scenario, made, claimed.requirements)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])
@@ -54,10 +53,7 @@ def recheck(claimed: Plan) -> Rechecked:
             "where they lead"
         )
     found = flown.certificate
-    unsafe = violations(found, flown.controls, problem, asked).keys() & {
-        "separation",
-        "passive safety",
-    }
+    unsafe = violations(flown).keys() & {"separation", "passive safety"}
     if said.risk is not None:  # by the errors that the file says
         risk = collision_risk(flown.states, flown.controls, problem, said.risk.uncertainty)
         found = replace(found, risk=replace(said.risk, bound=risk.total))
