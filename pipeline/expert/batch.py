@@ -66,7 +66,7 @@ class Batch:
         """Some of the scenarios; their decoupled optima are not computed again."""
         part = Batch([self.scenarios[k] for k in which])
         # A cached property is set as any attribute of an instance is.
-        part.__dict__["optima"] = self.optima.of(np.isin(self.swarms.label, which))
+        part.__dict__["optima"] = self.optima[np.isin(self.swarms.label, which)]
         return part
 
     def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:

@@ -1,12 +1,13 @@
 """Half-space cuts: which pairs are held apart at which times, and in which direction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.orbit.passive_safety import LossEncounters
+from pipeline.orbit.approaches import Approaches
+from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import TransferMaps, transfer_maps
 
@@ -14,7 +15,7 @@ TOUCHING = 1e-3  # distance in m under which two craft give no direction of thei
 
 
 @dataclass(frozen=True, eq=False)
-class SecondCraft:
+class SecondCraft(Rows):
     """Linear maps to the positions of cuts' second craft, where they are not as the first's."""
 
     interval: Int[Array, "k"]  # at whose start the craft's state counts
@@ -25,7 +26,7 @@ class SecondCraft:
 
 
 @dataclass(frozen=True, eq=False)
-class Cuts:
+class Cuts(Rows):
     """Pairs and times at which a separation is asked for."""
 
     first: Int[Array, "k"]
@@ -36,45 +37,24 @@ class Cuts:
     # the same of the second craft, where some cuts are passive-safety cuts
     other: SecondCraft | None = None
 
-    def __len__(self) -> int:
-        """Number of cuts."""
-        return len(self.first)
-
     def __add__(self, more: "Cuts") -> "Cuts":
         """Both sets of cuts."""
-        both = zip(self._parts, more._parts, strict=True)
-        first, second, interval, free, pushed = map(np.concatenate, both)
-        other = None
-        if self.other is not None or more.other is not None:
-            fields = zip(*(vars(cuts.second_craft).values() for cuts in (self, more)), strict=True)
-            other = SecondCraft(*map(np.concatenate, fields))
-        return Cuts(first, second, interval, free, pushed, other)
-
-    def where(self, keep: Bool[Array, "k"] | Int[Array, "j"]) -> "Cuts":
-        """Some of the cuts."""
-        first, second, interval, free, pushed = (part[keep] for part in self._parts)
-        other = self.other and SecondCraft(*(part[keep] for part in vars(self.other).values()))
-        return Cuts(first, second, interval, free, pushed, other)
+        parts = [self, more]
+        if any(cuts.other is not None for cuts in parts):
+            parts = [replace(cuts, other=cuts.other or cuts.as_first) for cuts in parts]
+        return Cuts.concatenated(parts)
 
     @property
-    def _parts(self) -> tuple[Array, ...]:
-        return self.first, self.second, self.interval, self.free, self.pushed
-
-    @property
-    def second_craft(self) -> SecondCraft:
-        """Linear maps to the positions of the second craft."""
-        return self._as_first if self.other is None else self.other
-
-    @property
-    def _as_first(self) -> SecondCraft:
+    def as_first(self) -> SecondCraft:
+        """The maps of the second craft where it flies its plan as the first does."""
         return SecondCraft(self.interval, self.free, self.pushed, np.zeros((len(self), 3)))
 
     @property
     def in_flight(self) -> Bool[Array, "k"]:
         """Cuts of two craft that both fly their plans."""
-        both = zip(vars(self._as_first).values(), vars(self.second_craft).values(), strict=True)
-        differ = [(one != other).reshape(len(self), -1).any(axis=1) for one, other in both]
-        return ~np.any(differ, axis=0)
+        other = self.other or self.as_first
+        both = zip(vars(self.as_first).values(), vars(other).values(), strict=True)
+        return ~np.any([(a != b).reshape(len(self), -1).any(axis=1) for a, b in both], axis=0)
 
 
 _NO_INDEX = np.zeros(0, dtype=int)
@@ -93,9 +73,7 @@ def cuts_at(
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
-def passive_safety_cuts(
-    found: LossEncounters, states: Float[Array, "n T 6"], problem: Problem
-) -> Cuts:
+def passive_safety_cuts(found: Approaches, states: Float[Array, "n T 6"], problem: Problem) -> Cuts:
     """Cuts at encounters of a drifting craft, which lost its thrust at a node, and another.
 
     The controls of a drifting craft count up to that node, so none from the first node on, and
@@ -103,17 +81,18 @@ def passive_safety_cuts(
     position is fixed, and the cut is about the other alone, so that it joins no two craft. In each
     encounter the controls of at least one craft count. States are in m and m/s.
     """
-    h, last = problem.time_step, problem.nodes - 1
-    drifted, _ = problem.dynamics.step(h * (found.interval - found.node))
+    h, last, node = problem.time_step, problem.nodes - 1, found.node
+    assert node is not None  # at which the first craft lost its thrust
+    drifted, _ = problem.dynamics.step(h * (found.interval - node))
     drifting = found.free @ drifted
     beyond, _ = problem.dynamics.step(h * np.maximum(found.interval - last, 0))
-    goal = np.matvec(found.free @ beyond, states[found.other, last])
-    start = np.matvec(drifting, states[found.lost, found.node])
-    fixed, arrived = found.node == 0, found.interval >= last
+    goal = np.matvec(found.free @ beyond, states[found.second, last])
+    start = np.matvec(drifting, states[found.first, node])
+    fixed, arrived = node == 0, found.interval >= last
     return Cuts(
-        first=np.where(fixed, found.other, found.lost),
-        second=np.where(arrived, found.lost, found.other),
-        interval=found.node,
+        first=np.where(fixed, found.second, found.first),
+        second=np.where(arrived, found.first, found.second),
+        interval=node,
         free=_unless(fixed, drifting),
         pushed=np.zeros_like(found.pushed),
         other=SecondCraft(
@@ -172,7 +151,7 @@ def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float
 
 
 @dataclass(frozen=True, eq=False)
-class HalfSpaces:
+class HalfSpaces(Rows):
     """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal."""
 
     row: Float[Array, "k m"]  # m per m/s²

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.expert.solvers import OPTIMAL, clarabel_solver
 from pipeline.expert.subproblem import Subproblem
+from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
@@ -23,7 +24,7 @@ LIMIT_SHARE = 1 - 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class DecoupledOptima:
+class DecoupledOptima(Rows):
     """The L1-optimal transfer of each craft without the others."""
 
     # m/s²; the minimum-energy transfer where no optimum was found
@@ -36,11 +37,6 @@ class DecoupledOptima:
     tabled: Bool[Array, "n"]  # whether the bound is a vertex's of the table, or a program's
     # basic variables without a thrust limit, as in ``Subproblem``, where they are known
     basis: Int[Array, "n 6"] | None = None
-
-    def of(self, craft: Bool[Array, "n"]) -> "DecoupledOptima":
-        """Those of some craft."""
-        parts = {name: None if v is None else v[craft] for name, v in vars(self).items()}
-        return DecoupledOptima(**parts)  # type: ignore[arg-type]
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
         """Lower bound on the fuel of some craft in all, m/s², and how it is proven."""

@@ -1,6 +1,6 @@
 """Plans for flight without errors: searches of the SCP, each scenario's best, certified."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import perf_counter
 
@@ -111,9 +111,28 @@ def _search(asked: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
         return results
     part = asked.part(left)
     found = part.search(None if seeds is None else [seeds[k] for k in left])
+    settings, optima = asked.settings, part.batch.optima
     if asked.requirements.passive_safety is not None:
-        found = _until_feasible(part, found)
-    for k, result in zip(left, _best_of_starts(part, found), strict=True):
+        # Craft in one plane are first led apart in that plane, where there may be no way past one
+        # that drifts; other sides lead out of it.
+        found = _again(
+            *(part, found, settings.again),
+            wanting=lambda _, result: not result.feasible,
+            better=lambda _, best, other: other if other.feasible else best,
+        )
+    # The sides on which craft pass each other decide which local optimum a search ends in.
+    bounds = [float(one.sum()) for one in part.batch.split(optima.lower_bound)]
+
+    def dear(k: int, result: SearchResult) -> bool:
+        fuel = float(np.abs(result.controls).sum())
+        return gap_of(fuel, bounds[k], part.batch.problem) > settings.gap_tolerance
+
+    found = _again(
+        *(part, found, settings.starts - 1),
+        wanting=dear,
+        better=lambda k, best, other: _better(part.part([k]), best, other),
+    )
+    for k, result in zip(left, found, strict=True):
         results[k] = result
     return results
 
@@ -155,44 +174,25 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     )
 
 
-def _until_feasible(asked: SearchProblem, first: Sequence[SearchResult]) -> list[SearchResult]:
-    """Results of first searches, and of ``settings.again`` more at most where those are unsafe.
+def _again(
+    asked: SearchProblem,
+    first: Sequence[SearchResult],
+    times: int,
+    wanting: Callable[[int, SearchResult], bool],
+    better: Callable[[int, SearchResult, SearchResult], SearchResult],
+) -> list[SearchResult]:
+    """Results of first searches, bettered by further ones of scenarios that are found wanting.
 
-    Craft in one plane are first led apart in that plane, where there may be no way past one that
-    drifts; other sides lead out of it.
+    Each further start draws the sides on which craft pass anew, the same way every time.
     """
     results = list(first)
-    for start in range(1, asked.settings.again + 1):
-        left = [k for k, result in enumerate(results) if not result.feasible]
+    for start in range(1, times + 1):
+        left = [k for k, result in enumerate(results) if wanting(k, result)]
         if not left:
             break
-        others = asked.part(left).search(start=start)
-        for k, other in zip(left, others, strict=True):
+        for k, other in zip(left, asked.part(left).search(start=start), strict=True):
             solves = results[k].convex_solves + other.convex_solves
-            best = other if other.feasible else results[k]
-            results[k] = replace(best, convex_solves=solves)
-    return results
-
-
-def _best_of_starts(asked: SearchProblem, first: Sequence[SearchResult]) -> list[SearchResult]:
-    """Results of first searches, bettered by ``settings.starts`` - 1 further ones.
-
-    The sides on which craft pass each other decide which local optimum a search ends in. Each
-    further start draws them anew, the same way every time.
-    """
-    results, batch = list(first), asked.batch
-    bounds = [float(part.sum()) for part in batch.split(batch.optima.lower_bound)]
-    for start in range(1, asked.settings.starts):
-        fuels = [float(np.abs(result.controls).sum()) for result in results]
-        gaps = [gap_of(*both, batch.problem) for both in zip(fuels, bounds, strict=True)]
-        left = [k for k, gap in enumerate(gaps) if gap > asked.settings.gap_tolerance]
-        if not left:
-            break
-        others = asked.part(left).search(start=start)
-        for k, other in zip(left, others, strict=True):
-            solves = results[k].convex_solves + other.convex_solves
-            better = _better(asked.part([k]), results[k], other)
-            results[k] = replace(better, convex_solves=solves)
+            results[k] = replace(better(k, results[k], other), convex_solves=solves)
     return results
 
 

@@ -17,6 +17,7 @@ side by side: operations on all craft act on all scenarios at once.
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -125,7 +126,7 @@ class Search:
         self.separation = self.problem.collision_radius + self.settings.margin
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
         self.iterate = self._flown(self.batch.optima.controls)
-        self.reference = self.iterate.copy()
+        self.reference = deepcopy(self.iterate)
         self.incumbents = Incumbents(self.batch, self.iterate.controls)
         cuts, _ = asked.detection.conflicts(self.iterate, self.provable)
         in_conflict = np.isin(np.arange(len(self.batch.scenarios)), self.swarm[cuts.first])
@@ -266,9 +267,7 @@ class Search:
             miss=self.batch.miss[craft],
             first=np.searchsorted(craft, self.cuts.first[cuts]),
             second=np.searchsorted(craft, self.cuts.second[cuts]),
-            row=planes.row[cuts],
-            required=planes.required[cuts],
-            other=None if planes.other is None else planes.other[cuts],
+            **vars(planes[cuts]),
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),
@@ -307,7 +306,7 @@ class Search:
         self.incumbents.update(self.iterate.controls, safe)
         if broken.any():
             again = np.isin(self.swarm[found.first], self.swarm[found.first[broken]])
-            self._set_cuts(self.cuts + found.where(again & (self.active[found.first] | broken)))
+            self._set_cuts(self.cuts + found[again & (self.active[found.first] | broken)])
             self._raise_back_off(self.iterate)
             self._choose_reference(unsafe)
 
@@ -326,7 +325,7 @@ class Search:
         settings, fuel = self.settings, self.iterate.fuel(craft)
         before = self.reference.fuel(craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf
-        self.reference.set(craft, self.iterate.of(craft))
+        self.reference.set(craft, self.iterate[craft])
         self.accepted[craft] = True
         gap = gap_of(fuel, float(self.batch.optima.lower_bound[craft].sum()), self.problem)
         self.active[craft] = not (
@@ -342,5 +341,5 @@ class Search:
         for craft in self._clusters(unsafe):
             self.active[craft], self.failed[craft] = True, False
             if craft[0] in missed:
-                self.reference.set(craft, self.iterate.of(craft))
+                self.reference.set(craft, self.iterate[craft])
                 self.accepted[craft] = False

@@ -13,6 +13,7 @@ from pipeline.orbit.arrays import (
     Controls,
     Indices,
     Marked,
+    Rows,
     Scalar,
     States,
     Values,
@@ -91,7 +92,7 @@ def least_of_each(
 
 
 @dataclass(frozen=True, eq=False)
-class Closest:
+class Closest(Rows):
     """Relative motions over an interval, each where it is closest to the origin."""
 
     offset: Values  # time since the interval's start, s
@@ -102,17 +103,19 @@ class Closest:
     pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
 
-_EMPTY = np.zeros(0)
-NOTHING = Closest(_EMPTY, _EMPTY, _EMPTY, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
-
-
 @dataclass(frozen=True, eq=False)
 class Approaches(Closest):
     """Closest approaches of two craft within an interval."""
 
-    first: Indices  # first craft, the one with the lower index
-    second: Indices  # second craft
-    interval: Indices  # which interval
+    first: Indices  # the craft with the lower index or, after a loss of thrust, the drifting one
+    second: Indices  # the other craft
+    interval: Indices  # counted from the first node; after a loss of thrust also beyond the last
+    # at which the first lost its thrust; the last one, where it has none left to lose; or None
+    node: Indices | None = None
+
+    def times(self, problem: Problem) -> Values:
+        """When they are, s since the first node."""
+        return self.interval * problem.time_step + self.offset
 
 
 def close_approaches(
@@ -162,8 +165,6 @@ def closest_to_origin(
     """
     remainder = h**4 / 384 * dynamics.most_fourth_derivative(start, push)
     near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= reach)
-    if len(near) == 0:
-        return near, NOTHING
     start, push, remainder, reach = start[near], push[near], remainder[near], reach[near]
     when, bound = np.zeros((2, len(near)))
     long = remainder > tolerance / 4 * MOST_PARTS**4

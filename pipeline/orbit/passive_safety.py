@@ -14,24 +14,22 @@ from jaxtyping import Float, Int
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import (
-    NOTHING,
-    Closest,
+    Approaches,
     Swarms,
     balls,
     closest_to_origin,
-    least_of_each,
     side_by_side,
 )
-from pipeline.orbit.arrays import AnyState, Controls, Indices, Marked, Scalar, States, Vector
+from pipeline.orbit.arrays import AnyState, Controls, Marked, Scalar, States, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import ROUNDING, Separation, closer
+from pipeline.orbit.separation import ROUNDING, Separation, closer, closest_sampled, distances_of
 
 MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
-_NONE = np.zeros(0, dtype=int)
+NO_CANDIDATES = (np.zeros(0, dtype=int),) * 4
 
 
 def check_orbits(orbits: float) -> None:
@@ -43,19 +41,6 @@ def check_orbits(orbits: float) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class LossEncounters(Closest):
-    """Closest approaches of a drifting craft and one that flies on, within an interval."""
-
-    lost: Indices  # the drifting craft
-    node: Indices  # at which it lost its thrust; the last one, where it has none left to lose
-    other: Indices  # the craft that flies on
-    interval: Indices  # which interval, counted from the first node, and on beyond the last one
-
-
-NO_ENCOUNTERS = LossEncounters(**vars(NOTHING), lost=_NONE, node=_NONE, other=_NONE, interval=_NONE)
-
-
 def loss_encounters(
     states: States,
     controls: Controls,
@@ -65,7 +50,7 @@ def loss_encounters(
     *,
     swarms: Swarms | None = None,
     moved: Marked | None = None,
-) -> LossEncounters:
+) -> Approaches:
     """All encounters of drifting craft and others that may come within a distance.
 
     A craft drifts for so many orbits from every node on. The distance ``within``, m, is of all
@@ -77,14 +62,10 @@ def loss_encounters(
     paths = _Paths.of(states, controls, problem, orbits)
     found = []
     for length, since in paths.pieces:
-        near = list(_candidates(paths, length, since, reach, swarms, moved))
-        if near:
-            which = tuple(map(np.concatenate, zip(*near, strict=True)))
-            found.append(_closest(paths, length, reach, *which))
-    if not found:
-        return NO_ENCOUNTERS
-    columns = zip(*(vars(one).values() for one in found), strict=True)
-    return LossEncounters(*map(np.concatenate, columns))
+        near = _candidates(paths, length, since, reach, swarms, moved)
+        which = map(np.concatenate, zip(NO_CANDIDATES, *near, strict=True))
+        found.append(_closest(paths, length, reach, *which))
+    return Approaches.concatenated(found)
 
 
 def least_after_loss(
@@ -96,10 +77,8 @@ def least_after_loss(
     is the least where rounding hides it from the search.
     """
     least = _closest_at_steps(_Paths.of(states, controls, problem, orbits), swarms)
-    within = np.nan_to_num([one.distance for one in least], posinf=0.0)  # none without a pair
-    found = loss_encounters(states, controls, problem, orbits, within, swarms=swarms)
-    times = found.interval * problem.time_step + found.offset
-    return closer(least, found, found.lost, found.other, times, swarms, found.node)
+    found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
+    return closer(least, found, problem, swarms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +186,7 @@ def _closest(
     node: Int[Array, "c"],
     other: Int[Array, "c"],
     interval: Int[Array, "c"],
-) -> LossEncounters:
+) -> Approaches:
     """The encounters among candidates."""
     dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
     drifting = np.matvec(paths.drift[interval - node], paths.states[lost, node])
@@ -215,8 +194,12 @@ def _closest(
     A, B = dynamics.step(length)
     end = np.matvec(A, start) - np.matvec(B, held)
     near, found = closest_to_origin(start, end, -held, dynamics, length, reach[lost])
-    return LossEncounters(
-        **vars(found), lost=lost[near], node=node[near], other=other[near], interval=interval[near]
+    return Approaches(
+        **vars(found),
+        first=lost[near],
+        second=other[near],
+        interval=interval[near],
+        node=node[near],
     )
 
 
@@ -232,11 +215,8 @@ def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
         drifting = np.matvec(paths.drift, paths.states[:, node, None])[..., :3]
         for i, j, _ in _searched(node, paths.last, since, swarms, None):
             apart = norm(drifting[i] - paths.states[j, node : node + len(since), :3])
-            least, label = apart.min(axis=1), swarms.label[i]
-            for swarm, k in np.transpose(least_of_each(least, label)).tolist():
-                distance, best, begin = float(least[k]), closest[swarm], swarms.starts[swarm]
-                if not best.distance <= distance:
-                    pair = int(i[k] - begin), int(j[k] - begin)
-                    time = float(node + apart[k].argmin()) * step
+            for swarm, distance, at, pair in closest_sampled(apart, i, j, swarms):
+                if not closest[swarm].distance <= distance:
+                    time = float(node + at) * step
                     closest[swarm] = Separation(distance, distance - slack, pair, time, node)
     return closest

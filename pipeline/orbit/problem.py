@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
+from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
 
 # Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds
@@ -68,7 +68,7 @@ class Problem:
     @property
     def dynamics(self) -> Dynamics:
         """Relative motion, and bounds on its derivatives."""
-        return ClohessyWiltshire(self.mean_motion)
+        return Dynamics(self.mean_motion)
 
     @property
     def intervals(self) -> int:

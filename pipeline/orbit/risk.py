@@ -32,7 +32,7 @@ from scipy.special import gammainccinv, ndtr
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
-from pipeline.orbit.arrays import Controls, Indices, States, Values, Vectors
+from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
@@ -115,7 +115,7 @@ class _Stretches:
 
 
 @dataclass(frozen=True, eq=False)
-class _Panels:
+class _Panels(Rows):
     """Times between two checks, by stretch and time."""
 
     stretch: Int[Array, "q"]  # which
@@ -123,10 +123,6 @@ class _Panels:
     width: Float[Array, "q"]  # how long it is, as a share of the interval
     first: Float[Array, "q 3"]  # direction of the check at its begin
     last: Float[Array, "q 3"]  # of the one at its end
-
-    def where(self, keep: Bool[Array, "q"] | Int[Array, "j"]) -> "_Panels":
-        """Some of them."""
-        return _Panels(*(part[keep] for part in vars(self).values()))
 
     def joined(self, stretches: _Stretches) -> Bool[Array, "q"]:
         """Whether each begins with the check that the one before ends with."""
@@ -137,16 +133,12 @@ class _Panels:
         across &= stretches.interval[at] == stretches.interval[before] + 1
         return np.append(False, inside | (across & (self.begin[1:] == 0) & (end == 1)))[: len(self)]
 
-    def __len__(self) -> int:
-        """Number of panels."""
-        return len(self.stretch)
-
     def halved(self, split: Bool[Array, "q"], stretches: _Stretches) -> "_Panels":
         """Some of them in two halves, with a check between."""
         parts = np.repeat(np.arange(len(self)), 1 + split)
         second = np.append(False, parts[1:] == parts[:-1])
         first = np.append(second[1:], False)
-        found, whole = self.where(parts), split[parts]
+        found, whole = self[parts], split[parts]
         width = np.where(whole, found.width / 2, found.width)
         begin = found.begin + np.where(second, width, 0.0)
         between = stretches.directions(found.stretch[second], begin[second])
@@ -255,7 +247,7 @@ def _chances(stretches: _Stretches) -> tuple[Int[Array, "q"], Float[Array, "q"]]
     ends = stretches.directions(which, begin), stretches.directions(which, width)
     panels = _Panels(which, begin, width, *ends)
     while True:
-        panels = panels.where(stretches.may_be_near(panels))
+        panels = panels[stretches.may_be_near(panels)]
         chance, excess = _failing(panels, stretches)
         split = excess * len(panels) > ACCURACY * max(float(chance.sum()), FAR)
         split &= (panels.width > SHORTEST) & (len(panels) < MOST_PANELS)

@@ -140,7 +140,7 @@ def _passive(end: str, states: Formation, problem: Problem) -> Diagnostic:
     """Whether every pair stays further apart than the collision radius in an orbit of drift."""
     drift = free_drift(states, problem)
     found = close_approaches(*drift, within=problem.collision_radius)
-    time = found.interval * drift[2].time_step + found.offset
+    time = found.times(drift[2])
     # Of the passes of each pair the closest, and of those that are equally close the first.
     order = np.lexsort((time, np.round(found.distance, 3), found.second, found.first))
     both = np.stack([found.first, found.second])[:, order]

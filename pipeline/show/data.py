@@ -117,8 +117,7 @@ def closest_pairs(
     order = np.argsort(found.distance, kind="stable")
     _, first = np.unique((found.first * n + found.second)[order], return_index=True)
     closest = order[np.sort(first)][:most]
-    times = found.interval * problem.time_step + found.offset
-    columns = (found.first, found.second, found.distance, times)
+    columns = (found.first, found.second, found.distance, found.times(problem))
     return [Pair(*row) for row in zip(*(c[closest].tolist() for c in columns), strict=True)]
 
 

@@ -83,10 +83,10 @@ def test_everything_within_a_distance_is_found_and_nothing_else():
     states, controls = transfer(7, 5, problem)
     within = 120.0
     found = loss_encounters(states, controls, problem, orbits, within)
-    assert len(found.lost) > 20
+    assert len(found.first) > 20
     assert (found.bound <= within).all()
     assert (np.abs(found.distance - found.bound) < 1e-4).all()
-    told = set(zip(found.lost.tolist(), found.node.tolist(), found.other.tolist(), strict=True))
+    told = set(zip(found.first.tolist(), found.node.tolist(), found.second.tolist(), strict=True))
     for node in range(problem.nodes):
         since = np.append(np.arange(0.0, orbits * PERIOD, 2.0), orbits * PERIOD)
         A, _ = problem.dynamics.step(since)
@@ -125,10 +125,10 @@ def test_what_moved_craft_have_no_say_in_is_left_out():
     every = loss_encounters(states, controls, problem, 1.0, 150.0)
     found = loss_encounters(states, controls, problem, 1.0, 150.0, moved=moved)
     last = problem.nodes - 1
-    says = moved[every.lost] & (every.node > 0) & (every.node < last)
-    says |= moved[every.other] & (every.interval < last)
+    says = moved[every.first] & (every.node > 0) & (every.node < last)
+    says |= moved[every.second] & (every.interval < last)
     assert 0 < says.sum() < len(says)
-    for name in ("lost", "node", "other", "interval", "bound"):
+    for name in ("first", "node", "second", "interval", "bound"):
         kept = np.sort(getattr(every, name)[says])
         assert (kept == np.sort(getattr(found, name))).all()
 
