@@ -10,6 +10,7 @@ from jaxtyping import Float, Shaped
 from pipeline.arrays import Array
 from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
 from pipeline.orbit.approaches import Swarms, pairs, side_by_side
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.scenario import Scenario, shared_problem
@@ -32,12 +33,12 @@ class Batch:
         return side_by_side(tuple(scenario.n for scenario in self.scenarios))
 
     @cached_property
-    def initial(self) -> Float[Array, "n 6"]:
+    def initial(self) -> Formation:
         """Initial states, m and m/s."""
         return np.concatenate([scenario.initial for scenario in self.scenarios])
 
     @cached_property
-    def goal(self) -> Float[Array, "n 6"]:
+    def goal(self) -> Formation:
         """Goal states, m and m/s."""
         return np.concatenate([scenario.goal for scenario in self.scenarios])
 
@@ -47,7 +48,7 @@ class Batch:
         return decoupled_optima(self.initial, self.goal, self.problem)
 
     @cached_property
-    def miss(self) -> Float[Array, "n 6"]:
+    def miss(self) -> Formation:
         """Change of final state that controls must bring about, m and m/s."""
         return goal_miss(self.initial, self.goal, self.problem)
 

@@ -7,12 +7,12 @@ craft err (a chance constraint).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts
 from pipeline.orbit.approaches import PROVABLE, Swarms, close_approaches, side_by_side
-from pipeline.orbit.arrays import Rows
+from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
 from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
@@ -29,8 +29,8 @@ ENDS = 2 * PROVABLE
 class Trajectory(Rows):
     """Motion of all craft."""
 
-    controls: Float[Array, "n intervals 3"]  # m/s²
-    states: Float[Array, "n T 6"]  # node states that the controls fly, m and m/s
+    controls: Controls  # m/s²
+    states: States  # node states that the controls fly, m and m/s
 
     def set(self, craft: Craft, part: "Trajectory") -> None:
         """Replace the motion of some craft."""
@@ -66,12 +66,8 @@ class ConflictDetection:
     back_off: BackOff | None = None  # asked for besides, because craft err
 
     def conflicts(
-        self,
-        flown: Trajectory,
-        within: float,
-        moved: Bool[Array, "n"] | None = None,
-        beside: float = 0.0,
-    ) -> tuple[Cuts, Float[Array, "k"]]:
+        self, flown: Trajectory, within: float, moved: Marked | None = None, beside: float = 0.0
+    ) -> tuple[Cuts, Values]:
         """Where craft come within a distance, and how close.
 
         Args:
@@ -108,7 +104,7 @@ class ConflictDetection:
         drifting = passive_safety_cuts(found, flown.states, self.problem)
         return cuts + drifting, np.concatenate([bound, found.bound])
 
-    def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Float[Array, "k"] | float:
+    def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values | float:
         """Back-off of each cut for the errors of a trajectory's burns, m; 0 where there is none.
 
         A passive-safety cut asks for nothing.
@@ -132,8 +128,8 @@ class ConflictDetection:
         return sigmas * deviation
 
     def _in_flight(
-        self, flown: Trajectory, within: float, moved: Bool[Array, "n"], beside: float
-    ) -> tuple[Cuts, Float[Array, "k"]]:
+        self, flown: Trajectory, within: float, moved: Marked, beside: float
+    ) -> tuple[Cuts, Values]:
         """Conflicts of craft that both fly their plans."""
         problem, states = self.problem, flown.states
         if self.requirements.at_nodes:

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches
-from pipeline.orbit.arrays import Rows
+from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import TransferMaps, transfer_maps
 
@@ -18,20 +18,20 @@ TOUCHING = 1e-3  # distance in m under which two craft give no direction of thei
 class SecondCraft(Rows):
     """Linear maps to the positions of cuts' second craft, where they are not as the first's."""
 
-    interval: Int[Array, "k"]  # at whose start the craft's state counts
+    interval: Indices  # at whose start the craft's state counts
     free: Float[Array, "k 3 6"]  # from that state to its position
     pushed: Float[Array, "k 3 3"]  # from its control in that interval to its position
     # position of the first, or less that of the second, as far as it is fixed, m
-    offset: Float[Array, "k 3"]
+    offset: Vectors
 
 
 @dataclass(frozen=True, eq=False)
 class Cuts(Rows):
     """Pairs and times at which a separation is asked for."""
 
-    first: Int[Array, "k"]
-    second: Int[Array, "k"]
-    interval: Int[Array, "k"]  # interval of the time
+    first: Indices
+    second: Indices
+    interval: Indices  # interval of the time
     free: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position then
     pushed: Float[Array, "k 3 3"]  # from its control in the interval to its position then
     # the same of the second craft, where some cuts are passive-safety cuts
@@ -62,18 +62,14 @@ NO_CUTS = Cuts(_NO_INDEX, _NO_INDEX, _NO_INDEX, np.zeros((0, 3, 6)), np.zeros((0
 
 
 def cuts_at(
-    first: Int[Array, "k"],
-    second: Int[Array, "k"],
-    interval: Int[Array, "k"],
-    offset: Float[Array, "k"],
-    problem: Problem,
+    first: Indices, second: Indices, interval: Indices, offset: Values, problem: Problem
 ) -> Cuts:
     """Cuts at times since the starts of their intervals, s."""
     free, pushed = problem.dynamics.step(offset)
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
-def passive_safety_cuts(found: Approaches, states: Float[Array, "n T 6"], problem: Problem) -> Cuts:
+def passive_safety_cuts(found: Approaches, states: States, problem: Problem) -> Cuts:
     """Cuts at encounters of a drifting craft, which lost its thrust at a node, and another.
 
     The controls of a drifting craft count up to that node, so none from the first node on, and
@@ -109,9 +105,7 @@ def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Ar
     return np.where(mask.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
 
 
-def gaps(
-    cuts: Cuts, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
-) -> Float[Array, "k 3"]:
+def gaps(cuts: Cuts, states: States, controls: Controls) -> Vectors:
     """Position of each cut's first craft relative to its second, there and then, m."""
     i, j, k = cuts.first, cuts.second, cuts.interval
     if cuts.other is not None:
@@ -124,11 +118,8 @@ def gaps(
 
 
 def normals(
-    cuts: Cuts,
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    shift: Float[Array, "k 3"] | float = 0.0,
-) -> Float[Array, "k 3"]:
+    cuts: Cuts, states: States, controls: Controls, shift: Vectors | float = 0.0
+) -> Vectors:
     """Direction n̂ between each cut's pair there and then, at a linearization point (SI units).
 
     A shift in m, added to each gap before its direction is taken, passes on another side.
@@ -137,7 +128,7 @@ def normals(
     return directions(gaps(cuts, states, controls) + shift, velocity)
 
 
-def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
+def directions(gap: Vectors, velocity: Vectors) -> Vectors:
     """Unit vectors along each gap; across the relative velocity where the two craft touch."""
     distance = np.linalg.norm(gap, axis=1)
     touching = distance < TOUCHING
@@ -155,16 +146,12 @@ class HalfSpaces(Rows):
     """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal."""
 
     row: Float[Array, "k m"]  # m per m/s²
-    required: Float[Array, "k"]  # m
+    required: Values  # m
     other: Float[Array, "k m"] | None = None  # m per m/s²; None where it is ``row``
 
 
 def half_spaces(
-    cuts: Cuts,
-    normal: Float[Array, "k 3"],
-    initial: Float[Array, "n 6"],
-    problem: Problem,
-    separation: Float[Array, "k"] | float,
+    cuts: Cuts, normal: Vectors, initial: Formation, problem: Problem, separation: Values | float
 ) -> HalfSpaces:
     """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then (m, m/s)."""
     maps = transfer_maps(problem)
@@ -185,8 +172,8 @@ def half_spaces(
 
 def _row(
     to_state: Float[Array, "k 6"],
-    normal: Float[Array, "k 3"],
-    interval: Int[Array, "k"],
+    normal: Vectors,
+    interval: Indices,
     pushed: Float[Array, "k 3 3"],
     maps: TransferMaps,
 ) -> Float[Array, "k m"]:

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.solvers import OPTIMAL, clarabel_solver
 from pipeline.expert.subproblem import Subproblem
-from pipeline.orbit.arrays import Rows
+from pipeline.orbit.arrays import Controls, Formation, Marked, Rows
 from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
@@ -28,13 +28,13 @@ class DecoupledOptima(Rows):
     """The L1-optimal transfer of each craft without the others."""
 
     # m/s²; the minimum-energy transfer where no optimum was found
-    controls: Float[Array, "n intervals 3"]
+    controls: Controls
     lower_bound: Float[Array, "n"]  # proven lower bound on the fuel of each craft, m/s²
-    feasible: Bool[Array, "n"]  # whether an optimum was found
+    feasible: Marked  # whether an optimum was found
     # whether it is proven that the craft cannot make the transfer within the thrust limit, or with
     # any thrust; what is neither the solver failed at
-    impossible: Bool[Array, "n"]
-    tabled: Bool[Array, "n"]  # whether the bound is a vertex's of the table, or a program's
+    impossible: Marked
+    tabled: Marked  # whether the bound is a vertex's of the table, or a program's
     # basic variables without a thrust limit, as in ``Subproblem``, where they are known
     basis: Int[Array, "n 6"] | None = None
 
@@ -44,9 +44,7 @@ class DecoupledOptima(Rows):
         return float(self.lower_bound[craft].sum()), proof
 
 
-def decoupled_optima(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
-) -> DecoupledOptima:
+def decoupled_optima(initial: Formation, goal: Formation, problem: Problem) -> DecoupledOptima:
     """Least ‖u‖₁ that joins the two states of each craft, m and m/s.
 
     By table where the optimum without a thrust limit keeps to it, for then it is the optimum with
@@ -74,19 +72,17 @@ def decoupled_optima(
     return DecoupledOptima(exact, bound, feasible, impossible, tabled, basis)
 
 
-def goal_miss(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
-) -> Float[Array, "n 6"]:
+def goal_miss(initial: Formation, goal: Formation, problem: Problem) -> Formation:
     """Change of final state that the controls of each craft must bring about, m and m/s."""
     return goal - np.matvec(transfer_maps(problem).drift[-1], initial)
 
 
-def control_units(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
+def control_units(miss: Formation, problem: Problem) -> Float[Array, "n"]:
     """Size of a typical control, m/s²: of each transfer, or to move by the collision radius."""
     return np.maximum(_largest_control(miss, problem), problem.evasive_control)
 
 
-def _largest_control(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
+def _largest_control(miss: Formation, problem: Problem) -> Float[Array, "n"]:
     """Largest control of each craft's minimum-energy transfer, m/s²."""
     return np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1)
 

@@ -15,6 +15,7 @@ from pipeline.expert.scp import SearchProblem, Seeds, cluster_labels
 from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.infeasibility import unavoidable
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
@@ -68,9 +69,7 @@ def nominal_plans(
     return [_explained(plan, result, batch.problem, requirements) for plan, result in both]
 
 
-def _flyable(
-    scenario: Scenario, seed: Float[Array, "_ T 6"] | None
-) -> Float[Array, "n intervals 3"] | None:
+def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls | None:
     """Controls of the trajectory nearest to a seed, m/s²."""
     if seed is None:
         return None

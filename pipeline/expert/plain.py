@@ -10,16 +10,15 @@ from time import perf_counter
 
 import clarabel
 import numpy as np
-from jaxtyping import Float
 from scipy import sparse
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.cuts import directions
 from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.solvers import OPTIMAL
 from pipeline.orbit.approaches import pairs
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, fuel, meet_goal
@@ -41,7 +40,7 @@ SIGNS = np.full((2, 1), -1.0), np.array([[1.0], [-1.0]])
 class _Found:
     """The cheapest iterate that is clear at the nodes, or the newest where none is."""
 
-    controls: Float[Array, "n intervals 3"] | None = None
+    controls: Controls | None = None
     convex_solves: int = 0
     clear: bool = False
 
@@ -125,7 +124,7 @@ class PlainScp:
                 break
         return best
 
-    def _optimum(self, scenario: Scenario, reference: Seed) -> Float[Array, "n intervals 3"] | None:
+    def _optimum(self, scenario: Scenario, reference: Seed) -> Controls | None:
         """The program's controls with half-spaces about node states, m/s², or None."""
         apart = self._half_spaces(reference)
         A = sparse.vstack([self._equal, self._within, -apart], format="csc")

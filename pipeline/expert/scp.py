@@ -34,6 +34,7 @@ from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
+from pipeline.orbit.arrays import Controls, Indices, Marked, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Requirements, gap_of
@@ -52,7 +53,7 @@ Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 Seeds = Sequence[Float[Array, "_ intervals 3"] | None]
 
 
-def cluster_labels(n: int, first: Int[Array, "k"], second: Int[Array, "k"]) -> Int[Array, "n"]:
+def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
     """Label of each connected component of the conflict graph: its lowest index.
 
     Labels are handed on along cuts until none changes; for graphs this small that takes a tenth
@@ -69,7 +70,7 @@ def cluster_labels(n: int, first: Int[Array, "k"], second: Int[Array, "k"]) -> I
         labels = joined
 
 
-def _groups(labels: Int[Array, "k"]) -> list[Int[Array, "_"]]:
+def _groups(labels: Indices) -> list[Int[Array, "_"]]:
     """Indices of the entries of each label that occurs, by label, ascending."""
     order = labels.argsort(kind="stable")
     return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
@@ -163,7 +164,7 @@ class Search:
         self.incumbents.update(controls, safe)
         return near
 
-    def _first_shift(self, start: int) -> Float[Array, "k 3"] | float:
+    def _first_shift(self, start: int) -> Vectors | float:
         """Random shift of the first gaps: other sides, above all where craft would meet head on."""
         if not start:
             return 0.0
@@ -191,9 +192,7 @@ class Search:
         return self.incumbents.results(self.iterate.controls, self.cuts, self.active & ~kept)
 
     def _flown(
-        self,
-        controls: Float[Array, "n intervals 3"],
-        craft: Cluster | Bool[Array, "_"] | slice = slice(None),
+        self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
     ) -> Trajectory:
         initial, goal = self.batch.initial[craft], self.batch.goal[craft]
         exact = meet_goal(initial, controls, goal, self.problem)
@@ -214,14 +213,14 @@ class Search:
         asked = self.asked.detection.back_off_of(self.cuts, flown)
         self.back_off = np.maximum(self.back_off, asked)
 
-    def _clusters(self, touched: Bool[Array, "n"]) -> list[Cluster]:
+    def _clusters(self, touched: Marked) -> list[Cluster]:
         """The clusters that some craft are in."""
         there = np.zeros(len(self.labels), dtype=bool)
         there[self.labels[touched]] = True
         craft = np.flatnonzero(there[self.labels])
         return [craft[one] for one in _groups(self.labels[craft])]
 
-    def _distances(self, flown: Trajectory) -> Float[Array, "k"]:
+    def _distances(self, flown: Trajectory) -> Values:
         """Separation of each cut's pair in a trajectory, less its back-off, m."""
         apart = norm(gaps(self.cuts, flown.states, flown.controls))
         return apart - self.asked.detection.back_off_of(self.cuts, flown)
@@ -334,7 +333,7 @@ class Search:
             or min(gained, promised) <= settings.improvement * fuel
         )
 
-    def _choose_reference(self, unsafe: Bool[Array, "n"]) -> None:
+    def _choose_reference(self, unsafe: Marked) -> None:
         """Keep linearization points that satisfy all their cuts; move others to the iterate."""
         broken = self._distances(self.reference) <= self.problem.collision_radius
         missed = self.labels[self.cuts.first[broken]]

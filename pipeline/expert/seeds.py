@@ -3,15 +3,14 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.decoupled import decoupled_optima
+from pipeline.orbit.arrays import States
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 from pipeline.scenario import Scenario
 
-Seed = Float[Array, "n T 6"]
+Seed = States
 
 
 def line_seed(scenario: Scenario) -> Seed:

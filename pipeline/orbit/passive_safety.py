@@ -13,13 +13,7 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import (
-    Approaches,
-    Swarms,
-    balls,
-    closest_to_origin,
-    side_by_side,
-)
+from pipeline.orbit.approaches import Approaches, Swarms, balls, closest_to_origin, side_by_side
 from pipeline.orbit.arrays import AnyState, Controls, Marked, Scalar, States, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
