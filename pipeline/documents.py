@@ -27,11 +27,7 @@ CHECKSUM = "checksum"  # field with the checksum of all others, in documents tha
 
 
 def parsed(content: bytes) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        ValueError: where it is none, too large, too deep, or has an integer beyond all floats.
-    """
+    """The value of a JSON text; ValueError for none, too large, too deep or beyond all floats."""
     if len(content) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES // 2**20} MiB")
     if found := _LONG.search(content):

@@ -28,11 +28,7 @@ def unfinished(path: Path) -> Path | None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, where they are missing.
-
-    Raises:
-        InputError: where one of them is a file.
-    """
+    """Make a folder and those above it; InputError where one of them is a file."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
@@ -45,9 +41,7 @@ def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
 
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
-
-    Raises:
-        InputError: where it is a folder, or what should be its folder is a file.
+    InputError where it is a folder, or what should be its folder is a file.
     """
     make_folder(path.parent)
     if path.is_dir():

@@ -43,16 +43,9 @@ def write_card(
 ) -> str:
     """Write the card of a solved dataset into its folder: Markdown with front matter.
 
-    Args:
-        where: the dataset.
-        licence: of the data, by its identifier, such as "mit" or "cc-by-4.0".
-        replace: also where there is a README.md that says something else.
-        progress: of reading.
-
-    Raises:
-        InputError: where the folder holds no dataset, it is not wholly solved, a shard is damaged,
-            there is another README.md, or the licence is no identifier.
-        ProlearnError: where the folder cannot be written to.
+    The licence of the data is an identifier such as "mit" or "cc-by-4.0"; ``replace`` also a
+    README.md that says something else. A dataset that is not wholly solved, a damaged shard,
+    another README.md and what is no licence are InputErrors.
     """
     if not IDENTIFIER.fullmatch(licence):
         raise InputError(

@@ -58,11 +58,8 @@ def solved_rows(
 ) -> pa.Table:
     """Rows of one swarm size and a split, or all, in order of their index.
 
-    Of columns, those asked for, ``split`` and ``status`` are read, or all.
-
-    Raises:
-        InputError: where there is no dataset, the size is not in it, it is not solved, or a
-            shard is damaged.
+    Of columns, those asked for, ``split`` and ``status`` are read, or all. InputError for what is
+    not in the dataset, not solved or damaged.
     """
     folder = open_folder(where)
     manifest = read_manifest(folder)
@@ -119,10 +116,7 @@ def examples_within(
 ) -> ExampleSource:
     """Solved instances of a split: loaded once where they fit into memory, else streamed.
 
-    ``memory`` is in bytes, encoding included.
-
-    Raises:
-        InputError: as in ``examples``, or where memory is no positive number.
+    ``memory`` is in bytes, encoding included. InputErrors are as in ``examples``.
     """
     check_range("memory", memory, 1, 1e15)
     folder = open_folder(where)

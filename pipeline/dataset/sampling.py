@@ -35,11 +35,9 @@ def sample(
 ) -> Manifest:
     """Draw samples, by swarm size, into a new folder or one begun with the same settings.
 
-    Shards that are there are kept.
-
-    Raises:
-        InputError: for settings that cannot be sampled or differ from those of the folder.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    Shards that are there are kept. InputError for settings that cannot be sampled or differ from
+    those of the folder; ProlearnError where it cannot be written to or workers are killed again and
+    again.
     """
     folder, workers = open_folder(where), Workers(jobs)
     for n, one in samples.items():

@@ -54,10 +54,8 @@ def solve(
 ) -> Manifest:
     """Solve what is not solved yet of a sampled dataset; damaged shards are done again.
 
-    Raises:
-        InputError: where the folder holds no dataset, another process writes to it, or it was
-            begun with other settings.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    InputError where there is no dataset, another process writes to it, or it was begun with other
+    settings; ProlearnError as in ``sample``.
     """
     folder = open_folder(where)
     read_manifest(folder)  # before the lock, which would make a folder

@@ -62,9 +62,7 @@ def verify(
 ) -> Iterator[Fault]:
     """Every fault of a dataset, which may not be solved yet, as it is found.
 
-    Raises:
-        InputError: where the folder holds no dataset, or neither its manifest nor the copy of
-            that is sound.
+    InputError where there is no dataset, or neither its manifest nor the copy of that is sound.
     """
     folder, workers = open_folder(where), workers or Workers()
     manifest, fault = manifest_or_copy(folder)
@@ -91,18 +89,11 @@ def repair(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> list[Fault]:
-    """Do again exactly the shards that have faults, and set foreign files aside.
+    """Do again exactly the shards that have faults, set foreign files aside, and return the faults.
 
     Damaged files that are replaced are kept in ``_damaged/``, foreign ones in ``_foreign/``. Files
-    with sound rows that are not what the manifest says are set aside with ``yes`` only.
-
-    Returns:
-        The faults that were found.
-
-    Raises:
-        InputError: where the folder holds no dataset, another process writes to it, or it was
-            made with other versions.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    with sound rows that are not what the manifest says are set aside with ``yes`` only. InputErrors
+    and ProlearnErrors are as in ``solve``.
     """
     folder, workers = open_folder(where), workers or Workers()
     manifest_or_copy(folder)  # before the lock, which would make a folder

@@ -68,18 +68,12 @@ class ConflictDetection:
     def conflicts(
         self, flown: Trajectory, within: float, moved: Marked | None = None, beside: float = 0.0
     ) -> tuple[Cuts, Values]:
-        """Where craft come within a distance, and how close.
+        """Cuts where craft come within a distance, and lower bounds on how close they come.
 
-        Args:
-            flown: a trajectory that meets both ends.
-            within: distance of interest besides the back-off, m.
-            moved: craft whose pairs are looked at; all by default.
-            beside: also cut so long before and after each closest approach, as a share of the
-                interval, since it moves; not at nodes only.
-
-        Returns:
-            A cut at each closest approach, and a lower bound on the separation there less the
-            back-off, m.
+        The trajectory meets both ends. The distance of interest is ``within`` and the back-off, m,
+        and the lower bound that on the separation less the back-off. Only pairs with craft that
+        ``moved`` are looked at. Closest approaches move: cuts are also made so long ``beside``
+        each, as a share of the interval, before and after it; not at nodes only.
         """
         if moved is None:
             moved = np.ones(len(flown.states), dtype=bool)

@@ -51,17 +51,11 @@ def solve_many(
     settings: Settings | None = None,
     requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Plan]:
-    """The expert's plans for scenarios of one problem, with what they share computed once.
+    """The expert's plans for scenarios of one problem, whose sizes may differ.
 
-    Args:
-        scenarios: what swarms are to do; sizes may differ.
-        seeds: for each, node states that its first cuts are linearized about, m and m/s, or None
-            for the decoupled optima. They need neither be safe nor obey the dynamics.
-        settings: how to work.
-        requirements: what every plan must satisfy.
-
-    Raises:
-        InputError: for a seed of another shape or with values that are not finite.
+    Seeds are node states, m and m/s, that the first cuts of a scenario are linearized about,
+    instead of its decoupled optima; they need neither be safe nor obey the dynamics. InputError for
+    a seed of another shape or with values that are not finite.
     """
     settings = settings or Settings()
     plans = nominal_plans(scenarios, seeds, settings, requirements)
@@ -93,15 +87,13 @@ def within_risk(
 ) -> Plan:
     """The plan itself where its risk is small enough, or else the cheapest of more careful ones.
 
-    Without a risk in the requirements it is the plan itself.
-
-    Every pair is kept so many standard deviations of its separation apart, the same number for
-    all. As pairs that are held there come within the radius with a probability proportional to the
+    Every pair is kept so many standard deviations of its separation apart, the same number for all.
+    As pairs that are held there come within the radius with a probability proportional to the
     normal distribution's tail, a few searches find the number. Each is seeded with the plan before.
 
-    The plan given, of any planner, satisfies what is required without errors, or is not SOLVED.
-    The certificate of that returned has the risk. It is UNSOLVED where the bound stays above what
-    was asked for: then it is the least risky of all, and its message says who is in the way.
+    The plan given, of any planner, satisfies what is required without errors, or is not SOLVED. The
+    certificate of that returned has the risk. It is UNSOLVED where the bound stays above what was
+    asked for: then it is the least risky of all, and its message says who is in the way.
     """
     limit = requirements.risk
     if limit is None or plan.status == INFEASIBLE:

@@ -44,9 +44,6 @@ def nominal_plans(
 
     As in ``solve_many``, but for the risk, which is not looked at; ``back_off`` is what is asked
     for beyond the collision radius because craft err.
-
-    Raises:
-        InputError: for a seed of another shape or with values that are not finite.
     """
     if not scenarios:
         return []

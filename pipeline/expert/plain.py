@@ -75,13 +75,10 @@ class PlainScp:
         """The cheapest plan that is clear at the nodes, when its iterates no longer improve.
 
         The seed is node states to linearize about at first, m and m/s. Without one the start is
-        blank: all states are zero, so no pair has a direction of its own, and every pair is told
-        to pass radially, the craft of the lower number above. The plan is UNSOLVED where no
-        iterate was clear at the nodes: then it holds the newest one.
-
-        Raises:
-            InputError: for a scenario of another n or problem, or a seed of another shape or with
-                values that are not finite.
+        blank: all states are zero, so no pair has a direction of its own, and every pair is told to
+        pass radially, the craft of the lower number above. The plan is UNSOLVED where no iterate
+        was clear at the nodes: then it holds the newest one. InputError for another n or problem,
+        or a seed that is not one.
         """
         started = perf_counter()
         if (scenario.n, scenario.problem) != (self.n, self.problem):

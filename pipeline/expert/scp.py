@@ -228,9 +228,8 @@ class Search:
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
         """Solve each cluster's program, with every cut linearized about the same trajectory.
 
-        Returns:
-            The clusters that moved. Where the solver fails, or where a safe iterate is known and
-            the program's is no cheaper, the cluster is done and goes back to what it has.
+        Returns the clusters that moved. Where the solver fails, or where a safe iterate is known
+        and the program's is no cheaper, the cluster is done and goes back to what it has.
         """
         self._raise_back_off(self.reference)
         normal = normals(self.cuts, self.reference.states, self.reference.controls, self.shift)

@@ -39,11 +39,7 @@ SEEDS: dict[str, Callable[[Scenario], Seed] | None] = {
 
 
 def checked_seed(scenario: Scenario, seed: Seed) -> Seed:
-    """The seed, where it is one for this scenario.
-
-    Raises:
-        InputError: for another shape or values that are not finite.
-    """
+    """The seed; InputError for another shape than the scenario's or values that are not finite."""
     expected = (scenario.n, scenario.problem.nodes, 6)
     if seed.shape != expected:
         raise InputError(

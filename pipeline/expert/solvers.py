@@ -39,9 +39,7 @@ _thread = local()
 def by_simplex(sub: Subproblem) -> Optimum:
     """The optimum of a subproblem by the dual simplex method.
 
-    Raises:
-        UnsolvableError: where there is none. With slack, only a thrust limit can make a subproblem
-            infeasible.
+    UnsolvableError where there is none: with slack, only a thrust limit can make it infeasible.
     """
     solver = _highs()
     _pass(solver, sub)
@@ -58,11 +56,7 @@ def by_simplex(sub: Subproblem) -> Optimum:
 
 
 def by_interior_points(sub: Subproblem) -> Optimum:
-    """The optimum of a subproblem by Clarabel.
-
-    Raises:
-        UnsolvableError: where the solver stops without one.
-    """
+    """The optimum of a subproblem by Clarabel; UnsolvableError where it stops without one."""
     found = clarabel_solver(sub).solve()
     if str(found.status) not in OPTIMAL:
         found = clarabel_solver(sub, careful=True).solve()

@@ -34,8 +34,7 @@ class WorkersLostError(Exception):
 def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
     """Results of calls in the order in which they are done; a call is drawn when its turn comes.
 
-    Raises:
-        WorkersLostError: where a process was killed.
+    WorkersLostError where a process was killed.
     """
     _remove_left_semaphores()
     parallel = joblib.Parallel(

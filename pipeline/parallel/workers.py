@@ -55,12 +55,9 @@ class Workers:
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
-        What a killed worker or a lost scheduler had in hand is done again. ``function`` is
-        importable on every worker; ``load`` reads here what else a task needs when its turn comes.
-
-        Raises:
-            ProlearnError: where workers are killed again and again, none can be had, or a lost
-                scheduler does not come back.
+        What a killed worker or a lost scheduler had in hand is done again; ProlearnError where that
+        happens again and again. ``function`` is importable on every worker; ``load`` reads here
+        what else a task needs when its turn comes.
         """
         waiting, losses, again = dict(enumerate(tasks)), 0, False
         while waiting:

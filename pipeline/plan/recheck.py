@@ -79,10 +79,7 @@ def _refuse_overflow(claimed: Plan) -> None:
 def _false_claims(
     said: Certificate, found: Certificate, problem: Problem
 ) -> Iterator[tuple[str, float, float, str]]:
-    """Fields that a file claims more of than its controls give, with both values and the unit.
-
-    NaN is a false claim.
-    """
+    """Fields claimed larger than the controls give, or NaN, with both values and the unit."""
     for name, unit in (("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")):
         theirs, ours = getattr(said, name), getattr(found, name)
         if not abs(theirs - ours) <= RELATIVE * abs(ours):

@@ -49,14 +49,10 @@ class GoalAssignment:
     It plans the assignment of least decoupled cost. Where that plan is not safe, or dear because
     craft must keep apart, it plans the next best assignments too, and the given order, as far as
     their decoupled costs are less than that plan's, and keeps the cheapest safe one.
-
-    Attributes:
-        planner: who plans.
-        most: assignments that are planned at most, besides the given order.
     """
 
     planner: Planner
-    most: int = MOST
+    most: int = MOST  # assignments that are planned at most, besides the given order
 
     @property
     def name(self) -> str:

@@ -29,16 +29,10 @@ def named_planner(
 ) -> Planner | None:
     """The planner of a name, or None where it is none of NAMES.
 
-    Args:
-        name: of the planner.
-        requirements: what its plans must satisfy; a baseline's, which keep no craft apart, are
-            judged by it.
-        effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves,
-            and comes after the refiner only where that has no safe plan.
-        raw: asked for a network's plan without the expert after it.
-
-    Raises:
-        InputError: for an option that the planner has no use for.
+    A baseline keeps no craft apart and is judged by the requirements. The effort, of EFFORTS, is
+    the expert's: by default it goes on until its plan no longer improves, and comes after the
+    refiner only where that has no safe plan; ``raw`` leaves it out there. InputError for an option
+    that the planner has no use for.
     """
     if name not in NAMES:
         return None
@@ -81,11 +75,7 @@ def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
 
 
 def refuse_effort(effort: str | None) -> None:
-    """Refuse an effort where the expert has no part.
-
-    Raises:
-        InputError: where one is given.
-    """
+    """Refuse an effort with an InputError where the expert has no part."""
     if effort is not None:
         raise InputError(
             f"--effort is {effort} and the expert has no part in the plan; expected it with the "

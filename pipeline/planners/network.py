@@ -44,10 +44,8 @@ class NetworkPlanner:
         """One plan for each scenario, in order; the scenarios share one problem and one n.
 
         On another orbit or time grid than that of its training the network answers with the same
-        weights; what that is worth the certificate says.
-
-        Raises:
-            InputError: where the weights do not fit the scenarios' number of nodes.
+        weights; what that is worth the certificate says. InputError where they do not fit the
+        nodes.
         """
 
         def answer(batch: Batch) -> Float[Array, "n _ 3"]:
@@ -104,14 +102,10 @@ class FallbackPlanner:
     """A network, the network and one convex solve, the expert: the first whose plan is safe.
 
     Each is tried on the scenarios that the one before left without a proof of safety.
-
-    Attributes:
-        network: the network's own plans.
-        settings: of the expert where it comes to that.
     """
 
     network: NetworkPlanner
-    settings: Settings = FIRST_SAFE
+    settings: Settings = FIRST_SAFE  # of the expert where it comes to that
 
     @property
     def name(self) -> str:
@@ -164,14 +158,11 @@ def _where_unsafe(
 
 
 def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
-    """Refuse a problem of another orbit or time grid than the model was trained on.
+    """Refuse a problem of another orbit or time grid than the model's with an InputError.
 
-    The collision radius and the limit on the control may differ: no network knows the limit,
-    one that reads the radius is told the scenario's, and the certificate judges by these. The
-    message says ``where`` the problem is from, such as a dataset's folder.
-
-    Raises:
-        InputError: with the field that differs.
+    The collision radius and the limit on the control may differ: no network knows the limit, one
+    that reads the radius is told the scenario's, and the certificate judges by these. The message
+    says ``where`` the problem is from, such as a dataset's folder.
     """
     field = _other_field(model, problem)
     if field is not None:

@@ -82,9 +82,7 @@ class Folder:
 
         On object stores a put makes a file visible, whole. Other stores have no atomic rename that
         Arrow reaches: a file may be seen half written, and its digest is then not the manifest's.
-
-        Raises:
-            ProlearnError: where the folder cannot be written to; what was there is intact.
+        ProlearnError where the folder cannot be written to; what was there is intact.
         """
         with self._writing(name):
             if self.local:

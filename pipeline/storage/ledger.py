@@ -74,17 +74,12 @@ Kind = TypeVar("Kind", bound=ShardManifest)
 
 
 class Ledger(Generic[Kind]):
-    """The manifest of a folder that is being written, kept in step with its shards.
-
-    Attributes:
-        folder: where the shards are.
-        manifest: as it will be committed.
-        timed: SHA-256 of each shard of timings, by the path of the shard they belong to.
-    """
+    """The manifest of a folder that is being written, kept in step with its shards."""
 
     def __init__(self, folder: Folder, manifest: Kind, progress: Progress) -> None:
         self.folder, self.manifest, self._progress = folder, manifest, progress
         known = read_timed(folder) if folder.exists(TIMED) else {}
+        # SHA-256 of each shard of timings, by the path of the shard that they belong to.
         self.timed = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
@@ -227,15 +222,11 @@ def set_aside(folder: Folder, name: str, progress: Progress, top: str = DAMAGED)
 def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     """Hold a folder for writing, and remove the unfinished files of killed writers.
 
-    The lock is the operating system's, so it ends with its holder, however that ends. Object
-    stores have none: two runs there both finish, with identical bytes.
+    The lock is the operating system's, so it ends with its holder, however that ends. Object stores
+    have none: two runs there both finish, with identical bytes.
 
-    ``owned`` is the pattern of its shards and of other files that its writers make; unfinished
-    files of other names are somebody else's, and stay.
-
-    Raises:
-        InputError: where another process holds it.
-        ProlearnError: where the folder cannot be written to.
+    ``owned`` is the pattern of the files that its writers make; unfinished files of other names are
+    somebody else's, and stay. InputError where another process holds it.
     """
     if folder.local is None:
         yield
