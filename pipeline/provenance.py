@@ -39,17 +39,13 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) 
     found = [path for part in parts for path in root.glob(part)]
     files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
     for path in sorted(files):
-        content = _text(_bare(ast.parse(path.read_bytes()))).encode()
+        tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
+            if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+                del node.body[0]
+        content = _text(tree).encode()
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
-
-
-def _bare(tree: ast.AST) -> ast.AST:
-    """A syntax tree without its docstrings."""
-    for node in ast.walk(tree):
-        if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-            del node.body[0]
-    return tree
 
 
 def _text(node: Any) -> str:

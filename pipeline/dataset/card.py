@@ -125,22 +125,19 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
     versions = [(name, made.sample.get(name, ""), made.solve.get(name, "")) for name in names]
     settings = (formatted("{} {}", code(name), value) for name, value in manifest.solve.items())
     families = sorted({one.family for one in manifest.samples.values()})
+    known = {name: (draw.__doc__ or "").partition("\n")[0] for name, draw in FAMILIES.items()}
     return {
         "draws": table(("n", "family", "seed", "scenarios of each n", *SPLITS), draws),
-        "families": {name: _described(name) for name in families},
+        "families": {
+            name: known.get(name, "Of another version of prolearn.").replace(" (the default)", "")
+            for name in families
+        },
         "commands": list(commands(manifest, AGAIN)),
         "missing": ranges(sorted({*PRESETS.get(preset or "", {})} - {*manifest.samples})),
         "versions": table(("", "scenarios", "plans"), versions),
         "settings": Markdown(", ".join(settings)),
         "digest": manifest.digest(),
     }
-
-
-def _described(family: str) -> str:
-    """A family of scenarios in a sentence."""
-    if family not in FAMILIES:
-        return "Of another version of prolearn."
-    return (FAMILIES[family].__doc__ or "").partition("\n")[0].replace(" (the default)", "")
 
 
 def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:

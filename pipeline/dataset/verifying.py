@@ -180,7 +180,13 @@ def _faults(check: Check, content: bytes | str) -> list[Fault]:
         return [Fault(name, other if right else DIGEST, sound=alone)]
     if not right:
         return [Fault(name, DIGEST)]
-    return [Fault(name, what) for what in _row_faults(table, shard, check.kind)]
+    splits, faults = [shard.sample.drawn_as(row)[0] for row in shard.rows], []
+    if not timings and table["split"].to_pylist() != splits:
+        faults.append("has rows of other splits than they were drawn for")
+    if check.kind == "solved":
+        requirements = requirements_of(shard.about.solve)
+        faults += row_faults(table, shard.n, shard.about.problem, requirements)
+    return [Fault(name, what) for what in faults]
 
 
 def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
@@ -197,12 +203,3 @@ def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
         if check.digest is None:
             return UNTIMED
     return ""
-
-
-def _row_faults(table: pa.Table, shard: Shard, kind: str) -> Iterator[str]:
-    splits = [shard.sample.drawn_as(row)[0] for row in shard.rows]
-    if kind != "timings" and table["split"].to_pylist() != splits:
-        yield "has rows of other splits than they were drawn for"
-    if kind == "solved":
-        requirements = requirements_of(shard.about.solve)
-        yield from row_faults(table, shard.n, shard.about.problem, requirements)

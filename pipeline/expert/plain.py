@@ -5,7 +5,7 @@ node, linearized about the trajectory before. States and controls of all craft a
 which Clarabel finds. Craft are kept apart at the nodes only, as in the paper.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import clarabel
@@ -34,15 +34,6 @@ IMPROVEMENT = 1e-3  # relative improvement at which it stops, likewise
 MAX_ROUNDS = 20
 # Of bounds and controls in the rows u - |u| ≤ 0 and -u - |u| ≤ 0
 SIGNS = np.full((2, 1), -1.0), np.array([[1.0], [-1.0]])
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """The cheapest iterate that is clear at the nodes, or the newest where none is."""
-
-    controls: Controls | None = None
-    convex_solves: int = 0
-    clear: bool = False
 
 
 class PlainScp:
@@ -90,36 +81,31 @@ class PlainScp:
         reference = blank if seed is None else checked_seed(scenario, seed)
         optima = decoupled_optima(scenario.initial, scenario.goal, self.problem)
         bound, proof = optima.bound()
-        found = self._search(scenario, reference, bound)
-        controls = optima.controls if found.controls is None else found.controls
-        timing = {"plan": perf_counter() - started}
-        made = Made(controls, bound, proof, found.convex_solves, timing)
-        plan = planned(NAME, scenario, made, Requirements("nodes"))
-        if found.clear and plan.status == SOLVED:
-            return plan
-        given_up = f"no plan clear at the nodes after {found.convex_solves} convex solves"
-        return replace(plan, status=UNSOLVED, message=given_up)
-
-    def _search(self, scenario: Scenario, reference: Seed, bound: float) -> _Found:
-        """Solve and linearize anew until an iterate that is clear at the nodes is good enough."""
-        best, least = _Found(), np.inf
-        for solves in range(1, MAX_ROUNDS + 1):
-            best = replace(best, convex_solves=solves)
+        # Solve and linearize anew until an iterate that is clear at the nodes is good enough.
+        best, least, solves = optima.controls, np.inf, 0
+        while solves < MAX_ROUNDS:
+            solves += 1
             optimum = self._optimum(scenario, reference)
             if optimum is None:
                 break
             controls = meet_goal(scenario.initial, optimum, scenario.goal, self.problem)
             reference = fly(scenario.initial, controls, self.problem)
             if node_collisions(reference, self.problem.collision_radius):
-                best = best if best.clear else replace(best, controls=controls)
+                best = best if np.isfinite(least) else controls
                 continue
             used = float(fuel(controls))
             gained, least = least - used, min(least, used)
             if gained > 0:
-                best = _Found(controls, solves, clear=True)
+                best = controls
             if used <= (1 + GAP) * bound or gained <= IMPROVEMENT * used:
                 break
-        return best
+        timing = {"plan": perf_counter() - started}
+        made = Made(best, bound, proof, solves, timing)
+        plan = planned(NAME, scenario, made, Requirements("nodes"))
+        if np.isfinite(least) and plan.status == SOLVED:
+            return plan
+        given_up = f"no plan clear at the nodes after {solves} convex solves"
+        return replace(plan, status=UNSOLVED, message=given_up)
 
     def _optimum(self, scenario: Scenario, reference: Seed) -> Controls | None:
         """The program's controls with half-spaces about node states, m/s², or None."""

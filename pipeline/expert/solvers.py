@@ -7,7 +7,6 @@ also solve the program of a single craft, and are the reference for the simplex 
 """
 
 from collections.abc import Callable
-from functools import lru_cache
 from threading import local
 
 import clarabel
@@ -94,13 +93,8 @@ def _pass(solver: highspy.Highs, sub: Subproblem) -> None:
         *(variables, len(least), len(value), _ROWWISE, _MINIMIZE, 0.0),
         *(sub.cost(), np.zeros(variables), most),
         *(least, np.concatenate([wanted, np.full(k, np.inf)])),
-        *(start, column, value, _continuous(variables)),
+        *(start, column, value, np.zeros(variables, dtype=np.int32)),
     )
-
-
-@lru_cache(maxsize=1024)
-def _continuous(variables: int) -> Int[Array, "v"]:
-    return np.zeros(variables, dtype=np.int32)
 
 
 def _rows(sub: Subproblem) -> tuple[Int[Array, "_"], Int[Array, "e"], Float[Array, "e"]]:
@@ -146,13 +140,8 @@ def clarabel_solver(
     limits = np.full(2 * n * m if np.isfinite(sub.limit) else 0, sub.limit / sub.unit)
     b = np.concatenate([sub.goals(), np.zeros(2 * n * m + k), limits, -sub.required / LENGTH])
     cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(b) - equalities)]
-    return clarabel.DefaultSolver(_no_curvature(len(cost)), cost, A, b, cones, settings)
-
-
-@lru_cache(maxsize=1024)
-def _no_curvature(variables: int) -> sparse.csc_matrix:
-    """P of a linear program: the quadratic term, which is zero."""
-    return sparse.csc_matrix((variables, variables))
+    no_curvature = sparse.csc_matrix((len(cost), len(cost)))
+    return clarabel.DefaultSolver(no_curvature, cost, A, b, cones, settings)
 
 
 def _constraints(sub: Subproblem) -> sparse.csc_matrix:
@@ -168,15 +157,5 @@ def _constraints(sub: Subproblem) -> sparse.csc_matrix:
     )
     tops = np.cumsum([0] + [height for height, _ in blocks])
     row = np.concatenate([e[0] + top for (_, e), top in zip(blocks, tops[:-1], strict=True)])
-    column = np.concatenate([e[1] for _, e in blocks])
-    value = np.concatenate([e[2] for _, e in blocks])
-    return _by_columns(row, column, value, (int(tops[-1]), len(variables)))
-
-
-def _by_columns(
-    row: Int[Array, "e"], column: Int[Array, "e"], value: Float[Array, "e"], shape: tuple[int, int]
-) -> sparse.csc_matrix:
-    """A sparse matrix from entries that are all different, in less time than by way of COO."""
-    order = np.argsort(column * shape[0] + row)
-    starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
-    return sparse.csc_matrix((value[order], row[order], starts), shape=shape)
+    column, value = (np.concatenate([e[k] for _, e in blocks]) for k in (1, 2))
+    return sparse.csc_matrix((value, (row, column)), shape=(int(tops[-1]), len(variables)))

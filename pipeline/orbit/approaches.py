@@ -35,26 +35,15 @@ Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
 Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and interval
 
 
-@dataclass(frozen=True)
 class Swarms:
     """Independent swarms stacked along the craft axis, by their numbers of craft."""
 
-    sizes: tuple[int, ...]
-
-    @cached_property
-    def label(self) -> Int[Array, "n"]:
-        """The swarm of each craft."""
-        return np.repeat(np.arange(len(self.sizes)), self.sizes)
-
-    @cached_property
-    def starts(self) -> Int[Array, "swarms"]:
-        """The first craft of each swarm."""
-        return np.cumsum((0, *self.sizes[:-1]))
-
-    @property
-    def few(self) -> bool:
-        """Whether all pairs can be compared."""
-        return max(self.sizes) <= FEW and sum(n * n for n in self.sizes) <= 2 * MOST_PAIRS
+    def __init__(self, sizes: tuple[int, ...]) -> None:
+        self.sizes = sizes
+        self.label = np.repeat(np.arange(len(sizes)), sizes)  # the swarm of each craft
+        self.starts = np.cumsum((0, *sizes[:-1]))  # the first craft of each swarm
+        # Whether all pairs can be compared.
+        self.few = max(sizes) <= FEW and sum(n * n for n in sizes) <= 2 * MOST_PAIRS
 
     @cached_property
     def pairs(self) -> Pairs:

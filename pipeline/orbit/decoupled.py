@@ -80,7 +80,11 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima |
         chosen = value.argmax(axis=1)
         weight = np.matvec(facets.weights[chosen], part)
         for k in np.flatnonzero(weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)):
-            chosen[k], weight[k] = _met(facets, part[k], value[k])
+            # Of several in one plane the ray meets the one whose weights are not negative.
+            near = np.flatnonzero(value[k] >= value[k].max() - ROUNDING * np.abs(value[k].max()))
+            weights = np.matvec(facets.weights[near], part[k])
+            best = weights.min(axis=1).argmax()
+            chosen[k], weight[k] = near[best], weights[best]
         craft = np.arange(len(miss))[:, None]
         column, sign = facets.column[chosen], facets.sign[chosen]
         flat[craft, column] = weight * sign
@@ -90,16 +94,6 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima |
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
     return DecoupledOptima(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
-
-
-def _met(
-    facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
-) -> tuple[int, Float[Array, "d"]]:
-    """The facet that the ray meets, of several in one plane: its weights are not negative."""
-    near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
-    weights = np.matvec(facets.weights[near], part)
-    k = int(weights.min(axis=1).argmax())
-    return int(near[k]), weights[k]
 
 
 @lru_cache(maxsize=32)

@@ -6,7 +6,6 @@ search is that of craft in flight, with proven bounds.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -53,7 +52,7 @@ def loss_encounters(
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
-    paths = _Paths.of(states, controls, problem, orbits)
+    paths = _Paths(states, controls, problem, orbits)
     found = []
     for length, since in paths.pieces:
         near = _candidates(paths, length, since, reach, swarms, moved)
@@ -70,43 +69,29 @@ def least_after_loss(
     As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
     is the least where rounding hides it from the search.
     """
-    least = _closest_at_steps(_Paths.of(states, controls, problem, orbits), swarms)
+    least = _closest_at_steps(_Paths(states, controls, problem, orbits), swarms)
     found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
     return closer(least, found, problem, swarms)
 
 
-@dataclass(frozen=True, eq=False)
 class _Paths:
-    """A plan flown to its end, with the drift from the goals that follows."""
+    """A plan flown to its end, with the drift from the goals that follows, of so many orbits."""
 
-    # at nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s
-    states: Float[Array, "n _ 6"]
-    controls: Float[Array, "n _ 3"]  # zero after the plan, (n, T + M, 3), m/s²
-    problem: Problem  # the plan's
-    drift: Float[Array, "_ 6 6"]  # powers of A, (M + 1, 6, 6)
-    rest: float  # what is left of a drift after M time steps, s
-
-    @classmethod
-    def of(cls, states: States, controls: Controls, problem: Problem, orbits: float) -> "_Paths":
-        """A plan's paths, where a drift from any node takes so many orbits."""
+    def __init__(self, states: States, controls: Controls, problem: Problem, orbits: float) -> None:
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
         whole = int(steps + NO_LENGTH)
-        drift, _ = problem.dynamics.step(h * np.arange(whole + 1))
-        after = np.matvec(drift[1:], states[:, -1:])
+        self.problem, self.last = problem, states.shape[1] - 1  # the last node of the plan
+        self.rest = max(0.0, (steps - whole) * h)  # what is left of a drift after M time steps, s
+        self.drift, _ = problem.dynamics.step(
+            h * np.arange(whole + 1)
+        )  # powers of A, (M + 1, 6, 6)
+        # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
+        after = np.matvec(self.drift[1:], states[:, -1:])
+        self.states = np.concatenate([states, after], axis=1)
+        # Zero after the plan, (n, T + M, 3), m/s².
         idle = np.zeros((len(states), whole + 1, 3))
-        return cls(
-            np.concatenate([states, after], axis=1),
-            np.concatenate([controls, idle], axis=1),
-            problem,
-            drift,
-            rest=max(0.0, (steps - whole) * h),
-        )
-
-    @property
-    def last(self) -> int:
-        """The last node of the plan, or of what is left of it."""
-        return self.states.shape[1] - len(self.drift)
+        self.controls = np.concatenate([controls, idle], axis=1)
 
     @property
     def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:

@@ -115,14 +115,8 @@ def _call(
     """In a worker: one task on one thread; an error in loading is raised here."""
     if isinstance(content, Exception):
         raise content
-    _use_one_thread()
+    threadpool_limits(1)  # for good, since threads of a worker share it; sums must not depend on it
     return number, function(task, content)
-
-
-@functools.cache
-def _use_one_thread() -> None:
-    """One thread for linear algebra, so that sums do not depend on where they are made."""
-    threadpool_limits(1)
 
 
 def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:

@@ -87,14 +87,12 @@ class Seeded:
         """
         seeds, asked = self.planner.plan(scenarios), self.requirements
         plans = nominal_plans(scenarios, [seed.states for seed in seeds], self.settings, asked)
-        plans = [self._both(*pair) for pair in zip(seeds, plans, strict=True)]
+        for k, (seed, plan) in enumerate(zip(seeds, plans, strict=True)):
+            stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
+            total = seed.timing["plan"] + plan.timing["plan"]
+            who = self.name if plan.convex_solves else plan.planner
+            plans[k] = replace(plan, planner=who, timing={**stages, **plan.timing, "plan": total})
         return all_within_risk(scenarios, plans, asked, self.settings)
-
-    def _both(self, seed: Plan, plan: Plan) -> Plan:
-        stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
-        total = seed.timing["plan"] + plan.timing["plan"]
-        who = self.name if plan.convex_solves else plan.planner
-        return replace(plan, planner=who, timing={**stages, **plan.timing, "plan": total})
 
 
 @dataclass(frozen=True, eq=False)
