@@ -9,7 +9,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches
 from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import TransferMaps, transfer_maps
+from pipeline.orbit.transfer import transfer_maps
 
 TOUCHING = 1e-3  # distance in m under which two craft give no direction of their own
 
@@ -155,30 +155,23 @@ def half_spaces(
 ) -> HalfSpaces:
     """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then (m, m/s)."""
     maps = transfer_maps(problem)
+
+    def effect(to_state: Array, interval: Indices, pushed: Array) -> Float[Array, "k m"]:
+        """Of a craft's controls along each normal, m per m/s²."""
+        row = np.vecmat(to_state, maps.reach[interval])
+        columns = 3 * interval[:, None] + np.arange(3)
+        row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)
+        return row
+
     i, j, k = cuts.first, cuts.second, cuts.interval
     to_state = np.vecmat(normal, cuts.free)
-    row = _row(to_state, normal, k, cuts.pushed, maps)
+    row = effect(to_state, k, cuts.pushed)
     if cuts.other is not None:
         second, t = cuts.other, cuts.other.interval
         seen = np.vecmat(normal, second.free)
-        other = _row(seen, normal, t, second.pushed, maps)
         apart = np.vecdot(normal, second.offset)
         apart += np.vecdot(to_state, np.matvec(maps.drift[k], initial[i]))
         apart -= np.vecdot(seen, np.matvec(maps.drift[t], initial[j]))
-        return HalfSpaces(row, separation - apart, other)
+        return HalfSpaces(row, separation - apart, effect(seen, t, second.pushed))
     drifted = np.matvec(maps.drift[k], initial[i] - initial[j])
     return HalfSpaces(row, separation - np.vecdot(to_state, drifted))
-
-
-def _row(
-    to_state: Float[Array, "k 6"],
-    normal: Vectors,
-    interval: Indices,
-    pushed: Float[Array, "k 3 3"],
-    maps: TransferMaps,
-) -> Float[Array, "k m"]:
-    """Effect of a craft's controls along each normal, m per m/s²."""
-    row = np.vecmat(to_state, maps.reach[interval])
-    columns = 3 * interval[:, None] + np.arange(3)
-    row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)
-    return row

@@ -59,18 +59,7 @@ def solve_many(
     """
     settings = settings or Settings()
     plans = nominal_plans(scenarios, seeds, settings, requirements)
-    return all_within_risk(scenarios, plans, requirements, settings)
-
-
-def all_within_risk(
-    scenarios: Sequence[Scenario],
-    plans: Sequence[Plan],
-    requirements: Requirements,
-    settings: Settings,
-) -> list[Plan]:
-    """Plans of several scenarios, each as in ``within_risk``."""
-    both = zip(scenarios, plans, strict=True)
-    return [within_risk(scenario, plan, requirements, settings) for scenario, plan in both]
+    return [within_risk(plan, requirements, settings) for plan in plans]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +71,7 @@ class _Tried:
     risk: CollisionRisk
 
 
-def within_risk(
-    scenario: Scenario, plan: Plan, requirements: Requirements, settings: Settings | None = None
-) -> Plan:
+def within_risk(plan: Plan, requirements: Requirements, settings: Settings | None = None) -> Plan:
     """The plan itself where its risk is small enough, or else the cheapest of more careful ones.
 
     Every pair is kept so many standard deviations of its separation apart, the same number for all.
@@ -99,10 +86,10 @@ def within_risk(
     if limit is None or plan.status == INFEASIBLE:
         return plan
     started, settings = perf_counter(), settings or Settings()
-    uncertainty = limit.uncertainty(scenario.problem)
-    tried = [_judged(scenario, plan, 0.0, uncertainty)]
+    uncertainty = limit.uncertainty(plan.scenario.problem)
+    tried = [_judged(plan, 0.0, uncertainty)]
     if plan.status == SOLVED and tried[0].risk.total > limit.asked:
-        tried.extend(_more_careful(scenario, tried[0], limit, settings, requirements.nominal))
+        tried.extend(_more_careful(tried[0], limit, settings, requirements.nominal))
     best = min(tried, key=lambda one: _worth(one, limit.asked))
     claim = Risk(
         bound=best.risk.total,
@@ -122,15 +109,11 @@ def within_risk(
     )
     if claim.kept or plan.status != SOLVED:
         return found
-    return replace(found, status=UNSOLVED, message=_too_risky(scenario, best.risk, limit.asked))
+    return replace(found, status=UNSOLVED, message=_too_risky(best, limit.asked))
 
 
 def _more_careful(
-    scenario: Scenario,
-    first: _Tried,
-    limit: RiskLimit,
-    settings: Settings,
-    requirements: Requirements,
+    first: _Tried, limit: RiskLimit, settings: Settings, requirements: Requirements
 ) -> Iterator[_Tried]:
     """Search for ever better numbers of standard deviations, until one is good enough.
 
@@ -138,13 +121,14 @@ def _more_careful(
     tail Q(k); the number is kept between the largest known to be too few and the least that is
     enough.
     """
-    asked, uncertainty = limit.asked, limit.uncertainty(scenario.problem)
+    scenario, asked = first.plan.scenario, limit.asked
+    uncertainty = limit.uncertainty(scenario.problem)
     held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
     sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
     for _ in range(TRIES):
         back_off = BackOff(uncertainty, sigmas)
         (made,) = nominal_plans([scenario], [plan.states], settings, requirements, back_off)
-        one = _judged(scenario, made, sigmas, uncertainty)
+        one = _judged(made, sigmas, uncertainty)
         yield one
         risk = one.risk.total
         if made.status != SOLVED:
@@ -167,8 +151,8 @@ def _tail(probability: float) -> float:
     return max(0.0, -float(ndtri(min(probability, 0.5))))
 
 
-def _judged(scenario: Scenario, plan: Plan, sigmas: float, uncertainty: Uncertainty) -> _Tried:
-    risk = collision_risk(plan.states, plan.controls, scenario.problem, uncertainty)
+def _judged(plan: Plan, sigmas: float, uncertainty: Uncertainty) -> _Tried:
+    risk = collision_risk(plan.states, plan.controls, plan.scenario.problem, uncertainty)
     return _Tried(plan, sigmas, risk)
 
 
@@ -178,8 +162,9 @@ def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
     return not kept, tried.plan.certificate.fuel if kept else tried.risk.total
 
 
-def _too_risky(scenario: Scenario, risk: CollisionRisk, asked: float) -> str:
+def _too_risky(tried: _Tried, asked: float) -> str:
     """Why the risk is not kept: the pair that adds most, and whether the ends alone have it."""
+    scenario, risk = tried.plan.scenario, tried.risk
     radius, worst = scenario.problem.collision_radius, int(risk.of_pair.argmax())
     said = (
         f"the risk that a pair comes within {radius:g} m is bounded by {risk.total:.3g}, asked for "

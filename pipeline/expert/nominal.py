@@ -11,13 +11,12 @@ from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.incumbents import SearchResult
-from pipeline.expert.scp import SearchProblem, Seeds, cluster_labels
+from pipeline.expert.scp import Search, SearchProblem, Seeds, cluster_labels
 from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.infeasibility import unavoidable
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
 from pipeline.plan import (
     INFEASIBLE,
@@ -62,8 +61,7 @@ def nominal_plans(
         for result, craft in zip(results, batch.craft, strict=True)
     ]
     plans = planned_all("expert", scenarios, made, requirements)
-    both = zip(plans, results, strict=True)
-    return [_explained(plan, result, batch.problem, requirements) for plan, result in both]
+    return [_explained(*both) for both in zip(plans, results, strict=True)]
 
 
 def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls | None:
@@ -74,13 +72,11 @@ def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls
     return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
 
 
-def _explained(
-    plan: Plan, result: SearchResult, problem: Problem, requirements: Requirements
-) -> Plan:
+def _explained(plan: Plan, result: SearchResult) -> Plan:
     """The plan with its status and the reason, where it is none to fly."""
     if result.infeasible:
         return replace(plan, status=INFEASIBLE, message=result.obstacle)
-    if plan.status == UNSAFE and has_one_plan(problem) and _meet(plan, problem, requirements):
+    if plan.status == UNSAFE and has_one_plan(plan.scenario.problem) and _meet(plan):
         reason = f"no other controls reach the goals, and with these {plan.message}"
         return replace(plan, status=INFEASIBLE, message=reason)
     if plan.status != SOLVED:
@@ -90,10 +86,10 @@ def _explained(
     return plan
 
 
-def _meet(plan: Plan, problem: Problem, requirements: Requirements) -> bool:
+def _meet(plan: Plan) -> bool:
     """Whether craft do come within the collision radius, beyond what cannot be disproven."""
-    found, radius = plan.certificate, problem.collision_radius
-    if requirements.at_nodes:
+    found, radius = plan.certificate, plan.scenario.problem.collision_radius
+    if plan.requirements.at_nodes:
         return found.node_collisions > 0
     drifting = None if found.passive_safety is None else found.passive_safety.min_separation
     return any(one is not None and one <= radius for one in (found.min_separation, drifting))
@@ -106,7 +102,7 @@ def _search(asked: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
     if not left:
         return results
     part = asked.part(left)
-    found = part.search(None if seeds is None else [seeds[k] for k in left])
+    found = Search(part, None if seeds is None else [seeds[k] for k in left]).run()
     settings, optima = asked.settings, part.batch.optima
     if asked.requirements.passive_safety is not None:
         # Craft in one plane are first led apart in that plane, where there may be no way past one
@@ -186,7 +182,7 @@ def _again(
         left = [k for k, result in enumerate(results) if wanting(k, result)]
         if not left:
             break
-        for k, other in zip(left, asked.part(left).search(start=start), strict=True):
+        for k, other in zip(left, Search(asked.part(left), start=start).run(), strict=True):
             solves = results[k].convex_solves + other.convex_solves
             results[k] = replace(better(k, results[k], other), convex_solves=solves)
     return results

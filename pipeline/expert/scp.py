@@ -96,16 +96,12 @@ class SearchProblem:
         """The same of some of the scenarios."""
         return replace(self, batch=self.batch.part(which))
 
-    def search(self, seeds: Seeds | None = None, start: int = 0) -> list[SearchResult]:
-        """Search all scenarios, linearized at first about seeds, else about decoupled optima.
-
-        Further starts, from 1 on, pass on other sides at first.
-        """
-        return Search(self, seeds, start).run()
-
 
 class Search:
     """The state of one search; ``run`` does all of it.
+
+    It is linearized at first about seeds, else about decoupled optima. Further starts, from 1 on,
+    pass on other sides at first.
 
     Attributes:
         iterate: the newest trajectory.
@@ -120,7 +116,7 @@ class Search:
         incumbents: cheapest safe iterates so far.
     """
 
-    def __init__(self, asked: SearchProblem, seeds: Seeds | None, start: int) -> None:
+    def __init__(self, asked: SearchProblem, seeds: Seeds | None = None, start: int = 0) -> None:
         self.asked, self.settings, self.batch = asked, asked.settings, asked.batch
         self.problem, self.swarm = self.batch.problem, self.batch.swarms.label
         self.provable = self.problem.collision_radius + PROVABLE

@@ -132,7 +132,8 @@ def close_approaches(
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
-    i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
+    motion = states[:, :-1], states[:, 1:, :3], controls, problem.dynamics, problem.time_step
+    i, j, k = _candidates(*balls(*motion), reach, swarms, moved)
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
     push, h = controls[i, k] - controls[j, k], problem.time_step
     near, found = closest_to_origin(start, end, push, problem.dynamics, h, reach[i], tolerance)
@@ -234,16 +235,9 @@ def _steps(
 
 
 def _candidates(
-    states: States,
-    controls: Controls,
-    problem: Problem,
-    reach: Float[Array, "n"],
-    swarms: Swarms,
-    moved: Marked | None,
+    middle: Vector, radius: Scalar, reach: Values, swarms: Swarms, moved: Marked | None
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
-    start, end = states[:, :-1], states[:, 1:, :3]
-    middle, radius = balls(start, end, controls, problem.dynamics, problem.time_step)
     if swarms.few:
         i, j = swarms.pairs
         if moved is not None and not moved.all():
@@ -273,9 +267,7 @@ def balls(
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
-def _by_tree(
-    middle: Controls, radius: Float[Array, "n intervals"], reach: float, swarms: Swarms
-) -> Candidates:
+def _by_tree(middle: Vector, radius: Scalar, reach: float, swarms: Swarms) -> Candidates:
     """Pairs and intervals whose balls may be within a distance, by a k-d tree, and some others.
 
     One tree holds all swarms and intervals: planes of a fourth dimension, too far apart to meet.

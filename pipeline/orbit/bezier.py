@@ -73,7 +73,11 @@ def branch_and_bound(
     when, bound = np.zeros_like(best), np.full_like(best, np.inf)
     for level in range(MAX_SPLITS):
         s, distance = _closest(curve)
-        _keep_least(best, when, group, distance + remainder, left + width * s)
+        reached = distance + remainder
+        order = np.argsort(-reached, kind="stable")  # the last write, the least, stays
+        order = order[reached[order] < best[group[order]]]
+        best[group[order]] = reached[order]
+        when[group[order]] = (left + width * s)[order]
         at = np.where((s > EDGE) & (s < 1 - EDGE), s, 0.5)
         curve = _split(curve, at)
         group, remainder = np.repeat(group, 2), np.repeat(remainder, 2)
@@ -126,17 +130,3 @@ def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     gram = curve @ curve.transpose(0, 2, 1)
     least = (gram.reshape(-1, 16) @ SQUARED).min(axis=1)
     return np.sqrt(np.maximum(least, 0.0))
-
-
-def _keep_least(
-    best: Float[Array, "g"],
-    when: Float[Array, "g"],
-    group: Int[Array, "s"],
-    distance: Float[Array, "s"],
-    time: Float[Array, "s"],
-) -> None:
-    """Enter the least distance of each group so far, and its time, in place."""
-    order = np.argsort(-distance, kind="stable")  # the last write, the least, stays
-    order = order[distance[order] < best[group[order]]]
-    best[group[order]] = distance[order]
-    when[group[order]] = time[order]

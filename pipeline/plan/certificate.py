@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.orbit.approaches import Swarms, side_by_side
+from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.passive_safety import least_after_loss
@@ -125,8 +124,8 @@ class Certificate:
 
 def certify(
     scenarios: Sequence[Scenario],
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
+    states: States,
+    controls: Controls,
     bounds: Sequence[tuple[float, str]],
     requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Certificate]:
@@ -196,10 +195,7 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
 
 
 def _least_separations(
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
-    problem: Problem,
-    swarms: Swarms,
+    states: States, controls: Controls, problem: Problem, swarms: Swarms
 ) -> list[Separation]:
     """The least separation of each swarm, in a finer bracket where r_col is inside it."""
     closest = least_separations(states, controls, problem, swarms)

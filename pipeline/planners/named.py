@@ -37,7 +37,13 @@ def named_planner(
     if name not in NAMES:
         return None
     if name == REFINER:
-        return _refiner(requirements, effort, raw=raw)
+        from pipeline.networks.refiner.packaged import packaged
+        from pipeline.planners.network import NetworkPlanner
+
+        if raw:
+            refuse_effort(effort)
+        network = NetworkPlanner(packaged(), REFINER, requirements)
+        return network if raw else with_expert(network, effort)
     if raw:
         raise InputError(
             f"--raw is given and the planner is {name}, after which there is no expert; expected "
@@ -47,17 +53,6 @@ def named_planner(
         return Expert(EFFORTS[effort or "default"], requirements=requirements)
     refuse_effort(effort)
     return replace(_BASELINES[name], requirements=requirements)
-
-
-def _refiner(requirements: Requirements, effort: str | None, *, raw: bool) -> Planner:
-    """The packaged refiner, alone or with the expert behind it."""
-    from pipeline.networks.refiner.packaged import packaged
-    from pipeline.planners.network import NetworkPlanner
-
-    if raw:
-        refuse_effort(effort)
-    network = NetworkPlanner(packaged(), REFINER, requirements)
-    return network if raw else with_expert(network, effort)
 
 
 def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:

@@ -3,7 +3,7 @@
 A network's answer is flown, so that dynamics and both ends hold exactly.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import isclose
 
@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.expert import FIRST_SAFE, Settings, all_within_risk, nominal_plans
+from pipeline.expert import FIRST_SAFE, Settings, nominal_plans, within_risk
 from pipeline.expert.batch import Batch
 from pipeline.networks.document import TrainedNetwork
 from pipeline.orbit.problem import Problem
@@ -92,7 +92,7 @@ class Seeded:
             total = seed.timing["plan"] + plan.timing["plan"]
             who = self.name if plan.convex_solves else plan.planner
             plans[k] = replace(plan, planner=who, timing={**stages, **plan.timing, "plan": total})
-        return all_within_risk(scenarios, plans, asked, self.settings)
+        return [within_risk(plan, asked, self.settings) for plan in plans]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,36 +123,26 @@ class FallbackPlanner:
         asked = self.requirements
         plans = replace(self.network, requirements=asked.nominal).plan(scenarios)
 
-        def one_solve(left: Sequence[Scenario], seeds: Sequence[Plan]) -> list[Plan]:
-            return nominal_plans(left, [seed.states for seed in seeds], ONE_SOLVE, asked)
-
-        def search(left: Sequence[Scenario], _: Sequence[Plan]) -> list[Plan]:
-            return nominal_plans(left, None, self.settings, asked)
-
-        plans = _where_unsafe(scenarios, plans, one_solve, f"{self.name} + one solve")
-        plans = _where_unsafe(scenarios, plans, search, "expert")
-        return all_within_risk(scenarios, plans, asked, self.settings)
+        plans = _where_unsafe(plans, ONE_SOLVE, asked, f"{self.name} + one solve", seeded=True)
+        plans = _where_unsafe(plans, self.settings, asked, "expert")
+        return [within_risk(plan, asked, self.settings) for plan in plans]
 
 
 def _where_unsafe(
-    scenarios: Sequence[Scenario],
-    plans: Sequence[Plan],
-    fallback: Callable[[Sequence[Scenario], Sequence[Plan]], list[Plan]],
-    name: str,
+    plans: list[Plan], settings: Settings, asked: Requirements, name: str, *, seeded: bool = False
 ) -> list[Plan]:
-    """The plans, and a fallback's where they are not proven safe, with the time of both."""
+    """The plans, and the expert's where they are not proven safe, with the time of both."""
     left = [k for k, plan in enumerate(plans) if plan.status != SOLVED]
-    found = list(plans)
-    if left:
-        tried = fallback([scenarios[k] for k in left], [plans[k] for k in left])
-        for k, plan in zip(left, tried, strict=True):
-            before = plans[k]
-            timing = {**plan.timing, "plan": before.timing["plan"] + plan.timing["plan"]}
-            solves = before.convex_solves + plan.convex_solves
-            # Where a craft has no decoupled optimum to fly, the expert looks at no seed.
-            who = name if plan.convex_solves else plan.planner
-            found[k] = replace(plan, planner=who, timing=timing, convex_solves=solves)
-    return found
+    seeds = [plans[k].states for k in left] if seeded else None
+    tried = nominal_plans([plans[k].scenario for k in left], seeds, settings, asked)
+    for k, plan in zip(left, tried, strict=True):
+        before = plans[k]
+        timing = {**plan.timing, "plan": before.timing["plan"] + plan.timing["plan"]}
+        solves = before.convex_solves + plan.convex_solves
+        # Where a craft has no decoupled optimum to fly, the expert looks at no seed.
+        who = name if plan.convex_solves else plan.planner
+        plans[k] = replace(plan, planner=who, timing=timing, convex_solves=solves)
+    return plans
 
 
 def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:

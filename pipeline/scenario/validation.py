@@ -115,16 +115,13 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
     mismatch = energy_mismatch(states, e)
     off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
     drift, wanted = -6 * np.pi / e * mismatch, -2 * e * states[:, 0]
-    numbers = [
-        {"mismatch": float(m), "drift_per_orbit": float(d), "vy_wanted": float(v)}
-        for m, d, v in zip(mismatch, drift, wanted, strict=True)
-    ]
+    columns = {"mismatch": mismatch, "drift_per_orbit": drift, "vy_wanted": wanted}
     cases = tuple(
         Case(
             (int(k),),
             f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit: vy + 2·mean_motion·x is "
             f"{mismatch[k]:.3g} m/s, and 0 with a vy of {wanted[k]:.9g}",
-            numbers[k],
+            {name: float(column[k]) for name, column in columns.items()},
         )
         for k in off[np.abs(mismatch[off]).argsort(kind="stable")[::-1]]
     )
