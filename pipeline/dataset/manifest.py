@@ -99,24 +99,17 @@ class MadeWith:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a dataset folder is meant to hold and what of it is there; laid out as in the file.
-
-    Attributes:
-        problem: the problem that all its instances share.
-        samples: how each swarm size is drawn.
-        solve: record of how plans are made, or nothing before the first solve.
-        made_with: versions that it was made with.
-        shards: SHA-256 of each finished shard, by path inside the folder.
-    """
+    """What a dataset folder is meant to hold and what of it is there; laid out as in the file."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
     # As written: an integer stays one, since the metadata of shards repeats it to the letter.
     problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
-    samples: Mapping[PositiveInt, Sample]
+    samples: Mapping[PositiveInt, Sample]  # how each swarm size is drawn
+    # Record of how plans are made, or nothing before the first solve.
     solve: Annotated[Mapping[str, Any], AfterValidator(_checked_record)]
     made_with: MadeWith
-    shards: Mapping[str, str]
+    shards: Mapping[str, str]  # SHA-256 of each finished shard, by path inside the folder
 
     def __post_init__(self) -> None:
         shards = sum(sample.shards for sample in self.samples.values())

@@ -5,15 +5,22 @@ their goals. All of it is linear motion under controls that are constant over in
 search is that of craft in flight, with proven bounds.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import Approaches, Swarms, balls, closest_to_origin, side_by_side
-from pipeline.orbit.arrays import AnyState, Controls, Marked, Scalar, States, Vector
+from pipeline.orbit.approaches import (
+    Approaches,
+    Motions,
+    Swarms,
+    balls,
+    closest_to_origin,
+    side_by_side,
+)
+from pipeline.orbit.arrays import AnyState, Controls, Marked, Scalar, States, Values, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
@@ -57,7 +64,7 @@ def loss_encounters(
     for length, since in paths.pieces:
         near = _candidates(paths, length, since, reach, swarms, moved)
         which = map(np.concatenate, zip(NO_CANDIDATES, *near, strict=True))
-        found.append(_closest(paths, length, reach, *which))
+        found.append(_closest(paths, length, reach, which))
     return Approaches.concatenated(found)
 
 
@@ -157,22 +164,15 @@ def _searched(
             yield lost[part], met[part], slice(begin, end)
 
 
-def _closest(
-    paths: _Paths,
-    length: float,
-    reach: Float[Array, "n"],
-    lost: Int[Array, "c"],
-    node: Int[Array, "c"],
-    other: Int[Array, "c"],
-    interval: Int[Array, "c"],
-) -> Approaches:
+def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]) -> Approaches:
     """The encounters among candidates."""
+    lost, node, other, interval = which
     dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
     drifting = np.matvec(paths.drift[interval - node], paths.states[lost, node])
     start = drifting - paths.states[other, interval]
     A, B = dynamics.step(length)
     end = np.matvec(A, start) - np.matvec(B, held)
-    near, found = closest_to_origin(start, end, -held, dynamics, length, reach[lost])
+    near, found = closest_to_origin(Motions(start, end, -held, reach[lost]), dynamics, length)
     return Approaches(
         **vars(found),
         first=lost[near],
