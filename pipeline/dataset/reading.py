@@ -74,7 +74,10 @@ def examples(where: Where | Folder, n: int, split: str) -> Examples:
     """Solved instances of a split as arrays; InputError also where none is solved."""
     found = _examples(solved_rows(where, n, split, LEARNED), n)
     if len(found) == 0:
-        raise _no_examples(where, n, split)
+        raise InputError(
+            f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
+            "some: sample more scenarios."
+        )
     return found
 
 
@@ -124,11 +127,9 @@ def examples_within(
     shards = tuple(_shards(folder, manifest, n, split))
     tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
     count = sum(len(table.filter((pc.field("split") == split) & _SOLVED)) for table in tables)
-    if count == 0:
-        raise _no_examples(where, n, split)
     buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
     if count <= buffer:
-        return examples(folder, n, split)
+        return examples(where, n, split)
     return ExampleStream(folder, manifest, n, split, shards, count, buffer)
 
 
@@ -152,10 +153,3 @@ def _examples(table: pa.Table, n: int) -> Examples:
     problem = problem_of(table)
     ends = stacked(table, "initial", n, 6), stacked(table, "goal", n, 6)
     return Examples(problem, *ends, stacked(table, "states", n, problem.nodes, 6))
-
-
-def _no_examples(where: Where | Folder, n: int, split: str) -> InputError:
-    return InputError(
-        f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
-        "some: sample more scenarios."
-    )

@@ -43,23 +43,17 @@ def sample(
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
-    _refuse_foreign(folder)
-    begin = partial(_begin, folder, samples, problem)
-    with open_ledger(folder, OWNED, begin, progress) as ledger:
-        lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
-        write_shards(ledger, draw_shard, lost, workers, progress)
-    return ledger.manifest
-
-
-def _refuse_foreign(folder: Folder) -> None:
-    if is_begun(folder):
-        return
-    foreign = [name for name in folder.top() if not TOP.fullmatch(name)]
+    foreign = [] if is_begun(folder) else [one for one in folder.top() if not TOP.fullmatch(one)]
     if foreign:
         raise InputError(
             f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
             "empty folder."
         )
+    begin = partial(_begin, folder, samples, problem)
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
+        lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
+        write_shards(ledger, draw_shard, lost, workers, progress)
+    return ledger.manifest
 
 
 def _begin(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:

@@ -126,13 +126,8 @@ def _remove_left_semaphores() -> None:
     """
     for path in SEMAPHORES.glob("sem.loky-*"):
         with suppress(OSError, ValueError):
-            if path.stat().st_uid == os.getuid() and not _runs(int(path.name.split("-")[1])):
-                path.unlink()
-
-
-def _runs(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
+            if path.stat().st_uid == os.getuid():
+                try:
+                    os.kill(int(path.name.split("-")[1]), 0)
+                except ProcessLookupError:
+                    path.unlink()

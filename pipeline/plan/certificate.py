@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -136,55 +137,42 @@ def certify(
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     starts, step = swarms.starts, problem.time_step
-    each, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
-    used = np.add.reduceat(each, starts).tolist()
+    spent, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
+    used = np.add.reduceat(spent, starts).tolist()
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, starts)
     defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
-    defects = np.maximum.reduceat(defect, starts)
+    closest = _least_separations(states, controls, problem, swarms)
+    columns: dict[str, Sequence[Any]] = {
+        "fuel": used,
+        "delta_v": [fuel * step for fuel in used],
+        "fuel_lower_bound": [bound for bound, _ in bounds],
+        "optimality_gap": [
+            gap_of(fuel, b, problem) for fuel, (b, _) in zip(used, bounds, strict=True)
+        ],
+        "node_collisions": swarm_node_collisions(states, problem.collision_radius, swarms).tolist(),
+        "min_separation": [None if one.pair is None else one.distance for one in closest],
+        "min_separation_pair": [one.pair for one in closest],
+        "min_separation_time": [one.time for one in closest],
+        "min_separation_bound": [None if one.pair is None else one.bound for one in closest],
+        "goal_error": misses[:, :3].max(axis=1).tolist(),
+        "goal_velocity_error": misses[:, 3:].max(axis=1).tolist(),
+        "dynamics_error": np.maximum.reduceat(defect, starts).tolist(),
+        "fuel_lower_bound_proof": [proof for _, proof in bounds],
+        "craft_delta_v": [tuple(one.tolist()) for one in np.split(step * spent, starts[1:])],
+        "craft_delta_v_2norm": [tuple(one.tolist()) for one in np.split(step * turned, starts[1:])],
+    }
     orbits, limit = requirements.passive_safety, requirements.risk
-    drifting: list[PassiveSafety | None] = [None] * len(scenarios)
     if orbits is not None:
         adrift = least_after_loss(states, controls, problem, orbits, swarms)
-        drifting = [PassiveSafety.of(orbits, least) for least in adrift]
-    risks: list[Risk | None] = [None] * len(scenarios)
+        columns["passive_safety"] = [PassiveSafety.of(orbits, least) for least in adrift]
     if limit is not None:
         errors = limit.uncertainty(problem)
         parts = zip(np.split(states, starts[1:]), np.split(controls, starts[1:]), strict=True)
         bounded = [collision_risk(*part, problem, errors).total for part in parts]
-        risks = [Risk(bound, limit.asked, errors, 0.0, None) for bound in bounded]
-    columns = (
-        _least_separations(states, controls, problem, swarms),
-        swarm_node_collisions(states, problem.collision_radius, swarms).tolist(),
-        drifting,
-        risks,
-        np.split(step * each, starts[1:]),
-        np.split(step * turned, starts[1:]),
-    )
-    return [
-        Certificate(
-            fuel=used[k],
-            delta_v=used[k] * step,
-            fuel_lower_bound=bounds[k][0],
-            optimality_gap=gap_of(used[k], bounds[k][0], problem),
-            node_collisions=collisions,
-            min_separation=None if apart.pair is None else apart.distance,
-            min_separation_pair=apart.pair,
-            min_separation_time=apart.time,
-            min_separation_bound=None if apart.pair is None else apart.bound,
-            goal_error=float(misses[k, :3].max()),
-            goal_velocity_error=float(misses[k, 3:].max()),
-            dynamics_error=float(defects[k]),
-            fuel_lower_bound_proof=bounds[k][1],
-            risk=risk,
-            passive_safety=after_loss,
-            craft_delta_v=tuple(spent.tolist()),
-            craft_delta_v_2norm=tuple(spent_turned.tolist()),
-        )
-        for k, (apart, collisions, after_loss, risk, spent, spent_turned) in enumerate(
-            zip(*columns, strict=True)
-        )
-    ]
+        columns["risk"] = [Risk(bound, limit.asked, errors, 0.0, None) for bound in bounded]
+    rows = zip(*columns.values(), strict=True)
+    return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -86,13 +87,10 @@ def _false_claims(
                 yield f"{name}[{k}]", theirs, ours, " m/s"
                 break
     parts = (("", said, found), ("passive_safety.", said.passive_safety, found.passive_safety))
-    for prefix, claim, truth in parts:
-        for name in ("min_separation", "min_separation_bound"):
-            theirs, ours = getattr(claim, name, None), getattr(truth, name, None)
-            if theirs is None or ours is None:
-                continue
-            if not theirs <= ours + 2 * TOLERANCE:
-                yield prefix + name, theirs, ours, " m"
+    for (prefix, *pair), name in product(parts, ("min_separation", "min_separation_bound")):
+        theirs, ours = (getattr(one, name, None) for one in pair)
+        if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
+            yield prefix + name, theirs, ours, " m"
     if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
         yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
     if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
