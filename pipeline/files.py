@@ -81,10 +81,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_rows(path: Path, names: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Write a CSV file that appears whole, or to standard output; None and NaN are left empty.
-
-    In texts, invisible characters become escapes.
-    """
+    """Write a CSV file whole; None and NaN are empty, invisible characters escaped."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(map(visible, names))

@@ -31,10 +31,7 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
 
 
 def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) -> str:
-    """Digest of the modules, or all in the folders, of some patterns.
-
-    It is of what the code does: comments, docstrings and the form of lines are left out.
-    """
+    """Digest of what modules, by patterns, do: without comments, docstrings and layout."""
     digest = hashlib.sha256()
     found = [path for part in parts for path in root.glob(part)]
     files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}

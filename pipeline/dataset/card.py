@@ -184,10 +184,7 @@ def preset_of(manifest: Manifest) -> str | None:
 
 
 def commands(manifest: Manifest, folder: str) -> Iterator[str]:
-    """The command lines that make the same rows in a folder.
-
-    Settings of the expert that no option sets are not in them.
-    """
+    """The command lines that make the same rows, but for settings that no option sets."""
     preset = preset_of(manifest)
     if preset:
         yield f"prolearn dataset --preset {preset} --out {folder}"

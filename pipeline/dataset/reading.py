@@ -1,7 +1,4 @@
-"""Solved datasets read back: rows for the experiments, arrays for training.
-
-Training examples are loaded at once, or streamed shard by shard where they exceed memory.
-"""
+"""Solved datasets read back: rows for the experiments, arrays for training, perhaps streamed."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

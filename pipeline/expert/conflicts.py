@@ -99,10 +99,7 @@ class ConflictDetection:
         return cuts + drifting, np.concatenate([bound, found.bound])
 
     def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values | float:
-        """Back-off of each cut for the errors of a trajectory's burns, m; 0 where there is none.
-
-        A passive-safety cut asks for nothing.
-        """
+        """Back-off of each cut for a trajectory's burns, m; a passive-safety cut asks for none."""
         if self.back_off is None:
             return 0.0
         if cuts.other is not None:

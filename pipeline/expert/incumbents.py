@@ -59,10 +59,7 @@ class Incumbents:
         self._slack[swarm] = max(self._slack.get(swarm, (0.0, 0, 0)), (slack, first, second))
 
     def results(self, controls: Controls, cuts: Cuts, left: Marked) -> list[SearchResult]:
-        """Each scenario's incumbent, or else the newest controls, m/s², after all cuts made.
-
-        Craft that are ``left`` are neither done nor safe.
-        """
+        """Incumbents, or else the newest controls, m/s²; craft that are ``left`` are not done."""
         feasible, starts = np.isfinite(self._cheapest), self._batch.swarms.starts
         ended = np.where(feasible[self._swarm, None, None], self._best, controls)
         joined = np.array([cuts.first, cuts.second]).T

@@ -173,10 +173,7 @@ def _again(
     wanting: Callable[[int, SearchResult], bool],
     better: Callable[[int, SearchResult, SearchResult], SearchResult],
 ) -> list[SearchResult]:
-    """Results of first searches, bettered by further ones of scenarios that are found wanting.
-
-    Each further start draws the sides on which craft pass anew, the same way every time.
-    """
+    """Results bettered by further searches where wanting, each start with sides of its own."""
     results = list(first)
     for start in range(1, times + 1):
         left = [k for k, result in enumerate(results) if wanting(k, result)]

@@ -202,10 +202,7 @@ class Search:
         self.cuts_of = {int(label[one[0]]): one for one in _groups(label)}
 
     def _raise_back_off(self, flown: Trajectory) -> None:
-        """Raise back-offs to those of a trajectory.
-
-        They never fall: burns, and so errors, that take turns would cycle.
-        """
+        """Raise back-offs to those of a trajectory; if they fell, burns and errors might cycle."""
         asked = self.asked.detection.back_off_of(self.cuts, flown)
         self.back_off = np.maximum(self.back_off, asked)
 

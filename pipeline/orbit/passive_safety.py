@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
 from pipeline.orbit.approaches import (
     Approaches,
     Motions,
@@ -26,19 +25,9 @@ from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import ROUNDING, Separation, closer, closest_sampled, distances_of
 
-MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
 NO_CANDIDATES = (np.zeros(0, dtype=int),) * 4
-
-
-def check_orbits(orbits: float) -> None:
-    """Refuse lengths of a drift out of range with an InputError."""
-    if not 0 < orbits <= MOST_ORBITS:  # nor what is no number
-        raise InputError(
-            f"passive safety is asked for over {orbits:g} orbits; expected a number above 0 and at "
-            f"most {MOST_ORBITS:g}."
-        )
 
 
 def loss_encounters(
@@ -183,10 +172,7 @@ def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]
 
 
 def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
-    """The closest that a drifting craft is to another at any time step, of each swarm.
-
-    The bound is lower by what rounding may hide.
-    """
+    """The least separation after a loss at any time step; its bound allows for rounding."""
     closest = [Separation()] * len(swarms.sizes)
     since, step = np.arange(len(paths.drift)), paths.problem.time_step
     slack = ROUNDING * float(np.abs(paths.states[..., :3]).max())

@@ -29,10 +29,7 @@ class Reference:
 
 
 def mean_motion_at(altitude: float) -> float:
-    """Mean motion in rad/s of the circular orbit at an altitude in m: e = √(μ/r₀³).
-
-    An altitude that no orbit about the Earth has is an InputError.
-    """
+    """Mean motion, rad/s, of the circular orbit at an altitude, m: e = √(μ/r₀³); or InputError."""
     if LOWEST / 1e3 <= altitude < LOWEST:
         raise InputError(
             f"altitude is {altitude:g} m, where air lets no orbit last; expected at least "

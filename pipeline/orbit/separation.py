@@ -80,8 +80,7 @@ def least_separations(
 ) -> list[Separation]:
     """The least distance of any pair of each swarm at any time, in brackets so wide, m.
 
-    The least at the nodes bounds it from above, so that only closer pairs and times are searched;
-    and where rounding hides that pair from the search as well, it is the least.
+    The least at the nodes bounds it from above, and is the least where rounding hides closer ones.
     """
     least = _closest_at_nodes(states, problem, swarms)
     within = distances_of(least)

@@ -20,15 +20,11 @@ PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still th
 
 
 class WorkersLostError(Exception):
-    """Workers, or the connection to them, are lost with all calls under way.
-
-    Attributes:
-        again: what to say where it happens again and again.
-    """
+    """Workers, or the connection to them, are lost with all calls under way."""
 
     def __init__(self, once: str, again: str) -> None:
         super().__init__(once)
-        self.again = again
+        self.again = again  # what to say where it happens again and again
 
 
 def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
@@ -62,10 +58,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 
 def end_with(parent: int) -> None:
-    """End this process when the one with this id has ended, even by a kill.
-
-    loky calls this first in a worker, before it takes any work.
-    """
+    """End this process, as loky's worker, when the one with this id has ended, even by a kill."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -120,10 +113,7 @@ def _waiting_signals() -> Iterator[None]:
 
 
 def _remove_left_semaphores() -> None:
-    """Remove the semaphores of processes that were killed together with their resource trackers.
-
-    loky names a semaphore after the process that made it.
-    """
+    """Remove semaphores, named by process, of those killed with their resource trackers."""
     for path in SEMAPHORES.glob("sem.loky-*"):
         with suppress(OSError, ValueError):
             if path.stat().st_uid == os.getuid():

@@ -75,10 +75,7 @@ def judged(plan: Plan) -> Plan:
 
 
 def violations(plan: Plan) -> dict[str, str]:
-    """What a plan does not satisfy, in words: goal, thrust, separation, passive safety and risk.
-
-    The one judgement of a plan; NaN satisfies nothing.
-    """
+    """What a plan does not satisfy, in words, by requirement; NaN satisfies nothing."""
     wrong, found, problem = {}, plan.certificate, plan.scenario.problem
     radius, limit, used = problem.collision_radius, problem.max_acceleration, np.abs(plan.controls)
     position, velocity = found.goal_error, found.goal_velocity_error

@@ -145,10 +145,7 @@ class _Candidates:
         ]
 
     def best(self, seconds: float) -> Plan:
-        """The cheapest safe plan, or else the first tried, with what is known of all assignments.
-
-        It took so many seconds to find the assignments.
-        """
+        """The cheapest safe plan, or else the first tried; the search took so many seconds."""
         tried = self.tried
         fuel = {
             one: plan.certificate.fuel if plan.status == SOLVED else np.inf

@@ -116,10 +116,7 @@ class FallbackPlanner:
         return self.network.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario, safe wherever the expert finds one.
-
-        A plan is called by the network, by the network and "one solve", or by the expert.
-        """
+        """One plan for each scenario, named by who made it, safe wherever the expert finds one."""
         asked = self.requirements
         plans = replace(self.network, requirements=asked.nominal).plan(scenarios)
 

@@ -28,11 +28,7 @@ class Planner(Protocol):
 
 
 def identity(planner: Planner) -> dict[str, Any]:
-    """Name, class, settings and digest of the network of a planner, JSON-ready.
-
-    Planners with the same identity give the same plans where the versions of the code are the
-    same.
-    """
+    """Name, class, settings and network digest of a planner, JSON-ready; they decide its plans."""
     return {"name": planner.name, **_identified(planner)}
 
 

@@ -111,10 +111,7 @@ class _Draw:
         return np.concatenate(rings)
 
     def is_safe(self, states: Formation, added: Marked | None = None) -> bool:
-        """Whether every pair stays further apart than r_col in free drift over a whole orbit.
-
-        Where ``added`` marks craft, pairs of others are known to.
-        """
+        """Whether pairs, or those of ``added`` craft, stay further apart than r_col in drift."""
         radius, (i, j) = self.problem.collision_radius, pairs(len(states))
         if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= radius).any():
             return False  # most unsafe draws are, from the start; the rest takes longer to see

@@ -104,8 +104,8 @@ class Ledger(Generic[Kind]):
     ) -> None:
         """Write a shard and its timings into the folder, and commit them at once or a bit later.
 
-        Another file in the shard's place is set aside; ``derived`` is a shard made from this one,
-        which is dropped where this one has changed.
+        Another file in its place is set aside; the ``derived`` shard is dropped where this one
+        changed.
         """
         digest = digest_of(content)
         if self.manifest.shards.get(name, digest) != digest:

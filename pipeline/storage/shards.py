@@ -25,10 +25,7 @@ ROW_BYTES, VALUE_BYTES = 2**16, 32
 
 @dataclass(frozen=True)
 class Size:
-    """The most rows, and numbers in any one column, that a shard may hold.
-
-    A few bytes of Parquet can stand for gigabytes.
-    """
+    """The most rows, and numbers in a column, of a shard: few bytes can stand for gigabytes."""
 
     rows: int
     values: int

@@ -9,10 +9,11 @@ from judge import Case, closest_adrift
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import side_by_side
 from pipeline.orbit.infeasibility import unavoidable
-from pipeline.orbit.passive_safety import check_orbits, least_after_loss, loss_encounters
+from pipeline.orbit.passive_safety import least_after_loss, loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.plan import Requirements
 
 PERIOD = 2 * np.pi / Problem().mean_motion
 
@@ -164,7 +165,7 @@ def test_goals_that_drift_into_each_other_are_in_the_way_whatever_is_planned():
 @pytest.mark.parametrize("orbits", [0.0, -1.0, float("nan"), float("inf"), 101.0])
 def test_what_is_no_length_of_a_drift_is_refused(orbits):
     with pytest.raises(InputError, match="expected a number above 0 and at most 100"):
-        check_orbits(orbits)
+        Requirements(passive_safety=orbits)
 
 
 @given(gap=st.floats(1.0, 200.0), begin=st.floats(-500.0, 500.0))
