@@ -1,6 +1,7 @@
 """Integrity of every shard and physics of every row of a dataset, and the repair of faults."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -116,14 +117,11 @@ def repair(
 
 def _faults_beside(folder: Folder, *, solved: bool) -> Iterator[Fault]:
     """Faults of the manifest's copy and of the digests of timings."""
-
-    def content(name: str) -> bytes | None:
-        try:
-            return folder.read(name)
-        except OSError:
-            return None
-
-    if content(COPY) != content(MANIFEST):
+    content: dict[str, bytes] = {}
+    for name in (COPY, MANIFEST):
+        with suppress(OSError):
+            content[name] = folder.read(name)
+    if content.get(COPY) != content.get(MANIFEST):
         yield Fault(COPY, f"is not what {MANIFEST} is")
     if read_timed(folder) is None and (solved or folder.exists(TIMED)):
         yield Fault(TIMED, "is missing or damaged")
@@ -175,11 +173,9 @@ def _faults(check: Check, content: bytes | str) -> list[Fault]:
     except InputError as error:
         return [Fault(name, str(error), sound=not timings and stands_alone(content))]
     other = _mismatch(table, check, shard)
-    if other:
-        alone = not timings and stands_alone(content)
+    if other or not right:
+        alone = bool(other) and not timings and stands_alone(content)
         return [Fault(name, other if right else DIGEST, sound=alone)]
-    if not right:
-        return [Fault(name, DIGEST)]
     splits, faults = [shard.sample.drawn_as(row)[0] for row in shard.rows], []
     if not timings and table["split"].to_pylist() != splits:
         faults.append("has rows of other splits than they were drawn for")

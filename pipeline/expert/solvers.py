@@ -40,8 +40,18 @@ def by_simplex(sub: Subproblem) -> Optimum:
 
     UnsolvableError where there is none: with slack, only a thrust limit can make it infeasible.
     """
-    solver = _highs()
-    _pass(solver, sub)
+    solver, (n, m, k) = _highs(), sub.shape
+    most = np.full(2 * n * m + k, np.inf)
+    most[: 2 * n * m] = sub.limit / sub.unit
+    wanted = sub.goals()
+    least = np.concatenate([wanted, sub.required / LENGTH])
+    start, column, value = _rows(sub)
+    solver.passModel(
+        *(len(most), len(least), len(value), _ROWWISE, _MINIMIZE, 0.0),
+        *(sub.cost(), np.zeros(len(most)), most),
+        *(least, np.concatenate([wanted, np.full(k, np.inf)])),
+        *(start, column, value, np.zeros(len(most), dtype=np.int32)),
+    )
     if sub.basis is not None:
         solver.setBasis(_basis(sub, sub.basis))
     solver.run()
@@ -79,22 +89,6 @@ def _highs() -> highspy.Highs:
         for name, value in OPTIONS.items():
             _thread.solver.setOptionValue(name, value)
     return _thread.solver
-
-
-def _pass(solver: highspy.Highs, sub: Subproblem) -> None:
-    n, m, k = sub.shape
-    variables = 2 * n * m + k
-    most = np.full(variables, np.inf)
-    most[: 2 * n * m] = sub.limit / sub.unit
-    wanted = sub.goals()
-    least = np.concatenate([wanted, sub.required / LENGTH])
-    start, column, value = _rows(sub)
-    solver.passModel(
-        *(variables, len(least), len(value), _ROWWISE, _MINIMIZE, 0.0),
-        *(sub.cost(), np.zeros(variables), most),
-        *(least, np.concatenate([wanted, np.full(k, np.inf)])),
-        *(start, column, value, np.zeros(variables, dtype=np.int32)),
-    )
 
 
 def _rows(sub: Subproblem) -> tuple[Int[Array, "_"], Int[Array, "e"], Float[Array, "e"]]:
