@@ -173,7 +173,7 @@ def _again(
     wanting: Callable[[int, SearchResult], bool],
     better: Callable[[int, SearchResult, SearchResult], SearchResult],
 ) -> list[SearchResult]:
-    """Results bettered by further searches where wanting, each start with sides of its own."""
+    """Search again, from further starts, scenarios with wanting results; the better results."""
     results = list(first)
     for start in range(1, times + 1):
         left = [k for k, result in enumerate(results) if wanting(k, result)]

@@ -28,7 +28,7 @@ class Planner(Protocol):
 
 
 def identity(planner: Planner) -> dict[str, Any]:
-    """Name, class, settings and network digest of a planner, JSON-ready; they decide its plans."""
+    """Name, class, settings and network digest of a planner, JSON-ready: what decides its plans."""
     return {"name": planner.name, **_identified(planner)}
 
 
