@@ -17,11 +17,9 @@ from pipeline.files import read_bytes, write_text
 
 Document = TypeVar("Document", bound=BaseModel)
 
-# Of JSON Schema, in which pydantic describes documents
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"  # that pydantic writes
 MOST_FAULTS = 8  # faults of a file that are shown in full; of others, how many
-# Size of the largest JSON file that is read; a plan of a thousand craft takes some MB
-MOST_BYTES = 2**28
+MOST_BYTES = 2**28  # of a JSON file that is read; a plan of a thousand craft takes some MB
 _LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")  # an integer that no float is near to
 CHECKSUM = "checksum"  # field with the checksum of all others, in documents that have one
 

@@ -15,8 +15,7 @@ from uuid import uuid4
 from pipeline.errors import InputError
 from pipeline.text import visible
 
-# Instead of a file: what is read is standard input, what is written standard output
-STDIO = Path("-")
+STDIO = Path("-")  # instead of a file: standard input or standard output
 # Names of files that are not finished yet: that of the file, and one of its own
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
 

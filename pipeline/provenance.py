@@ -13,8 +13,7 @@ from pipeline.errors import InputError
 # Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on
 DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
 
-# What may have a docstring
-DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
+DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef  # have docstrings
 DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 
 

@@ -18,8 +18,7 @@ from filelock import FileLock
 PREFIX = "prolearn-scratch-"
 SUFFIX = ".lock"
 TOKEN = len(uuid4().hex)  # characters between a prefix and the suffix
-# Where a folder cannot be written to, or its file system has no locks
-NO_LOCK = (OSError, NotImplementedError)
+NO_LOCK = (OSError, NotImplementedError)  # where a folder or file system allows none
 
 
 @contextmanager

@@ -6,10 +6,8 @@ from urllib.parse import unquote
 HIDDEN = "..."
 # A URL inside a sentence; a second one directly behind the first is one of its own
 _URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")
-# What ends a sentence, a bracket or a quotation, not the URL in it
-_CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")
-# User and password of an address that was given without its scheme
-_BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")
+_CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")  # ends a sentence, bracket or quotation
+_BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the scheme
 
 
 def public(text: object, *urls: object) -> str:

@@ -46,10 +46,8 @@ BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)
 # Files and folders directly inside the folder of a dataset
 TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
-# Solvers that datasets of earlier versions name, and what is used instead now
-FORMER_SOLVERS = {"cvxpy": "clarabel"}
-# Requirements that are recorded, beside the settings of the expert
-REQUIRED = ("separation", "passive_safety")
+FORMER_SOLVERS = {"cvxpy": "clarabel"}  # of earlier versions, and what is used instead
+REQUIRED = ("separation", "passive_safety")  # recorded beside the settings of the expert
 
 
 def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:

@@ -21,8 +21,7 @@ from pipeline.plan import AT_ALL_TIMES, Requirements
 
 Craft = Int[Array, "_"] | Bool[Array, "_"]  # some craft, by their indices or a mask
 
-# What pairs have left beyond what is asked for at the ends, where no control can move them, m
-ENDS = 2 * PROVABLE
+ENDS = 2 * PROVABLE  # left beyond what is asked for at the ends, which no control can move, m
 
 
 @dataclass(frozen=True, eq=False)

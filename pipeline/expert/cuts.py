@@ -21,8 +21,7 @@ class SecondCraft(Rows):
     interval: Indices  # at whose start the craft's state counts
     free: Float[Array, "k 3 6"]  # from that state to its position
     pushed: Float[Array, "k 3 3"]  # from its control in that interval to its position
-    # position of the first, or less that of the second, as far as it is fixed, m
-    offset: Vectors
+    offset: Vectors  # position of the first, or less that of the second, as far as it is fixed, m
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +33,7 @@ class Cuts(Rows):
     interval: Indices  # interval of the time
     free: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position then
     pushed: Float[Array, "k 3 3"]  # from its control in the interval to its position then
-    # the same of the second craft, where some cuts are passive-safety cuts
-    other: SecondCraft | None = None
+    other: SecondCraft | None = None  # of the second, where some are passive-safety cuts
 
     def __add__(self, more: "Cuts") -> "Cuts":
         """Both sets of cuts."""

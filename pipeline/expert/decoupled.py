@@ -13,30 +13,26 @@ from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
-# Relative tolerance of the programs of single craft, and so of their lower bound
-BOUND_TOLERANCE = 1e-8
+BOUND_TOLERANCE = 1e-8  # relative, of the programs of single craft, and so of their lower bound
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own linear program"
-# Share of the thrust limit that the programs use, so that rounding stays within it
-LIMIT_SHARE = 1 - 1e-7
+LIMIT_SHARE = 1 - 1e-7  # share of the thrust limit that programs use, rounding staying within it
 
 
 @dataclass(frozen=True, eq=False)
 class DecoupledOptima(Rows):
     """The L1-optimal transfer of each craft without the others."""
 
-    # m/s²; the minimum-energy transfer where no optimum was found
-    controls: Controls
+    controls: Controls  # m/s²; the minimum-energy transfer where no optimum was found
     lower_bound: Float[Array, "n"]  # proven lower bound on the fuel of each craft, m/s²
     feasible: Marked  # whether an optimum was found
     # whether it is proven that the craft cannot make the transfer within the thrust limit, or with
     # any thrust; what is neither the solver failed at
     impossible: Marked
     tabled: Marked  # whether the bound is a vertex's of the table, or a program's
-    # basic variables without a thrust limit, as in ``Subproblem``, where they are known
-    basis: Int[Array, "n 6"] | None = None
+    basis: Int[Array, "n 6"] | None = None  # as in ``Subproblem``, without a thrust limit
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
         """Lower bound on the fuel of some craft in all, m/s², and how it is proven."""

@@ -27,13 +27,11 @@ from pipeline.scenario import Scenario
 
 NAME = "plain SCP"
 UNIT = 1e-3  # controls are solved for in mm/s²
-# Separation asked for beyond the collision radius, m: more than the solver's rounding
-MARGIN = 1e-3
+MARGIN = 1e-3  # separation asked for beyond r_col, m: more than the solver's rounding
 GAP = 1e-3  # optimality gap at which it stops, the expert's own rule
 IMPROVEMENT = 1e-3  # relative improvement at which it stops, likewise
 MAX_ROUNDS = 20
-# Of bounds and controls in the rows u - |u| ≤ 0 and -u - |u| ≤ 0
-SIGNS = np.full((2, 1), -1.0), np.array([[1.0], [-1.0]])
+SIGNS = np.full((2, 1), -1.0), np.array([[1.0], [-1.0]])  # rows u - |u| ≤ 0 and -u - |u| ≤ 0
 
 
 class PlainScp:

@@ -39,18 +39,14 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Requirements, gap_of
 
-# Pairs that pass within this of the collision radius in a seed are cut from the start, m
-SEED_LOOK = 15.0
+SEED_LOOK = 15.0  # pairs in a seed within this of the collision radius are cut from the start, m
 SHIFT = 1.5  # by how much further starts move the first gaps at random, in collision radii
-# Cost of a metre of slack in units of Δt⁻²: above the dual variable of any cut that can be met
-PENALTY = 1e3
-# Rounds of a search for passive safety; beyond these another start is likelier to find a plan
-MOST_ROUNDS_PASSIVE = 30
+PENALTY = 1e3  # of a metre of slack, in Δt⁻²: above the dual of any cut that can be met
+MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passively safe
 
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
-# Of each scenario, controls that fly its seed, m/s², or None
-Seeds = Sequence[Float[Array, "_ intervals 3"] | None]
+Seeds = Sequence[Float[Array, "_ intervals 3"] | None]  # controls that fly a seed, or None
 
 
 def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
@@ -83,8 +79,7 @@ class SearchProblem:
     batch: Batch  # the scenarios
     settings: Settings  # of the expert
     requirements: Requirements  # what the plans must satisfy, but for a risk
-    # asked for beyond the collision radius because craft err, or None
-    back_off: BackOff | None = None
+    back_off: BackOff | None = None  # beyond the collision radius, because craft err
 
     @cached_property
     def detection(self) -> ConflictDetection:

@@ -50,8 +50,7 @@ class Subproblem:
     """One convex program, for n craft and k half-spaces, in SI units."""
 
     reach: Float[Array, "6 m"]  # effect of a craft's flattened controls on its final state
-    # change of final state that each craft's controls must bring about, m and m/s
-    miss: Formation
+    miss: Formation  # change of final state that each craft's controls must bring about, m and m/s
     first: Indices  # craft of each half-space
     second: Indices
     row: Float[Array, "k m"]  # effect of the first craft's controls along the normal, m per m/s²

@@ -13,8 +13,7 @@ from pipeline.plan.judge import check_states
 
 METADATA_KEY = b"prolearn"
 STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")
-# Fields of a plan file that a table has as columns; the others are its metadata
-BESIDE = ("times", "states", "controls")
+BESIDE = ("times", "states", "controls")  # columns of a table; other fields are metadata
 
 
 def columns_of(plan: Plan) -> dict[str, Array]:

@@ -25,8 +25,7 @@ from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
 TOLERANCE = 1e-4  # width in m of the bracket in which a least separation is found
-# Margin over a distance, m, with which any later bracket's bound exceeds it, rounding too
-PROVABLE = 1.01 * TOLERANCE
+PROVABLE = 1.01 * TOLERANCE  # margin over a distance, m, that any later bracket's bound exceeds
 MOST_PARTS = 64  # parts of an interval in one search; longer intervals are searched piece by piece
 AT_ONCE = 250  # motions whose pieces are searched at once, which bounds memory
 # Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree
@@ -98,8 +97,7 @@ class Closest(Rows):
     offset: Values  # time since the interval's start, s
     distance: Values  # separation at that time, m
     bound: Values  # proven lower bound on the separation in the interval, m
-    # map from the state at the interval's start to the position at that time
-    free: Float[Array, "k 3 6"]
+    free: Float[Array, "k 3 6"]  # map from the state at the interval's start to that position
     pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
 

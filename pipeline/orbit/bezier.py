@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 from pipeline.arrays import Array, ArrayOrNumber
 
 MAX_SPLITS = 40  # more than enough: each split at least quarters the error of the bracket
-# Enough to be within rounding of a minimum on a stretch where motion is nearly uniform
-NEWTON_STEPS = 2
+NEWTON_STEPS = 2  # enough to be within rounding of a minimum where motion is nearly uniform
 EDGE = 0.02  # a cubic that is closest this near to an end is halved instead of split there
 # Bernstein coefficients of |c|², degree 6, from the 16 products of c's four Bezier points
 SQUARED = np.array(

@@ -31,8 +31,7 @@ from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, transfer_maps
 
-# Share of the largest entry of R under which one is 0, velocities times the duration
-NEGLIGIBLE = 1e-12
+NEGLIGIBLE = 1e-12  # share of R's largest entry that counts as 0; velocities times the duration
 FLAT = 1e10  # condition number from which a facet is flat; others cover what it would
 ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a primal exceed its dual
 SHORT = 1e-6  # share of a change of state that a transfer may leave undone by rounding

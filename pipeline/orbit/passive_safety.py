@@ -85,8 +85,7 @@ class _Paths:
         # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
         after = np.matvec(self.drift[1:], states[:, -1:])
         self.states = np.concatenate([states, after], axis=1)
-        # Zero after the plan, (n, T + M, 3), m/s².
-        idle = np.zeros((len(states), whole + 1, 3))
+        idle = np.zeros((len(states), whole + 1, 3))  # after the plan
         self.controls = np.concatenate([controls, idle], axis=1)
 
     @property

@@ -24,8 +24,7 @@ class Reference:
     epoch: datetime  # of the first node, UTC
     inclination_deg: float  # i, deg
     raan_deg: float  # Ω, right ascension of the ascending node, deg
-    # u, from the ascending node to the origin of the LVLH frame at the epoch, deg
-    argument_of_latitude_deg: float
+    argument_of_latitude_deg: float  # u, from the node to the LVLH origin at the epoch, deg
 
 
 def mean_motion_at(altitude: float) -> float:

@@ -38,13 +38,10 @@ from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
 
-# Probability, over all pairs, that deviations exceed the size up to which they are looked at
-FAR = 1e-12
+FAR = 1e-12  # probability, over all pairs, of deviations beyond the size that is looked at
 ACCURACY = 0.02  # share of the sum that margins may still make up, estimated from above
-# Width of the bracket in which least separations of pairs that may be near are found, m
-COARSE = 1.0
-# Share of an interval under which panels are not halved: what is safe by rounding alone
-SHORTEST = 1e-9
+COARSE = 1.0  # width of the bracket of least separations of pairs that may be near, m
+SHORTEST = 1e-9  # share of an interval that is not halved: what is safe by rounding alone
 MOST_PANELS = 200_000  # which bounds the memory that it takes
 ROUNDING = 1e-15  # of the probability of a panel
 
@@ -53,8 +50,7 @@ ROUNDING = 1e-15  # of the probability of a panel
 class CollisionRisk:
     """Bounds on the probability that pairs come within the collision radius."""
 
-    # first craft of each pair that is ever near, the one with the lower index
-    first: Int[Array, "p"]
+    first: Int[Array, "p"]  # first craft of each pair that is ever near, of lower index
     second: Int[Array, "p"]  # second craft
     of_pair: Float[Array, "p"]  # bound of each
     # of each the larger part of its first and last node, which no other plan changes but by other
@@ -63,8 +59,7 @@ class CollisionRisk:
     total: float  # bound on the probability that any pair of the swarm does, at any time
 
 
-# Linear in the state at an interval's start and in the control
-Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]
+Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]  # linear in state and control
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ from pipeline.provenance import DecidedBy, made_with, version_change
 
 MOST_LOSSES = 3  # times in a row that workers may be lost before a single task is done
 MOST_JOBS = 1024  # processes on this machine
-# Seconds in which a lost scheduler may come back, unless a person says otherwise
-SCHEDULER_WAIT = 300.0
+SCHEDULER_WAIT = 300.0  # s in which a lost scheduler may come back, unless said otherwise
 MOST_WAIT = 1e7  # longest such wait, s: four months
 
 Task = TypeVar("Task")

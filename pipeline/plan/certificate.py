@@ -18,8 +18,7 @@ from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
 
-# Width in m of the bracket of a least separation that is as good as the collision radius
-FINE = 1e-9
+FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
 
 
 @dataclass(frozen=True)

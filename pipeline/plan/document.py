@@ -146,8 +146,7 @@ def json_schema() -> dict[str, Any]:
     return made
 
 
-# Fields of a certificate that are there only where they were asked for
-OPTIONAL = ("risk", "passive_safety")
+OPTIONAL = ("risk", "passive_safety")  # claims that are there only where asked for
 
 
 def _certificate(certificate: Certificate) -> dict[str, Any]:

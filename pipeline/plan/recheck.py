@@ -16,8 +16,7 @@ from pipeline.plan.plan import SOLVED, Plan
 from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
-# Share by which a claimed risk may be below the one found anew: its quadrature is so exact
-SAME = 1e-2
+SAME = 1e-2  # share by which a claimed risk may be below ours: its quadrature is so exact
 
 
 @dataclass(frozen=True, eq=False)

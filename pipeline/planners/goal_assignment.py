@@ -21,8 +21,7 @@ On 100 crowded validation scenarios of ten craft (family dense) the best of 1, 4
 1.19, 1.18 and 1.18 % above the bound, on 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
 """
 
-# Gap from which the plan of the cheapest assignment is so dear that others are looked at
-DEAR = 1e-2
+DEAR = 1e-2  # gap from which the cheapest assignment's plan is dear: others are looked at
 # How the bound of all assignments is proven
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
@@ -36,8 +35,7 @@ ADRIFT = (
     "plan, which is proven"
 )
 
-# Stages whose seconds are summed over all assignments that are tried
-TIMES = ("plan", "certificate")
+TIMES = ("plan", "certificate")  # stages whose seconds are summed over all that are tried
 
 
 @dataclass(frozen=True, eq=False)

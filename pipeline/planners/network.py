@@ -21,8 +21,7 @@ from pipeline.planners.certified import certified, stacked_ends
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
-# Relative difference in orbit or step under which two problems are the same to a network
-SAME = 1e-6
+SAME = 1e-6  # relative difference in orbit or step that makes no other problem to a network
 # The expert, held to one round of convex programs linearized about the network's plan
 ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
 

@@ -17,8 +17,7 @@ from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import Scenario
 
-# Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit
-ENERGY_TOLERANCE = 1e-5
+ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
 APART, MATCHED = "craft apart", "energy-matched"
 PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
 

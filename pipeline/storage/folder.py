@@ -17,8 +17,7 @@ from pipeline.urls import public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
 
-# Size in bytes and time of the last change in ns: a file with the same ones has not changed
-Stamp = tuple[int, int]
+Stamp = tuple[int, int]  # size in bytes and time of the last change in ns
 
 
 @dataclass(frozen=True)

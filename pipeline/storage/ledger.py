@@ -37,8 +37,7 @@ from pipeline.storage.folder import Folder
 from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode
 
 TIMED_SCHEMA = "prolearn.timings/1"
-# Most of the time that may go into commits; small manifests are committed after each shard
-COMMIT_SHARE = 0.1
+COMMIT_SHARE = 0.1  # most of the time that may go into commits of the manifest
 
 
 def write_checked(folder: Folder, name: str, fields: Mapping[str, Any], copy: str = "") -> None:

@@ -16,8 +16,7 @@ from pipeline.storage.folder import Folder
 
 TEXT_COLUMNS = ("family", "split", "status")
 METADATA_KEY = b"prolearn"  # in the schema's metadata: all that decides the rows, as JSON
-# In the metadata of timings: the SHA-256 of the shard that they belong to
-TIMED_KEY = b"prolearn_shard"
+TIMED_KEY = b"prolearn_shard"  # metadata of timings: the SHA-256 of their shard
 
 # Most that a row takes beside its lists, and each value of a list, before compression
 ROW_BYTES, VALUE_BYTES = 2**16, 32
