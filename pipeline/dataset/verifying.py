@@ -61,10 +61,7 @@ class Check:
 def verify(
     where: Where | Folder, *, workers: Workers | None = None, progress: Progress = SILENT
 ) -> Iterator[Fault]:
-    """Every fault of a dataset, which may not be solved yet, as it is found.
-
-    InputError where there is no dataset, or neither its manifest nor the copy of that is sound.
-    """
+    """Every fault of a dataset, solved or not, as it is found; InputError without a manifest."""
     folder, workers = open_folder(where), workers or Workers()
     manifest, fault = manifest_or_copy(folder)
     if fault:

@@ -118,10 +118,7 @@ def gaps(cuts: Cuts, states: States, controls: Controls) -> Vectors:
 def normals(
     cuts: Cuts, states: States, controls: Controls, shift: Vectors | float = 0.0
 ) -> Vectors:
-    """Direction n̂ between each cut's pair there and then, at a linearization point (SI units).
-
-    A shift in m, added to each gap before its direction is taken, passes on another side.
-    """
+    """Direction n̂ between each cut's pair; a shift, m, of the gaps passes on another side."""
     velocity = states[cuts.first, cuts.interval, 3:] - states[cuts.second, cuts.interval, 3:]
     return directions(gaps(cuts, states, controls) + shift, velocity)
 

@@ -254,10 +254,7 @@ def balls(
 
 
 def _by_tree(middle: Vector, radius: Scalar, reach: float, swarms: Swarms) -> Candidates:
-    """Pairs and intervals whose balls may be within a distance, by a k-d tree, and some others.
-
-    One tree holds all swarms and intervals: planes of a fourth dimension, too far apart to meet.
-    """
+    """Pairs and intervals whose balls may be near, by one k-d tree with a plane for each."""
     intervals = radius.shape[1]
     most = 2 * float(radius.max()) + reach
     plane = 2 * most * (np.arange(intervals) + intervals * swarms.label[:, None])

@@ -63,10 +63,7 @@ class DecoupledOptima:
 
 
 def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima | None:
-    """Least-fuel controls for changes of the final state, m and m/s; the thrust limit is ignored.
-
-    None for a problem whose controls do not reach every state, so that there is no hull.
-    """
+    """Least-fuel controls for changes of state, m and m/s, without a limit; None without a hull."""
     table = facets_of(problem)
     if table is None:
         return None
