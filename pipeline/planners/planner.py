@@ -15,16 +15,13 @@ class Planner(Protocol):
     @property
     def name(self) -> str:
         """What tables and plans call it."""
-        ...
 
     @property
     def requirements(self) -> Requirements:
         """What its plans must satisfy, and are judged by."""
-        ...
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
-        ...
 
 
 def identity(planner: Planner) -> dict[str, Any]:

@@ -230,8 +230,12 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     if folder.local is None:
         yield
         return
-    with _locked(folder, folder.local):
-        _remove_unfinished(folder, folder.local, re.compile(f"{WRITTEN}|{owned}"))
+    top, ours = folder.local, re.compile(f"{WRITTEN}|{owned}")
+    with _locked(folder, top):
+        for path in [path for place in PLACES for path in top.glob(f"{place}.*.tmp")]:
+            whole = unfinished(path)
+            if whole and ours.fullmatch(whole.relative_to(top).as_posix()) and path.is_file():
+                folder.remove(path.relative_to(top).as_posix())
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         writer = f"process {os.getpid()} on {socket.gethostname()}, since {now}"
         try:
@@ -240,13 +244,6 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
         finally:
             with suppress(ProlearnError):
                 folder.remove(WRITER)
-
-
-def _remove_unfinished(folder: Folder, top: Path, owned: re.Pattern[str]) -> None:
-    for path in [path for place in PLACES for path in top.glob(f"{place}.*.tmp")]:
-        target = unfinished(path)
-        if target and owned.fullmatch(target.relative_to(top).as_posix()) and path.is_file():
-            folder.remove(path.relative_to(top).as_posix())
 
 
 def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
