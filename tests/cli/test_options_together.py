@@ -11,7 +11,7 @@ from judged import document
 from trials import Errors, frequency, wilson
 
 from benchmarks.rule import Rule
-from cli.plan import planner_of
+from cli.jobs.planner import planner_of
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.networks.architecture import find
