@@ -156,7 +156,7 @@ class Tree:
             cuts, others = node.cuts, np.delete(node.corners, k, axis=0)
             triangles, place = quarters(node.corners[k]), k
         else:
-            cuts, others = node.cuts + close.where(np.array([worst])), node.corners
+            cuts, others = node.cuts + close[np.array([worst])], node.corners
             triangles, place = OCTANTS, len(others)
         return [
             self._node(cuts, np.insert(others, place, triangle, axis=0), node.bound)
@@ -175,7 +175,7 @@ class Tree:
 
     def _relaxation(self, cuts: Cuts, corners: Corners) -> Subproblem:
         normal, share = relaxed(corners)
-        fourfold = cuts.where(np.repeat(np.arange(len(cuts)), 4))
+        fourfold = cuts[np.repeat(np.arange(len(cuts)), 4)]
         linear = half_spaces(
             fourfold,
             normal.reshape(-1, 3),

@@ -1,4 +1,4 @@
-"""The array type that shapes are written on: ``Float[Array, "n T 6"]``, checked in tests."""
+"""The array type that shapes are written on: ``States``, checked in tests."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -17,24 +17,15 @@ from pipeline.files import read_bytes, write_text
 
 Document = TypeVar("Document", bound=BaseModel)
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-"""Of JSON Schema, in which pydantic describes documents."""
-
+DIALECT = "https://json-schema.org/draft/2020-12/schema"  # that pydantic writes
 MOST_FAULTS = 8  # faults of a file that are shown in full; of others, how many
-
-MOST_BYTES = 2**28
-"""Size of the largest JSON file that is read; a plan of a thousand craft takes some MB."""
-
+MOST_BYTES = 2**28  # of a JSON file that is read; a plan of a thousand craft takes some MB
 _LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")  # an integer that no float is near to
 CHECKSUM = "checksum"  # field with the checksum of all others, in documents that have one
 
 
 def parsed(content: bytes) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        ValueError: where it is none, too large, too deep, or has an integer beyond all floats.
-    """
+    """The value of a JSON text; ValueError for none, too large, too deep or beyond all floats."""
     if len(content) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES // 2**20} MiB")
     if found := _LONG.search(content):
@@ -92,10 +83,8 @@ def _refuse_repeated(content: bytes) -> None:
             name = next(name for name in names if names.count(name) > 1)
             raise InputError(f"{name} is there twice; expected each field once: remove one.")
 
-    def unread(_: str) -> None:  # numbers are of no interest here
-        return
-
-    json.loads(content, object_pairs_hook=once, parse_float=unread, parse_int=unread)
+    # Numbers are of no interest here.
+    json.loads(content, object_pairs_hook=once, parse_float=str, parse_int=str)
 
 
 def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:

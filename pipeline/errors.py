@@ -10,11 +10,7 @@ class InputError(ProlearnError):
 
 
 def check_range(name: str, value: float | int, least: float | int, most: float | int) -> None:
-    """Refuse a number outside a range.
-
-    Raises:
-        InputError: naming what it is of, the number and the range.
-    """
+    """Refuse a number outside a range with an InputError that names what it is of."""
     if not least <= value <= most:
         given, low, high = map(_short, (value, least, most))
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")

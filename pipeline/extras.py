@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 from pipeline.errors import InputError
 
+# Names to import by, of each extra; ``learn`` has those of ``refiner`` as well
 EXTRAS = {
     "refiner": ("numba", "safetensors"),
     "onnx": ("onnx", "onnxruntime", "onnxscript"),
@@ -15,7 +16,6 @@ EXTRAS = {
         *("sqlalchemy", "tabulate", "threadpoolctl", "torch", "yaml"),
     ),
 }
-"""Names to import by, of each extra; ``learn`` has those of ``refiner`` as well."""
 
 
 def missing(error: ModuleNotFoundError) -> InputError | None:

@@ -15,11 +15,9 @@ from uuid import uuid4
 from pipeline.errors import InputError
 from pipeline.text import visible
 
-STDIO = Path("-")
-"""Instead of a file: what is read is standard input, what is written standard output."""
-
+STDIO = Path("-")  # instead of a file: standard input or standard output
+# Names of files that are not finished yet: that of the file, and one of its own
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
-"""Names of files that are not finished yet: that of the file, and one of its own."""
 
 
 def unfinished(path: Path) -> Path | None:
@@ -29,11 +27,7 @@ def unfinished(path: Path) -> Path | None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, where they are missing.
-
-    Raises:
-        InputError: where one of them is a file.
-    """
+    """Make a folder and those above it; InputError where one of them is a file."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
@@ -46,9 +40,7 @@ def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
 
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
-
-    Raises:
-        InputError: where it is a folder, or what should be its folder is a file.
+    InputError where it is a folder, or what should be its folder is a file.
     """
     make_folder(path.parent)
     if path.is_dir():
@@ -88,10 +80,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_rows(path: Path, names: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Write a CSV file that appears whole, or to standard output; None and NaN are left empty.
-
-    In texts, invisible characters become escapes.
-    """
+    """Write a CSV file whole; None and NaN are empty, invisible characters escaped."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(map(visible, names))

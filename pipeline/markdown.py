@@ -15,6 +15,7 @@ class Markdown(str):
     __slots__ = ()
 
 
+# Characters that may be markup inside a paragraph
 _INLINE = re.compile(
     r"""[\\`*~$]                                  # escapes, code, emphasis, strikethrough, formulas
     | \[ (?! [-+0-9.,\ ∞]+ \] (?![\[(:]) )       # links, images, footnotes; no interval is one
@@ -27,10 +28,9 @@ _INLINE = re.compile(
     """,
     re.VERBOSE,
 )
-"""Characters that may be markup inside a paragraph."""
 
+# What may be a list, a quotation, a rule or a part of a table at the beginning of a paragraph
 _BLOCK = re.compile(r"(\ ?)(?:(\d{1,9})(?=[.)](?:\ |$))|(?=[-+](?:\ |$)|>|[-=:|][-=:|\ ]*$))")
-"""What may be a list, a quotation, a rule or a part of a table at the beginning of a paragraph."""
 
 
 def escaped(value: object) -> Markdown:

@@ -10,12 +10,10 @@ from typing import Any
 
 from pipeline.errors import InputError
 
+# Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on
 DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
-"""Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on."""
 
-DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
-"""What may have a docstring."""
-
+DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef  # have docstrings
 DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 
 
@@ -32,25 +30,18 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
 
 
 def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) -> str:
-    """Digest of the modules, or all in the folders, of some patterns.
-
-    It is of what the code does: comments, docstrings and the form of lines are left out.
-    """
+    """Digest of what modules, by patterns, do: without comments, docstrings and layout."""
     digest = hashlib.sha256()
     found = [path for part in parts for path in root.glob(part)]
     files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
     for path in sorted(files):
-        content = _text(_bare(ast.parse(path.read_bytes()))).encode()
+        tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
+            if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+                del node.body[0]
+        content = _text(tree).encode()
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
-
-
-def _bare(tree: ast.AST) -> ast.AST:
-    """A syntax tree without its docstrings."""
-    for node in ast.walk(tree):
-        if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-            del node.body[0]
-    return tree
 
 
 def _text(node: Any) -> str:

@@ -18,25 +18,17 @@ from filelock import FileLock
 PREFIX = "prolearn-scratch-"
 SUFFIX = ".lock"
 TOKEN = len(uuid4().hex)  # characters between a prefix and the suffix
-
-NO_LOCK = (OSError, NotImplementedError)
-"""Where a folder cannot be written to, or its file system has no locks."""
+NO_LOCK = (OSError, NotImplementedError)  # where a folder or file system allows none
 
 
 @contextmanager
 def living(folder: Path, prefix: str, *, keep_on_error: bool = False) -> Iterator[str]:
     """Hold a lock file ``<prefix><token>.lock`` of its own for the block, and remove it after.
 
-    Where there can be none, there is none, and nobody takes this process for dead.
-
-    Args:
-        folder: made where it is missing.
-        prefix: distinguishes its kind from others in the folder.
-        keep_on_error: leave the file, unlocked, where the block raises: the next ``clear_dead``
-            then does what the block may have left undone.
-
-    Yields:
-        The prefix with the token.
+    Yields the prefix with the token; the prefix distinguishes its kind from others in the folder.
+    Where there can be no lock, there is none, and nobody takes this process for dead. With
+    ``keep_on_error`` the file stays, unlocked, where the block raises: the next ``clear_dead`` then
+    does what the block may have left undone.
     """
     name = f"{prefix}{uuid4().hex}"
     path = folder / f"{name}{SUFFIX}"

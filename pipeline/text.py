@@ -3,12 +3,12 @@
 import re
 from collections.abc import Callable
 
+# Unicode's Default_Ignorable_Code_Point as far as ``str.isprintable`` lets it pass, and the blank
+# of braille
 _BLANK = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180d\u180f\u2800\u3164\ufe00-\ufe0f\uffa0"
     "\U000e0100-\U000e01ef]"
 )
-"""Unicode's Default_Ignorable_Code_Point as far as ``str.isprintable`` lets it pass, and the blank
-of braille."""
 
 
 def _escape(character: str) -> str:

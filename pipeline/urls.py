@@ -4,15 +4,10 @@ import re
 from urllib.parse import unquote
 
 HIDDEN = "..."
-
+# A URL inside a sentence; a second one directly behind the first is one of its own
 _URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")
-"""A URL inside a sentence; a second one directly behind the first is one of its own."""
-
-_CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")
-"""What ends a sentence, a bracket or a quotation, not the URL in it."""
-
-_BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")
-"""User and password of an address that was given without its scheme."""
+_CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")  # ends a sentence, bracket or quotation
+_BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the scheme
 
 
 def public(text: object, *urls: object) -> str:
@@ -35,8 +30,7 @@ def public(text: object, *urls: object) -> str:
 def public_url(url: object) -> str:
     """A URL, which may have spaces in it, without its secrets; a path as it is.
 
-    Where it is unclear what is secret, as with a ``/`` in a password, only
-    the scheme is left.
+    Where it is unclear what is secret, as with a ``/`` in a password, only the scheme is left.
     """
     scheme, _, shown, _ = _parts(str(url))
     return scheme + shown

@@ -28,10 +28,8 @@ from pipeline.templates import template
 LICENCE = "mit"  # of data that come with prolearn: the project's own
 IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
 AGAIN = "data/again"  # folder in the commands that make a dataset once more
-
+# Columns that the card has numbers of
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
-"""Columns that the card has numbers of."""
-
 QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
 TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
 
@@ -45,16 +43,9 @@ def write_card(
 ) -> str:
     """Write the card of a solved dataset into its folder: Markdown with front matter.
 
-    Args:
-        where: the dataset.
-        licence: of the data, by its identifier, such as "mit" or "cc-by-4.0".
-        replace: also where there is a README.md that says something else.
-        progress: of reading.
-
-    Raises:
-        InputError: where the folder holds no dataset, it is not wholly solved, a shard is damaged,
-            there is another README.md, or the licence is no identifier.
-        ProlearnError: where the folder cannot be written to.
+    The licence of the data is an identifier such as "mit" or "cc-by-4.0"; ``replace`` also a
+    README.md that says something else. A dataset that is not wholly solved, a damaged shard,
+    another README.md and what is no licence are InputErrors.
     """
     if not IDENTIFIER.fullmatch(licence):
         raise InputError(
@@ -134,22 +125,19 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
     versions = [(name, made.sample.get(name, ""), made.solve.get(name, "")) for name in names]
     settings = (formatted("{} {}", code(name), value) for name, value in manifest.solve.items())
     families = sorted({one.family for one in manifest.samples.values()})
+    known = {name: (draw.__doc__ or "").partition("\n")[0] for name, draw in FAMILIES.items()}
     return {
         "draws": table(("n", "family", "seed", "scenarios of each n", *SPLITS), draws),
-        "families": {name: _described(name) for name in families},
+        "families": {
+            name: known.get(name, "Of another version of prolearn.").replace(" (the default)", "")
+            for name in families
+        },
         "commands": list(commands(manifest, AGAIN)),
         "missing": ranges(sorted({*PRESETS.get(preset or "", {})} - {*manifest.samples})),
         "versions": table(("", "scenarios", "plans"), versions),
         "settings": Markdown(", ".join(settings)),
         "digest": manifest.digest(),
     }
-
-
-def _described(family: str) -> str:
-    """A family of scenarios in a sentence."""
-    if family not in FAMILIES:
-        return "Of another version of prolearn."
-    return (FAMILIES[family].__doc__ or "").partition("\n")[0].replace(" (the default)", "")
 
 
 def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
@@ -196,10 +184,7 @@ def preset_of(manifest: Manifest) -> str | None:
 
 
 def commands(manifest: Manifest, folder: str) -> Iterator[str]:
-    """The command lines that make the same rows in a folder.
-
-    Settings of the expert that no option sets are not in them.
-    """
+    """The command lines that make the same rows, but for settings that no option sets."""
     preset = preset_of(manifest)
     if preset:
         yield f"prolearn dataset --preset {preset} --out {folder}"

@@ -12,14 +12,10 @@ from pipeline.dataset.manifest import Shard
 from pipeline.dataset.schema import SOLVED_FIELDS
 from pipeline.scenario import SPLITS
 
-HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))
-"""Names of our splits on hubs."""
-
+HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))  # of our splits on hubs
 DEFAULT = "default"  # the configuration that is loaded where none is named: all swarm sizes
-
+# Hubs' categories of size, with the number of rows that each stays below
 SIZES = {"n<1K": 1e3, "1K<n<10K": 1e4, "10K<n<100K": 1e5, "100K<n<1M": 1e6, "1M<n<10M": 1e7}
-"""Hubs' categories of size, with the number of rows that each stays below."""
-
 LARGEST = "10M<n<100M"
 
 TAGS = [

@@ -39,23 +39,15 @@ from pipeline.storage.shards import Size
 
 CARD = "README.md"
 SCENARIOS = "_scenarios/"
-
 SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # names of shards
 OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
-
+# Files that a dataset may hold beside its shards
 BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
-"""Files that a dataset may hold beside its shards."""
-
+# Files and folders directly inside the folder of a dataset
 TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
-"""Files and folders directly inside the folder of a dataset."""
-
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
-
-FORMER_SOLVERS = {"cvxpy": "clarabel"}
-"""Solvers that datasets of earlier versions name, and what is used instead now."""
-
-REQUIRED = ("separation", "passive_safety")
-"""Requirements that are recorded, beside the settings of the expert."""
+FORMER_SOLVERS = {"cvxpy": "clarabel"}  # of earlier versions, and what is used instead
+REQUIRED = ("separation", "passive_safety")  # recorded beside the settings of the expert
 
 
 def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
@@ -105,24 +97,17 @@ class MadeWith:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a dataset folder is meant to hold and what of it is there; laid out as in the file.
-
-    Attributes:
-        problem: the problem that all its instances share.
-        samples: how each swarm size is drawn.
-        solve: record of how plans are made, or nothing before the first solve.
-        made_with: versions that it was made with.
-        shards: SHA-256 of each finished shard, by path inside the folder.
-    """
+    """What a dataset folder is meant to hold and what of it is there; laid out as in the file."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
     # As written: an integer stays one, since the metadata of shards repeats it to the letter.
     problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
-    samples: Mapping[PositiveInt, Sample]
+    samples: Mapping[PositiveInt, Sample]  # how each swarm size is drawn
+    # Record of how plans are made, or nothing before the first solve.
     solve: Annotated[Mapping[str, Any], AfterValidator(_checked_record)]
     made_with: MadeWith
-    shards: Mapping[str, str]
+    shards: Mapping[str, str]  # SHA-256 of each finished shard, by path inside the folder
 
     def __post_init__(self) -> None:
         shards = sum(sample.shards for sample in self.samples.values())

@@ -21,13 +21,13 @@ from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import dynamics_defect, fuel
-from pipeline.plan import SOLVED, Requirements, certify, violations
+from pipeline.plan import SOLVED, Plan, Requirements, certify, violations
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.scenario import Scenario
 from pipeline.storage.shards import Size, decode, read_metadata
 
+# Columns that every solved row has a value in
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
-"""Columns that every solved row has a value in."""
 
 VIOLATIONS = {
     "thrust": "breaks the thrust limit",
@@ -36,7 +36,6 @@ VIOLATIONS = {
 }
 
 AT_ONCE = 100  # rows that are certified at once, which bounds memory
-
 ANY = Size(rows=100_000, values=10_000_000)  # the most that a shard of any dataset may hold
 
 Rows = Bool[Array, "N"]
@@ -133,8 +132,9 @@ def _judged(
         scenarios = [Scenario(problem, *ends[k].swapaxes(0, 1)) for k in some]
         flown, burned = np.concatenate(states[some]), np.concatenate(controls[some])
         found = certify(scenarios, flown, burned, [(0.0, "")] * len(some), requirements)
-        for k, certificate in zip(some.tolist(), found, strict=True):
-            wrong[k] = violations(certificate, controls[k], problem, requirements)
+        for scenario, k, certificate in zip(scenarios, some.tolist(), found, strict=True):
+            kept, parts = requirements.separation, (states[k], controls[k], certificate)
+            wrong[k] = violations(Plan(scenario, "", SOLVED, *parts, separation=kept))
             least = certificate.min_separation
             apart[k] = np.nan if least is None else least
     return wrong, apart

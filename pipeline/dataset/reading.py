@@ -1,7 +1,4 @@
-"""Solved datasets read back: rows for the experiments, arrays for training.
-
-Training examples are loaded at once, or streamed shard by shard where they exceed memory.
-"""
+"""Solved datasets read back: rows for the experiments, arrays for training, perhaps streamed."""
 
 from collections.abc import Iterable, Sequence
 
@@ -57,11 +54,8 @@ def solved_rows(
 ) -> pa.Table:
     """Rows of one swarm size and a split, or all, in order of their index.
 
-    Of columns, those asked for, ``split`` and ``status`` are read, or all.
-
-    Raises:
-        InputError: where there is no dataset, the size is not in it, it is not solved, or a
-            shard is damaged.
+    Of columns, those asked for, ``split`` and ``status`` are read, or all. InputError for what is
+    not in the dataset, not solved or damaged.
     """
     folder = open_folder(where)
     manifest = read_manifest(folder)
@@ -76,7 +70,10 @@ def examples(where: Where | Folder, n: int, split: str) -> Examples:
     """Solved instances of a split as arrays; InputError also where none is solved."""
     found = _examples(solved_rows(where, n, split, LEARNED), n)
     if len(found) == 0:
-        raise _no_examples(where, n, split)
+        raise InputError(
+            f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
+            "some: sample more scenarios."
+        )
     return found
 
 
@@ -85,10 +82,7 @@ def examples_within(
 ) -> ExampleSource:
     """Solved instances of a split: loaded once where they fit into memory, else streamed.
 
-    ``memory`` is in bytes, encoding included.
-
-    Raises:
-        InputError: as in ``examples``, or where memory is no positive number.
+    ``memory`` is in bytes, encoding included. InputErrors are as in ``examples``.
     """
     check_range("memory", memory, 1, 1e15)
     folder = open_folder(where)
@@ -96,11 +90,9 @@ def examples_within(
     shards = _shards(folder, manifest, n, split)
     tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
     count = sum(len(table.filter((pc.field("split") == split) & _SOLVED)) for table in tables)
-    if count == 0:
-        raise _no_examples(where, n, split)
     buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
     if count <= buffer:
-        return examples(folder, n, split)
+        return examples(where, n, split)
 
     def read(part: int) -> Examples:
         table = read_solved(folder, manifest, shards[part], [*LEARNED, *SELECTED_BY])
@@ -129,10 +121,3 @@ def _examples(table: pa.Table, n: int) -> Examples:
     problem = problem_of(table)
     ends = stacked(table, "initial", n, 6), stacked(table, "goal", n, 6)
     return Examples(problem, *ends, stacked(table, "states", n, problem.nodes, 6))
-
-
-def _no_examples(where: Where | Folder, n: int, split: str) -> InputError:
-    return InputError(
-        f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
-        "some: sample more scenarios."
-    )

@@ -15,8 +15,7 @@ class Sample:
     family: str = "rings"
     seed: int = 0  # root seed
     count: int = 1000  # number of scenarios
-    # of train, valid and test, whose rows follow in this order
-    shares: tuple[float, float, float] = (0.8, 0.1, 0.1)
+    shares: tuple[float, float, float] = (0.8, 0.1, 0.1)  # of train, valid and test, in this order
     shard_rows: int = 250  # scenarios in a shard
 
     def __post_init__(self) -> None:

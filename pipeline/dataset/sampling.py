@@ -21,8 +21,8 @@ from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import NewShard, open_ledger, write_shards
 from pipeline.storage.shards import encode
 
+# Code of ours and packages that the bytes of scenarios depend on
 SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scipy", "pyarrow")
-"""Code of ours and packages that the bytes of scenarios depend on."""
 
 
 def sample(
@@ -35,33 +35,25 @@ def sample(
 ) -> Manifest:
     """Draw samples, by swarm size, into a new folder or one begun with the same settings.
 
-    Shards that are there are kept.
-
-    Raises:
-        InputError: for settings that cannot be sampled or differ from those of the folder.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    Shards that are there are kept. InputError for settings that cannot be sampled or differ from
+    those of the folder; ProlearnError where it cannot be written to or workers are killed again and
+    again.
     """
     folder, workers = open_folder(where), Workers(jobs)
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
-    _refuse_foreign(folder)
-    begin = partial(_begin, folder, samples, problem)
-    with open_ledger(folder, OWNED, begin, progress) as ledger:
-        lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
-        write_shards(ledger, draw_shard, lost, workers, progress)
-    return ledger.manifest
-
-
-def _refuse_foreign(folder: Folder) -> None:
-    if is_begun(folder):
-        return
-    foreign = [name for name in folder.top() if not TOP.fullmatch(name)]
+    foreign = [] if is_begun(folder) else [one for one in folder.top() if not TOP.fullmatch(one)]
     if foreign:
         raise InputError(
             f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
             "empty folder."
         )
+    begin = partial(_begin, folder, samples, problem)
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
+        lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
+        write_shards(ledger, draw_shard, lost, workers, progress)
+    return ledger.manifest
 
 
 def _begin(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:

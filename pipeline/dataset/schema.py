@@ -18,12 +18,11 @@ from pydantic import TypeAdapter, ValidationError
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED, Plan
+from pipeline.plan import SOLVED, UNSOLVED, Plan
 from pipeline.scenario import Scenario
 from pipeline.storage.shards import TIMED_KEY, metadata_of, read_metadata
 
 FAMILY = "prolearn.dataset/"  # what the schema of every version begins with
-
 SCHEMA = f"{FAMILY}2"
 
 
@@ -71,7 +70,6 @@ PLAN_COLUMNS = (
     _of_plan("convex_solves", INTEGER, "convex programs that the plan took"),
 )
 COLUMNS = (*SCENARIO_COLUMNS, *PLAN_COLUMNS)
-
 SCENARIO_FIELDS = [column.field for column in SCENARIO_COLUMNS]
 SOLVED_FIELDS = [column.field for column in COLUMNS]
 
@@ -80,15 +78,6 @@ TIMING_FIELDS = [
     pa.field("message", TEXT),
     *(pa.field(stage, REAL) for stage in ("own_optima", "search", "plan", "certificate")),
 ]
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """The expert's result for a scenario: a plan's status, and a plan or why there is none."""
-
-    status: str
-    message: str = ""
-    plan: Plan | None = None
 
 
 def metadata(
@@ -129,22 +118,22 @@ def scenario_table(
 
 
 def solved_table(
-    scenarios: pa.Table, outcomes: Sequence[Outcome], meta: Mapping[bytes, bytes]
+    scenarios: pa.Table, plans: Sequence[Plan | str], meta: Mapping[bytes, bytes]
 ) -> pa.Table:
-    """A table of SOLVED_FIELDS: scenarios with their outcomes."""
+    """A table of SOLVED_FIELDS: scenarios with their plans, or with why there is none."""
     schema = pa.schema([column.field for column in PLAN_COLUMNS])
-    found = pa.Table.from_pylist([_outcome_row(one) for one in outcomes], schema)
+    found = pa.Table.from_pylist([_plan_row(plan) for plan in plans], schema)
     columns = [*scenarios.columns, *found.columns]
     return pa.Table.from_arrays(columns, schema=pa.schema(SOLVED_FIELDS, metadata=dict(meta)))
 
 
-def timing_table(scenarios: pa.Table, outcomes: Sequence[Outcome], digest: str) -> pa.Table:
+def timing_table(scenarios: pa.Table, plans: Sequence[Plan | str], digest: str) -> pa.Table:
     """Timings of the solved shard with a digest, kept apart since no two runs agree on them."""
-    names = scenarios["scenario_id"].to_pylist()
-    rows = [
-        {"scenario_id": k, "message": one.message or None, **(one.plan.timing if one.plan else {})}
-        for k, one in zip(names, outcomes, strict=True)
-    ]
+    rows: list[dict[str, Any]] = []
+    for name, plan in zip(scenarios["scenario_id"].to_pylist(), plans, strict=True):
+        said = {"message": plan} if isinstance(plan, str) else {"message": plan.message or None}
+        timing = {} if isinstance(plan, str) else plan.timing
+        rows.append({"scenario_id": name, **said, **timing})
     return pa.Table.from_pylist(rows, pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest}))
 
 
@@ -173,10 +162,11 @@ def stacked(table: pa.Table, column: str, *shape: int) -> Float[Array, "rows ...
     return values.reshape(table.num_rows, *shape)
 
 
-def _outcome_row(outcome: Outcome) -> dict[str, Any]:
-    plan = outcome.plan
-    row: dict[str, Any] = {"status": outcome.status, "convex_solves": plan and plan.convex_solves}
-    if plan is None or outcome.status != SOLVED:
+def _plan_row(plan: Plan | str) -> dict[str, Any]:
+    if isinstance(plan, str):
+        return {"status": UNSOLVED}
+    row: dict[str, Any] = {"status": plan.status, "convex_solves": plan.convex_solves}
+    if plan.status != SOLVED:
         return row
     arrays = {"states": plan.states.ravel(), "controls": plan.controls.ravel()}
     return row | arrays | vars(plan.certificate)  # of which the schema takes its columns

@@ -17,16 +17,10 @@ from pipeline.dataset.manifest import (
     settings_of,
 )
 from pipeline.dataset.sampling import SAMPLED_BY, draw_shard
-from pipeline.dataset.schema import (
-    Outcome,
-    same_scenarios,
-    scenarios_of,
-    solved_table,
-    timing_table,
-)
+from pipeline.dataset.schema import same_scenarios, scenarios_of, solved_table, timing_table
 from pipeline.expert import Settings, solve_many
 from pipeline.parallel.workers import Workers, check_worker
-from pipeline.plan import AT_ALL_TIMES, SOLVED, UNSOLVED, Plan, Requirements
+from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
@@ -34,11 +28,11 @@ from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, NewShard, open_ledger, write_shards
 from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
+# Code of ours and packages that the bytes of plans depend on
 SOLVED_BY: DecidedBy = (
     tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "plan", "expert")),
     ("numpy", "scipy", "pyarrow", "clarabel", "highspy"),
 )
-"""Code of ours and packages that the bytes of plans depend on."""
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
@@ -60,10 +54,8 @@ def solve(
 ) -> Manifest:
     """Solve what is not solved yet of a sampled dataset; damaged shards are done again.
 
-    Raises:
-        InputError: where the folder holds no dataset, another process writes to it, or it was
-            begun with other settings.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    InputError where there is no dataset, another process writes to it, or it was begun with other
+    settings; ProlearnError as in ``sample``.
     """
     folder = open_folder(where)
     read_manifest(folder)  # before the lock, which would make a folder
@@ -118,32 +110,27 @@ def _solved(shard: Shard, content: bytes) -> NewShard:
     settings, requirements = settings_of(shard.about.solve), requirements_of(shard.about.solve)
     check_worker(shard.about.made_with.solve, SOLVED_BY)
     table = decode(content, shard.most)
-    outcomes = _outcomes(scenarios_of(table), settings, requirements)
-    solved = encode(solved_table(table, outcomes, shard.metadata(shard.solved)))
-    timings = encode(timing_table(table, outcomes, digest_of(solved)))
-    failed = sum(outcome.status != SOLVED for outcome in outcomes)
+    plans = _plans(scenarios_of(table), settings, requirements)
+    solved = encode(solved_table(table, plans, shard.metadata(shard.solved)))
+    timings = encode(timing_table(table, plans, digest_of(solved)))
+    failed = sum(isinstance(plan, str) or plan.status != SOLVED for plan in plans)
     return NewShard(shard.solved, solved, timings, failed=failed)
 
 
-def _outcomes(
+def _plans(
     scenarios: Sequence[Scenario], settings: Settings, requirements: Requirements
-) -> list[Outcome]:
-    """The expert's results.
+) -> list[Plan | str]:
+    """The expert's plans, or why there is none.
 
     Where arithmetic fails, as it may on any scenario, that costs one row. Any other error is one
     of ours, which every row might have, and ends the run.
     """
     try:
         plans = solve_many(scenarios, settings=settings, requirements=requirements)
-        return [_outcome(plan) for plan in plans]
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         if len(scenarios) == 1:
-            return [Outcome(UNSOLVED, message=f"the expert failed: {error!r}")]
-        alone = [_outcomes([one], settings, requirements) for one in scenarios]
-        return [outcome for (outcome,) in alone]
-
-
-def _outcome(plan: Plan) -> Outcome:
-    if plan.status == SOLVED and not np.isfinite(plan.states).all():
-        return Outcome(UNSOLVED, message="the plan has states that are not finite numbers")
-    return Outcome(plan.status, plan.message, plan)
+            return [f"the expert failed: {error!r}"]
+        return [plan for one in scenarios for plan in _plans([one], settings, requirements)]
+    overflowed = [p.status == SOLVED and not np.isfinite(p.states).all() for p in plans]
+    why = "the plan has states that are not finite numbers"
+    return [why if over else plan for plan, over in zip(plans, overflowed, strict=True)]

@@ -1,6 +1,7 @@
 """Integrity of every shard and physics of every row of a dataset, and the repair of faults."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,7 +32,6 @@ DIGEST = "does not have the digest that the manifest gives it"
 CUT_SHORT = "is not in the manifest; the run that made it was cut short"
 UNTIMED = f"is not in {TIMED}"
 NOT_EXPECTED = "does not belong to this dataset"
-
 FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
 MOST_BYTES = 2**30  # size of the largest file that is read to be checked; shards have some MB
 
@@ -61,12 +61,7 @@ class Check:
 def verify(
     where: Where | Folder, *, workers: Workers | None = None, progress: Progress = SILENT
 ) -> Iterator[Fault]:
-    """Every fault of a dataset, which may not be solved yet, as it is found.
-
-    Raises:
-        InputError: where the folder holds no dataset, or neither its manifest nor the copy of
-            that is sound.
-    """
+    """Every fault of a dataset, solved or not, as it is found; InputError without a manifest."""
     folder, workers = open_folder(where), workers or Workers()
     manifest, fault = manifest_or_copy(folder)
     if fault:
@@ -92,18 +87,11 @@ def repair(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> list[Fault]:
-    """Do again exactly the shards that have faults, and set foreign files aside.
+    """Do again exactly the shards that have faults, set foreign files aside, and return the faults.
 
     Damaged files that are replaced are kept in ``_damaged/``, foreign ones in ``_foreign/``. Files
-    with sound rows that are not what the manifest says are set aside with ``yes`` only.
-
-    Returns:
-        The faults that were found.
-
-    Raises:
-        InputError: where the folder holds no dataset, another process writes to it, or it was
-            made with other versions.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    with sound rows that are not what the manifest says are set aside with ``yes`` only. InputErrors
+    and ProlearnErrors are as in ``solve``.
     """
     folder, workers = open_folder(where), workers or Workers()
     manifest_or_copy(folder)  # before the lock, which would make a folder
@@ -126,14 +114,11 @@ def repair(
 
 def _faults_beside(folder: Folder, *, solved: bool) -> Iterator[Fault]:
     """Faults of the manifest's copy and of the digests of timings."""
-
-    def content(name: str) -> bytes | None:
-        try:
-            return folder.read(name)
-        except OSError:
-            return None
-
-    if content(COPY) != content(MANIFEST):
+    content: dict[str, bytes] = {}
+    for name in (COPY, MANIFEST):
+        with suppress(OSError):
+            content[name] = folder.read(name)
+    if content.get(COPY) != content.get(MANIFEST):
         yield Fault(COPY, f"is not what {MANIFEST} is")
     if read_timed(folder) is None and (solved or folder.exists(TIMED)):
         yield Fault(TIMED, "is missing or damaged")
@@ -185,12 +170,16 @@ def _faults(check: Check, content: bytes | str) -> list[Fault]:
     except InputError as error:
         return [Fault(name, str(error), sound=not timings and stands_alone(content))]
     other = _mismatch(table, check, shard)
-    if other:
-        alone = not timings and stands_alone(content)
+    if other or not right:
+        alone = bool(other) and not timings and stands_alone(content)
         return [Fault(name, other if right else DIGEST, sound=alone)]
-    if not right:
-        return [Fault(name, DIGEST)]
-    return [Fault(name, what) for what in _row_faults(table, shard, check.kind)]
+    splits, faults = [shard.sample.drawn_as(row)[0] for row in shard.rows], []
+    if not timings and table["split"].to_pylist() != splits:
+        faults.append("has rows of other splits than they were drawn for")
+    if check.kind == "solved":
+        requirements = requirements_of(shard.about.solve)
+        faults += row_faults(table, shard.n, shard.about.problem, requirements)
+    return [Fault(name, what) for what in faults]
 
 
 def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
@@ -207,12 +196,3 @@ def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
         if check.digest is None:
             return UNTIMED
     return ""
-
-
-def _row_faults(table: pa.Table, shard: Shard, kind: str) -> Iterator[str]:
-    splits = [shard.sample.drawn_as(row)[0] for row in shard.rows]
-    if kind != "timings" and table["split"].to_pylist() != splits:
-        yield "has rows of other splits than they were drawn for"
-    if kind == "solved":
-        requirements = requirements_of(shard.about.solve)
-        yield from row_faults(table, shard.n, shard.about.problem, requirements)

@@ -1,7 +1,7 @@
 """The expert: sequential convex programming (SCP) with half-space collision constraints."""
 
 from pipeline.expert.decoupled import decoupled_optima
-from pipeline.expert.expert import all_within_risk, solve, solve_many, within_risk
+from pipeline.expert.expert import solve, solve_many, within_risk
 from pipeline.expert.nominal import nominal_plans
 from pipeline.expert.seeds import SEEDS
 from pipeline.expert.settings import BEST, EFFORTS, FIRST_SAFE, Settings
@@ -12,7 +12,6 @@ __all__ = [
     "FIRST_SAFE",
     "SEEDS",
     "Settings",
-    "all_within_risk",
     "decoupled_optima",
     "nominal_plans",
     "solve",

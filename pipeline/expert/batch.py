@@ -1,72 +1,44 @@
 """Independent scenarios stacked along the craft axis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 
 from pipeline.arrays import Array
 from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
-from pipeline.orbit.approaches import Swarms, pairs, side_by_side
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.approaches import pairs, side_by_side
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.scenario import Scenario, shared_problem
 
 
-@dataclass(frozen=True, eq=False)
 class Batch:
-    """Scenarios of one problem, and the craft of all of them one after the other."""
+    """Scenarios of one problem, at least one, and the craft of all of them one after the other."""
 
-    scenarios: Sequence[Scenario]  # at least one
-
-    @cached_property
-    def problem(self) -> Problem:
-        """The problem that they share; refused where they do not."""
-        return shared_problem(self.scenarios)
-
-    @cached_property
-    def swarms(self) -> Swarms:
-        """Which craft belong together."""
-        return side_by_side(tuple(scenario.n for scenario in self.scenarios))
-
-    @cached_property
-    def initial(self) -> Float[Array, "n 6"]:
-        """Initial states, m and m/s."""
-        return np.concatenate([scenario.initial for scenario in self.scenarios])
-
-    @cached_property
-    def goal(self) -> Float[Array, "n 6"]:
-        """Goal states, m and m/s."""
-        return np.concatenate([scenario.goal for scenario in self.scenarios])
+    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+        self.scenarios, self.problem = scenarios, shared_problem(scenarios)
+        self.swarms = side_by_side(tuple(scenario.n for scenario in scenarios))
+        self.initial: Formation = np.concatenate([scenario.initial for scenario in scenarios])
+        self.goal: Formation = np.concatenate([scenario.goal for scenario in scenarios])
+        # Change of final state that the controls of each craft must bring about, m and m/s.
+        self.miss = goal_miss(self.initial, self.goal, self.problem)
+        starts = self.swarms.starts
+        # Size of a typical control of each scenario, m/s².
+        self.unit = np.maximum.reduceat(control_units(self.miss, self.problem), starts)
+        ends = [*starts[1:].tolist(), None]
+        self.craft = [slice(*both) for both in zip(starts.tolist(), ends, strict=True)]
 
     @cached_property
     def optima(self) -> DecoupledOptima:
         """Decoupled optimum of every craft."""
         return decoupled_optima(self.initial, self.goal, self.problem)
 
-    @cached_property
-    def miss(self) -> Float[Array, "n 6"]:
-        """Change of final state that controls must bring about, m and m/s."""
-        return goal_miss(self.initial, self.goal, self.problem)
-
-    @cached_property
-    def unit(self) -> Float[Array, "swarms"]:
-        """Size of a typical control of each scenario, m/s²."""
-        return np.maximum.reduceat(control_units(self.miss, self.problem), self.swarms.starts)
-
-    @cached_property
-    def craft(self) -> list[slice]:
-        """Where the craft of each scenario are."""
-        starts = self.swarms.starts.tolist()
-        return [slice(*both) for both in zip(starts, [*starts[1:], None], strict=True)]
-
     def part(self, which: Sequence[int]) -> "Batch":
         """Some of the scenarios; their decoupled optima are not computed again."""
         part = Batch([self.scenarios[k] for k in which])
-        # A cached property is set as any attribute of an instance is.
-        part.__dict__["optima"] = self.optima.of(np.isin(self.swarms.label, which))
+        part.optima = self.optima[np.isin(self.swarms.label, which)]
         return part
 
     def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:

@@ -7,38 +7,29 @@ craft err (a chance constraint).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts
 from pipeline.orbit.approaches import PROVABLE, Swarms, close_approaches, side_by_side
+from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
 from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import levels_at
 from pipeline.plan import AT_ALL_TIMES, Requirements
 
-Craft = Int[Array, "_"] | Bool[Array, "_"]
-"""Some craft, by their indices or a mask."""
+Craft = Int[Array, "_"] | Bool[Array, "_"]  # some craft, by their indices or a mask
 
-ENDS = 2 * PROVABLE
-"""What pairs have left beyond what is asked for at the ends, where no control can move them, m."""
+ENDS = 2 * PROVABLE  # left beyond what is asked for at the ends, which no control can move, m
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Rows):
     """Motion of all craft."""
 
-    controls: Float[Array, "n intervals 3"]  # m/s²
-    states: Float[Array, "n T 6"]  # node states that the controls fly, m and m/s
-
-    def copy(self) -> "Trajectory":
-        """The same motion in arrays of its own."""
-        return Trajectory(self.controls.copy(), self.states.copy())
-
-    def of(self, craft: Craft) -> "Trajectory":
-        """Motion of some craft."""
-        return Trajectory(self.controls[craft], self.states[craft])
+    controls: Controls  # m/s²
+    states: States  # node states that the controls fly, m and m/s
 
     def set(self, craft: Craft, part: "Trajectory") -> None:
         """Replace the motion of some craft."""
@@ -60,35 +51,6 @@ class BackOff:
     uncertainty: Uncertainty  # 1-σ errors of navigation and of thrust execution
     sigmas: float  # how many standard deviations, along the line between the two craft
 
-    def most(self, controls: Float[Array, "n intervals 3"], problem: Problem) -> float:
-        """Upper bound on the back-off of every pair, m."""
-        deviation = dispersion(controls, problem, self.uncertainty).most_deviation(problem)
-        return self.sigmas * 2**0.5 * float(deviation.max())
-
-    def of_cuts(
-        self, cuts: Cuts, flown: Trajectory, problem: Problem, margin: float
-    ) -> Float[Array, "k"]:
-        """Back-off of each cut, beyond the collision radius and a margin, m.
-
-        The errors of the trajectory's burns are meant. A passive-safety cut asks for nothing.
-        """
-        if cuts.other is not None:
-            found, flying = np.zeros(len(cuts)), cuts.in_flight
-            both = replace(cuts.where(flying), other=None)
-            found[flying] = self.of_cuts(both, flown, problem, margin)
-            return found
-        errors = dispersion(flown.controls, problem, self.uncertainty)
-        i, j, k = cuts.first, cuts.second, cuts.interval
-        normal = normals(cuts, flown.states, flown.controls)
-        deviation = deviation_along(normal, (cuts.free, cuts.pushed), errors.of_pairs(i, j, k))
-        sigmas = np.full(len(cuts), self.sigmas)
-        kept = problem.collision_radius + margin + ENDS
-        for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):
-            at = np.flatnonzero(k == interval)
-            most = levels_at(node, i[at], j[at], flown.states, errors, kept)
-            sigmas[at] = np.clip(most, 0.0, sigmas[at])
-        return sigmas * deviation
-
 
 @dataclass(frozen=True, eq=False)
 class ConflictDetection:
@@ -103,33 +65,27 @@ class ConflictDetection:
     back_off: BackOff | None = None  # asked for besides, because craft err
 
     def conflicts(
-        self,
-        flown: Trajectory,
-        within: float,
-        moved: Bool[Array, "n"] | None = None,
-        beside: float = 0.0,
-    ) -> tuple[Cuts, Float[Array, "k"]]:
-        """Where craft come within a distance, and how close.
+        self, flown: Trajectory, within: float, moved: Marked | None = None, beside: float = 0.0
+    ) -> tuple[Cuts, Values]:
+        """Cuts where craft come within a distance, and lower bounds on how close they come.
 
-        Args:
-            flown: a trajectory that meets both ends.
-            within: distance of interest besides the back-off, m.
-            moved: craft whose pairs are looked at; all by default.
-            beside: also cut so long before and after each closest approach, as a share of the
-                interval, since it moves; not at nodes only.
-
-        Returns:
-            A cut at each closest approach, and a lower bound on the separation there less the
-            back-off, m.
+        The trajectory meets both ends. The distance of interest is ``within`` and the back-off, m,
+        and the lower bound that on the separation less the back-off. Only pairs with craft that
+        ``moved`` are looked at. Closest approaches move: cuts are also made so long ``beside``
+        each, as a share of the interval, before and after it; not at nodes only.
         """
         if moved is None:
             moved = np.ones(len(flown.states), dtype=bool)
-        most = 0.0 if self.back_off is None else self.back_off.most(flown.controls, self.problem)
-        cuts, bound = self._in_flight(flown, within + most, moved, beside)
-        if self.back_off is not None:
+        if self.back_off is None:
+            cuts, bound = self._in_flight(flown, within, moved, beside)
+        else:
+            errors = dispersion(flown.controls, self.problem, self.back_off.uncertainty)
+            deviation = 2**0.5 * float(errors.most_deviation(self.problem).max())
+            most = within + self.back_off.sigmas * deviation
+            cuts, bound = self._in_flight(flown, most, moved, beside)
             bound = bound - self.back_off_of(cuts, flown)
             near = bound <= within
-            cuts, bound = cuts.where(near), bound[near]
+            cuts, bound = cuts[near], bound[near]
         orbits = self.requirements.passive_safety
         if orbits is None:
             return cuts, bound
@@ -141,15 +97,29 @@ class ConflictDetection:
         drifting = passive_safety_cuts(found, flown.states, self.problem)
         return cuts + drifting, np.concatenate([bound, found.bound])
 
-    def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Float[Array, "k"] | float:
-        """Back-off of each cut for the errors of a trajectory, m; 0 where there is none."""
+    def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values | float:
+        """Back-off of each cut for a trajectory's burns, m; a passive-safety cut asks for none."""
         if self.back_off is None:
             return 0.0
-        return self.back_off.of_cuts(cuts, flown, self.problem, self.margin)
+        if cuts.other is not None:
+            found, flying = np.zeros(len(cuts)), cuts.in_flight
+            found[flying] = self.back_off_of(replace(cuts[flying], other=None), flown)
+            return found
+        problem, i, j, k = self.problem, cuts.first, cuts.second, cuts.interval
+        errors = dispersion(flown.controls, problem, self.back_off.uncertainty)
+        normal = normals(cuts, flown.states, flown.controls)
+        deviation = deviation_along(normal, (cuts.free, cuts.pushed), errors.of_pairs(i, j, k))
+        sigmas = np.full(len(cuts), self.back_off.sigmas)
+        kept = problem.collision_radius + self.margin + ENDS
+        for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):
+            at = np.flatnonzero(k == interval)
+            most = levels_at(node, i[at], j[at], flown.states, errors, kept)
+            sigmas[at] = np.clip(most, 0.0, sigmas[at])
+        return sigmas * deviation
 
     def _in_flight(
-        self, flown: Trajectory, within: float, moved: Bool[Array, "n"], beside: float
-    ) -> tuple[Cuts, Float[Array, "k"]]:
+        self, flown: Trajectory, within: float, moved: Marked, beside: float
+    ) -> tuple[Cuts, Values]:
         """Conflicts of craft that both fly their plans."""
         problem, states = self.problem, flown.states
         if self.requirements.at_nodes:

@@ -1,81 +1,58 @@
 """Half-space cuts: which pairs are held apart at which times, and in which direction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.passive_safety import LossEncounters
+from pipeline.orbit.approaches import Approaches
+from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import TransferMaps, transfer_maps
+from pipeline.orbit.transfer import transfer_maps
 
-TOUCHING = 1e-3
-"""Distance in m under which two craft give no direction of their own."""
+TOUCHING = 1e-3  # distance in m under which two craft give no direction of their own
 
 
 @dataclass(frozen=True, eq=False)
-class SecondCraft:
+class SecondCraft(Rows):
     """Linear maps to the positions of cuts' second craft, where they are not as the first's."""
 
-    interval: Int[Array, "k"]  # at whose start the craft's state counts
+    interval: Indices  # at whose start the craft's state counts
     free: Float[Array, "k 3 6"]  # from that state to its position
     pushed: Float[Array, "k 3 3"]  # from its control in that interval to its position
-    # position of the first, or less that of the second, as far as it is fixed, m
-    offset: Float[Array, "k 3"]
+    offset: Vectors  # position of the first, or less that of the second, as far as it is fixed, m
 
 
 @dataclass(frozen=True, eq=False)
-class Cuts:
+class Cuts(Rows):
     """Pairs and times at which a separation is asked for."""
 
-    first: Int[Array, "k"]
-    second: Int[Array, "k"]
-    interval: Int[Array, "k"]  # interval of the time
+    first: Indices
+    second: Indices
+    interval: Indices  # interval of the time
     free: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position then
     pushed: Float[Array, "k 3 3"]  # from its control in the interval to its position then
-    # the same of the second craft, where some cuts are passive-safety cuts
-    other: SecondCraft | None = None
-
-    def __len__(self) -> int:
-        """Number of cuts."""
-        return len(self.first)
+    other: SecondCraft | None = None  # of the second, where some are passive-safety cuts
 
     def __add__(self, more: "Cuts") -> "Cuts":
         """Both sets of cuts."""
-        both = zip(self._parts, more._parts, strict=True)
-        first, second, interval, free, pushed = map(np.concatenate, both)
-        other = None
-        if self.other is not None or more.other is not None:
-            fields = zip(*(vars(cuts.second_craft).values() for cuts in (self, more)), strict=True)
-            other = SecondCraft(*map(np.concatenate, fields))
-        return Cuts(first, second, interval, free, pushed, other)
-
-    def where(self, keep: Bool[Array, "k"] | Int[Array, "j"]) -> "Cuts":
-        """Some of the cuts."""
-        first, second, interval, free, pushed = (part[keep] for part in self._parts)
-        other = self.other and SecondCraft(*(part[keep] for part in vars(self.other).values()))
-        return Cuts(first, second, interval, free, pushed, other)
+        parts = [self, more]
+        if any(cuts.other is not None for cuts in parts):
+            parts = [replace(cuts, other=cuts.other or cuts.as_first) for cuts in parts]
+        return Cuts.concatenated(parts)
 
     @property
-    def _parts(self) -> tuple[Array, ...]:
-        return self.first, self.second, self.interval, self.free, self.pushed
-
-    @property
-    def second_craft(self) -> SecondCraft:
-        """Linear maps to the positions of the second craft."""
-        return self._as_first if self.other is None else self.other
-
-    @property
-    def _as_first(self) -> SecondCraft:
+    def as_first(self) -> SecondCraft:
+        """The maps of the second craft where it flies its plan as the first does."""
         return SecondCraft(self.interval, self.free, self.pushed, np.zeros((len(self), 3)))
 
     @property
     def in_flight(self) -> Bool[Array, "k"]:
         """Cuts of two craft that both fly their plans."""
-        both = zip(vars(self._as_first).values(), vars(self.second_craft).values(), strict=True)
-        differ = [(one != other).reshape(len(self), -1).any(axis=1) for one, other in both]
-        return ~np.any(differ, axis=0)
+        other = self.other or self.as_first
+        both = zip(vars(self.as_first).values(), vars(other).values(), strict=True)
+        return ~np.any([(a != b).reshape(len(self), -1).any(axis=1) for a, b in both], axis=0)
 
 
 _NO_INDEX = np.zeros(0, dtype=int)
@@ -83,20 +60,14 @@ NO_CUTS = Cuts(_NO_INDEX, _NO_INDEX, _NO_INDEX, np.zeros((0, 3, 6)), np.zeros((0
 
 
 def cuts_at(
-    first: Int[Array, "k"],
-    second: Int[Array, "k"],
-    interval: Int[Array, "k"],
-    offset: Float[Array, "k"],
-    problem: Problem,
+    first: Indices, second: Indices, interval: Indices, offset: Values, problem: Problem
 ) -> Cuts:
     """Cuts at times since the starts of their intervals, s."""
     free, pushed = problem.dynamics.step(offset)
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
-def passive_safety_cuts(
-    found: LossEncounters, states: Float[Array, "n T 6"], problem: Problem
-) -> Cuts:
+def passive_safety_cuts(found: Approaches, states: States, problem: Problem) -> Cuts:
     """Cuts at encounters of a drifting craft, which lost its thrust at a node, and another.
 
     The controls of a drifting craft count up to that node, so none from the first node on, and
@@ -104,17 +75,18 @@ def passive_safety_cuts(
     position is fixed, and the cut is about the other alone, so that it joins no two craft. In each
     encounter the controls of at least one craft count. States are in m and m/s.
     """
-    h, last = problem.time_step, problem.nodes - 1
-    drifted, _ = problem.dynamics.step(h * (found.interval - found.node))
+    h, last, node = problem.time_step, problem.nodes - 1, found.node
+    assert node is not None  # at which the first craft lost its thrust
+    drifted, _ = problem.dynamics.step(h * (found.interval - node))
     drifting = found.free @ drifted
     beyond, _ = problem.dynamics.step(h * np.maximum(found.interval - last, 0))
-    goal = np.matvec(found.free @ beyond, states[found.other, last])
-    start = np.matvec(drifting, states[found.lost, found.node])
-    fixed, arrived = found.node == 0, found.interval >= last
+    goal = np.matvec(found.free @ beyond, states[found.second, last])
+    start = np.matvec(drifting, states[found.first, node])
+    fixed, arrived = node == 0, found.interval >= last
     return Cuts(
-        first=np.where(fixed, found.other, found.lost),
-        second=np.where(arrived, found.lost, found.other),
-        interval=found.node,
+        first=np.where(fixed, found.second, found.first),
+        second=np.where(arrived, found.first, found.second),
+        interval=node,
         free=_unless(fixed, drifting),
         pushed=np.zeros_like(found.pushed),
         other=SecondCraft(
@@ -131,9 +103,7 @@ def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Ar
     return np.where(mask.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
 
 
-def gaps(
-    cuts: Cuts, states: Float[Array, "n T 6"], controls: Float[Array, "n intervals 3"]
-) -> Float[Array, "k 3"]:
+def gaps(cuts: Cuts, states: States, controls: Controls) -> Vectors:
     """Position of each cut's first craft relative to its second, there and then, m."""
     i, j, k = cuts.first, cuts.second, cuts.interval
     if cuts.other is not None:
@@ -146,20 +116,14 @@ def gaps(
 
 
 def normals(
-    cuts: Cuts,
-    states: Float[Array, "n T 6"],
-    controls: Float[Array, "n intervals 3"],
-    shift: Float[Array, "k 3"] | float = 0.0,
-) -> Float[Array, "k 3"]:
-    """Direction n̂ between each cut's pair there and then, at a linearization point (SI units).
-
-    A shift in m, added to each gap before its direction is taken, passes on another side.
-    """
+    cuts: Cuts, states: States, controls: Controls, shift: Vectors | float = 0.0
+) -> Vectors:
+    """Direction n̂ between each cut's pair; a shift, m, of the gaps passes on another side."""
     velocity = states[cuts.first, cuts.interval, 3:] - states[cuts.second, cuts.interval, 3:]
     return directions(gaps(cuts, states, controls) + shift, velocity)
 
 
-def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
+def directions(gap: Vectors, velocity: Vectors) -> Vectors:
     """Unit vectors along each gap; across the relative velocity where the two craft touch."""
     distance = np.linalg.norm(gap, axis=1)
     touching = distance < TOUCHING
@@ -173,47 +137,36 @@ def directions(gap: Float[Array, "k 3"], velocity: Float[Array, "k 3"]) -> Float
 
 
 @dataclass(frozen=True, eq=False)
-class HalfSpaces:
+class HalfSpaces(Rows):
     """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal."""
 
     row: Float[Array, "k m"]  # m per m/s²
-    required: Float[Array, "k"]  # m
+    required: Values  # m
     other: Float[Array, "k m"] | None = None  # m per m/s²; None where it is ``row``
 
 
 def half_spaces(
-    cuts: Cuts,
-    normal: Float[Array, "k 3"],
-    initial: Float[Array, "n 6"],
-    problem: Problem,
-    separation: Float[Array, "k"] | float,
+    cuts: Cuts, normal: Vectors, initial: Formation, problem: Problem, separation: Values | float
 ) -> HalfSpaces:
     """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then (m, m/s)."""
     maps = transfer_maps(problem)
+
+    def effect(to_state: Array, interval: Indices, pushed: Array) -> Float[Array, "k m"]:
+        """Of a craft's controls along each normal, m per m/s²."""
+        row = np.vecmat(to_state, maps.reach[interval])
+        columns = 3 * interval[:, None] + np.arange(3)
+        row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)
+        return row
+
     i, j, k = cuts.first, cuts.second, cuts.interval
     to_state = np.vecmat(normal, cuts.free)
-    row = _row(to_state, normal, k, cuts.pushed, maps)
+    row = effect(to_state, k, cuts.pushed)
     if cuts.other is not None:
         second, t = cuts.other, cuts.other.interval
         seen = np.vecmat(normal, second.free)
-        other = _row(seen, normal, t, second.pushed, maps)
         apart = np.vecdot(normal, second.offset)
         apart += np.vecdot(to_state, np.matvec(maps.drift[k], initial[i]))
         apart -= np.vecdot(seen, np.matvec(maps.drift[t], initial[j]))
-        return HalfSpaces(row, separation - apart, other)
+        return HalfSpaces(row, separation - apart, effect(seen, t, second.pushed))
     drifted = np.matvec(maps.drift[k], initial[i] - initial[j])
     return HalfSpaces(row, separation - np.vecdot(to_state, drifted))
-
-
-def _row(
-    to_state: Float[Array, "k 6"],
-    normal: Float[Array, "k 3"],
-    interval: Int[Array, "k"],
-    pushed: Float[Array, "k 3 3"],
-    maps: TransferMaps,
-) -> Float[Array, "k m"]:
-    """Effect of a craft's controls along each normal, m per m/s²."""
-    row = np.vecmat(to_state, maps.reach[interval])
-    columns = 3 * interval[:, None] + np.arange(3)
-    row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)
-    return row

@@ -3,48 +3,36 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.solvers import OPTIMAL, clarabel_solver
 from pipeline.expert.subproblem import Subproblem
+from pipeline.orbit.arrays import Controls, Formation, Marked, Rows
 from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
-BOUND_TOLERANCE = 1e-8
-"""Relative tolerance of the programs of single craft, and so of their lower bound."""
-
-FARKAS_MARGIN = 1e-6
-"""Relative margin by which a proof of impossibility must hold, beyond rounding."""
-
+BOUND_TOLERANCE = 1e-8  # relative, of the programs of single craft, and so of their lower bound
+FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
+# How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own linear program"
-"""How a lower bound is proven."""
-
-LIMIT_SHARE = 1 - 1e-7
-"""Share of the thrust limit that the programs use, so that rounding stays within it."""
+LIMIT_SHARE = 1 - 1e-7  # share of the thrust limit that programs use, rounding staying within it
 
 
 @dataclass(frozen=True, eq=False)
-class DecoupledOptima:
+class DecoupledOptima(Rows):
     """The L1-optimal transfer of each craft without the others."""
 
-    # m/s²; the minimum-energy transfer where no optimum was found
-    controls: Float[Array, "n intervals 3"]
+    controls: Controls  # m/s²; the minimum-energy transfer where no optimum was found
     lower_bound: Float[Array, "n"]  # proven lower bound on the fuel of each craft, m/s²
-    feasible: Bool[Array, "n"]  # whether an optimum was found
+    feasible: Marked  # whether an optimum was found
     # whether it is proven that the craft cannot make the transfer within the thrust limit, or with
     # any thrust; what is neither the solver failed at
-    impossible: Bool[Array, "n"]
-    tabled: Bool[Array, "n"]  # whether the bound is a vertex's of the table, or a program's
-    # basic variables without a thrust limit, as in ``Subproblem``, where they are known
-    basis: Int[Array, "n 6"] | None = None
-
-    def of(self, craft: Bool[Array, "n"]) -> "DecoupledOptima":
-        """Those of some craft."""
-        parts = {name: None if v is None else v[craft] for name, v in vars(self).items()}
-        return DecoupledOptima(**parts)  # type: ignore[arg-type]
+    impossible: Marked
+    tabled: Marked  # whether the bound is a vertex's of the table, or a program's
+    basis: Int[Array, "n 6"] | None = None  # as in ``Subproblem``, without a thrust limit
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
         """Lower bound on the fuel of some craft in all, m/s², and how it is proven."""
@@ -52,9 +40,7 @@ class DecoupledOptima:
         return float(self.lower_bound[craft].sum()), proof
 
 
-def decoupled_optima(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
-) -> DecoupledOptima:
+def decoupled_optima(initial: Formation, goal: Formation, problem: Problem) -> DecoupledOptima:
     """Least ‖u‖₁ that joins the two states of each craft, m and m/s.
 
     By table where the optimum without a thrust limit keeps to it, for then it is the optimum with
@@ -82,19 +68,17 @@ def decoupled_optima(
     return DecoupledOptima(exact, bound, feasible, impossible, tabled, basis)
 
 
-def goal_miss(
-    initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], problem: Problem
-) -> Float[Array, "n 6"]:
+def goal_miss(initial: Formation, goal: Formation, problem: Problem) -> Formation:
     """Change of final state that the controls of each craft must bring about, m and m/s."""
     return goal - np.matvec(transfer_maps(problem).drift[-1], initial)
 
 
-def control_units(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
+def control_units(miss: Formation, problem: Problem) -> Float[Array, "n"]:
     """Size of a typical control, m/s²: of each transfer, or to move by the collision radius."""
     return np.maximum(_largest_control(miss, problem), problem.evasive_control)
 
 
-def _largest_control(miss: Float[Array, "n 6"], problem: Problem) -> Float[Array, "n"]:
+def _largest_control(miss: Formation, problem: Problem) -> Float[Array, "n"]:
     """Largest control of each craft's minimum-energy transfer, m/s²."""
     return np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1)
 

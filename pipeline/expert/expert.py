@@ -30,14 +30,9 @@ from pipeline.plan import (
 )
 from pipeline.scenario import Scenario
 
-TRIES = 8
-"""Searches at most, each for another number of standard deviations."""
-
-ENOUGH = 0.5
-"""Share of the risk asked for from which a plan is not needlessly safe."""
-
-AIM = 0.75
-"""Share of it that the next number of standard deviations is chosen for."""
+TRIES = 8  # searches at most, each for another number of standard deviations
+ENOUGH = 0.5  # share of the risk asked for from which a plan is not needlessly safe
+AIM = 0.75  # share of it that the next number of standard deviations is chosen for
 
 
 def solve(
@@ -56,32 +51,15 @@ def solve_many(
     settings: Settings | None = None,
     requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Plan]:
-    """The expert's plans for scenarios of one problem, with what they share computed once.
+    """The expert's plans for scenarios of one problem, whose sizes may differ.
 
-    Args:
-        scenarios: what swarms are to do; sizes may differ.
-        seeds: for each, node states that its first cuts are linearized about, m and m/s, or None
-            for the decoupled optima. They need neither be safe nor obey the dynamics.
-        settings: how to work.
-        requirements: what every plan must satisfy.
-
-    Raises:
-        InputError: for a seed of another shape or with values that are not finite.
+    Seeds are node states, m and m/s, that the first cuts of a scenario are linearized about,
+    instead of its decoupled optima; they need neither be safe nor obey the dynamics. InputError for
+    a seed of another shape or with values that are not finite.
     """
     settings = settings or Settings()
     plans = nominal_plans(scenarios, seeds, settings, requirements)
-    return all_within_risk(scenarios, plans, requirements, settings)
-
-
-def all_within_risk(
-    scenarios: Sequence[Scenario],
-    plans: Sequence[Plan],
-    requirements: Requirements,
-    settings: Settings,
-) -> list[Plan]:
-    """Plans of several scenarios, each as in ``within_risk``."""
-    both = zip(scenarios, plans, strict=True)
-    return [within_risk(scenario, plan, requirements, settings) for scenario, plan in both]
+    return [within_risk(plan, requirements, settings) for plan in plans]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,29 +71,25 @@ class _Tried:
     risk: CollisionRisk
 
 
-def within_risk(
-    scenario: Scenario, plan: Plan, requirements: Requirements, settings: Settings | None = None
-) -> Plan:
+def within_risk(plan: Plan, requirements: Requirements, settings: Settings | None = None) -> Plan:
     """The plan itself where its risk is small enough, or else the cheapest of more careful ones.
 
-    Without a risk in the requirements it is the plan itself.
-
-    Every pair is kept so many standard deviations of its separation apart, the same number for
-    all. As pairs that are held there come within the radius with a probability proportional to the
+    Every pair is kept so many standard deviations of its separation apart, the same number for all.
+    As pairs that are held there come within the radius with a probability proportional to the
     normal distribution's tail, a few searches find the number. Each is seeded with the plan before.
 
-    The plan given, of any planner, satisfies what is required without errors, or is not SOLVED.
-    The certificate of that returned has the risk. It is UNSOLVED where the bound stays above what
-    was asked for: then it is the least risky of all, and its message says who is in the way.
+    The plan given, of any planner, satisfies what is required without errors, or is not SOLVED. The
+    certificate of that returned has the risk. It is UNSOLVED where the bound stays above what was
+    asked for: then it is the least risky of all, and its message says who is in the way.
     """
     limit = requirements.risk
     if limit is None or plan.status == INFEASIBLE:
         return plan
     started, settings = perf_counter(), settings or Settings()
-    uncertainty = limit.uncertainty(scenario.problem)
-    tried = [_judged(scenario, plan, 0.0, uncertainty)]
+    uncertainty = limit.uncertainty(plan.scenario.problem)
+    tried = [_judged(plan, 0.0, uncertainty)]
     if plan.status == SOLVED and tried[0].risk.total > limit.asked:
-        tried.extend(_more_careful(scenario, tried[0], limit, settings, requirements.nominal))
+        tried.extend(_more_careful(tried[0], limit, settings, requirements.nominal))
     best = min(tried, key=lambda one: _worth(one, limit.asked))
     claim = Risk(
         bound=best.risk.total,
@@ -135,15 +109,11 @@ def within_risk(
     )
     if claim.kept or plan.status != SOLVED:
         return found
-    return replace(found, status=UNSOLVED, message=_too_risky(scenario, best.risk, limit.asked))
+    return replace(found, status=UNSOLVED, message=_too_risky(best, limit.asked))
 
 
 def _more_careful(
-    scenario: Scenario,
-    first: _Tried,
-    limit: RiskLimit,
-    settings: Settings,
-    requirements: Requirements,
+    first: _Tried, limit: RiskLimit, settings: Settings, requirements: Requirements
 ) -> Iterator[_Tried]:
     """Search for ever better numbers of standard deviations, until one is good enough.
 
@@ -151,13 +121,14 @@ def _more_careful(
     tail Q(k); the number is kept between the largest known to be too few and the least that is
     enough.
     """
-    asked, uncertainty = limit.asked, limit.uncertainty(scenario.problem)
+    scenario, asked = first.plan.scenario, limit.asked
+    uncertainty = limit.uncertainty(scenario.problem)
     held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
     sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
     for _ in range(TRIES):
         back_off = BackOff(uncertainty, sigmas)
         (made,) = nominal_plans([scenario], [plan.states], settings, requirements, back_off)
-        one = _judged(scenario, made, sigmas, uncertainty)
+        one = _judged(made, sigmas, uncertainty)
         yield one
         risk = one.risk.total
         if made.status != SOLVED:
@@ -180,8 +151,8 @@ def _tail(probability: float) -> float:
     return max(0.0, -float(ndtri(min(probability, 0.5))))
 
 
-def _judged(scenario: Scenario, plan: Plan, sigmas: float, uncertainty: Uncertainty) -> _Tried:
-    risk = collision_risk(plan.states, plan.controls, scenario.problem, uncertainty)
+def _judged(plan: Plan, sigmas: float, uncertainty: Uncertainty) -> _Tried:
+    risk = collision_risk(plan.states, plan.controls, plan.scenario.problem, uncertainty)
     return _Tried(plan, sigmas, risk)
 
 
@@ -191,8 +162,9 @@ def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
     return not kept, tried.plan.certificate.fuel if kept else tried.risk.total
 
 
-def _too_risky(scenario: Scenario, risk: CollisionRisk, asked: float) -> str:
+def _too_risky(tried: _Tried, asked: float) -> str:
     """Why the risk is not kept: the pair that adds most, and whether the ends alone have it."""
+    scenario, risk = tried.plan.scenario, tried.risk
     radius, worst = scenario.problem.collision_radius, int(risk.of_pair.argmax())
     said = (
         f"the risk that a pair comes within {radius:g} m is bounded by {risk.total:.3g}, asked for "

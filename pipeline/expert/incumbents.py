@@ -3,21 +3,21 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.cuts import Cuts
+from pipeline.orbit.arrays import Controls, Marked
 
-SLACK_TOLERANCE = 1e-5
-"""Slack in m under which a half-space counts as met."""
+SLACK_TOLERANCE = 1e-5  # slack in m under which a half-space counts as met
 
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
     """What the search of a scenario ended with."""
 
-    controls: Float[Array, "n intervals 3"]  # m/s²
+    controls: Controls  # m/s²
     convex_solves: int = 0  # rounds of programs, the clusters of a round counted as one
     # pairs of craft that cuts were made for
     joined: Int[Array, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
@@ -29,7 +29,7 @@ class SearchResult:
 class Incumbents:
     """Cheapest safe iterate, rounds and failures of each scenario of a batch."""
 
-    def __init__(self, batch: Batch, controls: Float[Array, "n intervals 3"]) -> None:
+    def __init__(self, batch: Batch, controls: Controls) -> None:
         self._batch, self._swarm = batch, batch.swarms.label
         self._cheapest = np.full(len(batch.scenarios), np.inf)
         self._best = controls.copy()
@@ -37,12 +37,12 @@ class Incumbents:
         self._failure: dict[int, str] = {}
         self._slack: dict[int, tuple[float, int, int]] = {}
 
-    def begin_round(self, active: Bool[Array, "n"]) -> None:
+    def begin_round(self, active: Marked) -> None:
         """Count a round of the scenarios of some craft; slack of earlier rounds is dropped."""
         self._rounds[np.unique(self._swarm[active])] += 1
         self._slack = {}
 
-    def update(self, controls: Float[Array, "n intervals 3"], safe: Bool[Array, "swarms"]) -> None:
+    def update(self, controls: Controls, safe: Bool[Array, "swarms"]) -> None:
         """Keep iterates that are safe as a whole and cheaper than any before."""
         fuel = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), self._batch.swarms.starts)
         better = safe & (fuel < self._cheapest)
@@ -58,13 +58,8 @@ class Incumbents:
         swarm = int(self._swarm[first])
         self._slack[swarm] = max(self._slack.get(swarm, (0.0, 0, 0)), (slack, first, second))
 
-    def results(
-        self, controls: Float[Array, "n intervals 3"], cuts: Cuts, left: Bool[Array, "n"]
-    ) -> list[SearchResult]:
-        """Each scenario's incumbent, or else the newest controls, m/s², after all cuts made.
-
-        Craft that are ``left`` are neither done nor safe.
-        """
+    def results(self, controls: Controls, cuts: Cuts, left: Marked) -> list[SearchResult]:
+        """Incumbents, or else the newest controls, m/s²; craft that are ``left`` are not done."""
         feasible, starts = np.isfinite(self._cheapest), self._batch.swarms.starts
         ended = np.where(feasible[self._swarm, None, None], self._best, controls)
         joined = np.array([cuts.first, cuts.second]).T

@@ -1,6 +1,6 @@
 """Plans for flight without errors: searches of the SCP, each scenario's best, certified."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import perf_counter
 
@@ -11,12 +11,12 @@ from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.incumbents import SearchResult
-from pipeline.expert.scp import SearchProblem, Seeds, cluster_labels
+from pipeline.expert.scp import Search, SearchProblem, Seeds, cluster_labels
 from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.infeasibility import unavoidable
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
 from pipeline.plan import (
     INFEASIBLE,
@@ -43,9 +43,6 @@ def nominal_plans(
 
     As in ``solve_many``, but for the risk, which is not looked at; ``back_off`` is what is asked
     for beyond the collision radius because craft err.
-
-    Raises:
-        InputError: for a seed of another shape or with values that are not finite.
     """
     if not scenarios:
         return []
@@ -64,13 +61,10 @@ def nominal_plans(
         for result, craft in zip(results, batch.craft, strict=True)
     ]
     plans = planned_all("expert", scenarios, made, requirements)
-    both = zip(plans, results, strict=True)
-    return [_explained(plan, result, batch.problem, requirements) for plan, result in both]
+    return [_explained(*both) for both in zip(plans, results, strict=True)]
 
 
-def _flyable(
-    scenario: Scenario, seed: Float[Array, "_ T 6"] | None
-) -> Float[Array, "n intervals 3"] | None:
+def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls | None:
     """Controls of the trajectory nearest to a seed, m/s²."""
     if seed is None:
         return None
@@ -78,13 +72,11 @@ def _flyable(
     return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
 
 
-def _explained(
-    plan: Plan, result: SearchResult, problem: Problem, requirements: Requirements
-) -> Plan:
+def _explained(plan: Plan, result: SearchResult) -> Plan:
     """The plan with its status and the reason, where it is none to fly."""
     if result.infeasible:
         return replace(plan, status=INFEASIBLE, message=result.obstacle)
-    if plan.status == UNSAFE and has_one_plan(problem) and _meet(plan, problem, requirements):
+    if plan.status == UNSAFE and has_one_plan(plan.scenario.problem) and _meet(plan):
         reason = f"no other controls reach the goals, and with these {plan.message}"
         return replace(plan, status=INFEASIBLE, message=reason)
     if plan.status != SOLVED:
@@ -94,10 +86,10 @@ def _explained(
     return plan
 
 
-def _meet(plan: Plan, problem: Problem, requirements: Requirements) -> bool:
+def _meet(plan: Plan) -> bool:
     """Whether craft do come within the collision radius, beyond what cannot be disproven."""
-    found, radius = plan.certificate, problem.collision_radius
-    if requirements.at_nodes:
+    found, radius = plan.certificate, plan.scenario.problem.collision_radius
+    if plan.requirements.at_nodes:
         return found.node_collisions > 0
     drifting = None if found.passive_safety is None else found.passive_safety.min_separation
     return any(one is not None and one <= radius for one in (found.min_separation, drifting))
@@ -110,10 +102,29 @@ def _search(asked: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
     if not left:
         return results
     part = asked.part(left)
-    found = part.search(None if seeds is None else [seeds[k] for k in left])
+    found = Search(part, None if seeds is None else [seeds[k] for k in left]).run()
+    settings, optima = asked.settings, part.batch.optima
     if asked.requirements.passive_safety is not None:
-        found = _until_feasible(part, found)
-    for k, result in zip(left, _best_of_starts(part, found), strict=True):
+        # Craft in one plane are first led apart in that plane, where there may be no way past one
+        # that drifts; other sides lead out of it.
+        found = _again(
+            *(part, found, settings.again),
+            wanting=lambda _, result: not result.feasible,
+            better=lambda _, best, other: other if other.feasible else best,
+        )
+    # The sides on which craft pass each other decide which local optimum a search ends in.
+    bounds = [float(one.sum()) for one in part.batch.split(optima.lower_bound)]
+
+    def dear(k: int, result: SearchResult) -> bool:
+        fuel = float(np.abs(result.controls).sum())
+        return gap_of(fuel, bounds[k], part.batch.problem) > settings.gap_tolerance
+
+    found = _again(
+        *(part, found, settings.starts - 1),
+        wanting=dear,
+        better=lambda k, best, other: _better(part.part([k]), best, other),
+    )
+    for k, result in zip(left, found, strict=True):
         results[k] = result
     return results
 
@@ -155,44 +166,22 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     )
 
 
-def _until_feasible(asked: SearchProblem, first: Sequence[SearchResult]) -> list[SearchResult]:
-    """Results of first searches, and of ``settings.again`` more at most where those are unsafe.
-
-    Craft in one plane are first led apart in that plane, where there may be no way past one that
-    drifts; other sides lead out of it.
-    """
+def _again(
+    asked: SearchProblem,
+    first: Sequence[SearchResult],
+    times: int,
+    wanting: Callable[[int, SearchResult], bool],
+    better: Callable[[int, SearchResult, SearchResult], SearchResult],
+) -> list[SearchResult]:
+    """Search again, from further starts, scenarios with wanting results; the better results."""
     results = list(first)
-    for start in range(1, asked.settings.again + 1):
-        left = [k for k, result in enumerate(results) if not result.feasible]
+    for start in range(1, times + 1):
+        left = [k for k, result in enumerate(results) if wanting(k, result)]
         if not left:
             break
-        others = asked.part(left).search(start=start)
-        for k, other in zip(left, others, strict=True):
+        for k, other in zip(left, Search(asked.part(left), start=start).run(), strict=True):
             solves = results[k].convex_solves + other.convex_solves
-            best = other if other.feasible else results[k]
-            results[k] = replace(best, convex_solves=solves)
-    return results
-
-
-def _best_of_starts(asked: SearchProblem, first: Sequence[SearchResult]) -> list[SearchResult]:
-    """Results of first searches, bettered by ``settings.starts`` - 1 further ones.
-
-    The sides on which craft pass each other decide which local optimum a search ends in. Each
-    further start draws them anew, the same way every time.
-    """
-    results, batch = list(first), asked.batch
-    bounds = [float(part.sum()) for part in batch.split(batch.optima.lower_bound)]
-    for start in range(1, asked.settings.starts):
-        fuels = [float(np.abs(result.controls).sum()) for result in results]
-        gaps = [gap_of(*both, batch.problem) for both in zip(fuels, bounds, strict=True)]
-        left = [k for k, gap in enumerate(gaps) if gap > asked.settings.gap_tolerance]
-        if not left:
-            break
-        others = asked.part(left).search(start=start)
-        for k, other in zip(left, others, strict=True):
-            solves = results[k].convex_solves + other.convex_solves
-            better = _better(asked.part([k]), results[k], other)
-            results[k] = replace(better, convex_solves=solves)
+            results[k] = replace(better(k, results[k], other), convex_solves=solves)
     return results
 
 

@@ -5,21 +5,20 @@ node, linearized about the trajectory before. States and controls of all craft a
 which Clarabel finds. Craft are kept apart at the nodes only, as in the paper.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import clarabel
 import numpy as np
-from jaxtyping import Float
 from scipy import sparse
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.cuts import directions
 from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.seeds import Seed, checked_seed
 from pipeline.expert.solvers import OPTIMAL
 from pipeline.orbit.approaches import pairs
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, fuel, meet_goal
@@ -27,32 +26,12 @@ from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.scenario import Scenario
 
 NAME = "plain SCP"
-
-UNIT = 1e-3
-"""Controls are solved for in mm/s²."""
-
-MARGIN = 1e-3
-"""Separation asked for beyond the collision radius, m: more than the solver's rounding."""
-
-GAP = 1e-3
-"""Optimality gap at which it stops, the expert's own rule."""
-
-IMPROVEMENT = 1e-3
-"""Relative improvement at which it stops, likewise."""
-
+UNIT = 1e-3  # controls are solved for in mm/s²
+MARGIN = 1e-3  # separation asked for beyond r_col, m: more than the solver's rounding
+GAP = 1e-3  # optimality gap at which it stops, the expert's own rule
+IMPROVEMENT = 1e-3  # relative improvement at which it stops, likewise
 MAX_ROUNDS = 20
-
-SIGNS = np.full((2, 1), -1.0), np.array([[1.0], [-1.0]])
-"""Of bounds and controls in the rows u - |u| ≤ 0 and -u - |u| ≤ 0."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """The cheapest iterate that is clear at the nodes, or the newest where none is."""
-
-    controls: Float[Array, "n intervals 3"] | None = None
-    convex_solves: int = 0
-    clear: bool = False
+SIGNS = np.full((2, 1), -1.0), np.array([[1.0], [-1.0]])  # rows u - |u| ≤ 0 and -u - |u| ≤ 0
 
 
 class PlainScp:
@@ -85,13 +64,10 @@ class PlainScp:
         """The cheapest plan that is clear at the nodes, when its iterates no longer improve.
 
         The seed is node states to linearize about at first, m and m/s. Without one the start is
-        blank: all states are zero, so no pair has a direction of its own, and every pair is told
-        to pass radially, the craft of the lower number above. The plan is UNSOLVED where no
-        iterate was clear at the nodes: then it holds the newest one.
-
-        Raises:
-            InputError: for a scenario of another n or problem, or a seed of another shape or with
-                values that are not finite.
+        blank: all states are zero, so no pair has a direction of its own, and every pair is told to
+        pass radially, the craft of the lower number above. The plan is UNSOLVED where no iterate
+        was clear at the nodes: then it holds the newest one. InputError for another n or problem,
+        or a seed that is not one.
         """
         started = perf_counter()
         if (scenario.n, scenario.problem) != (self.n, self.problem):
@@ -103,38 +79,33 @@ class PlainScp:
         reference = blank if seed is None else checked_seed(scenario, seed)
         optima = decoupled_optima(scenario.initial, scenario.goal, self.problem)
         bound, proof = optima.bound()
-        found = self._search(scenario, reference, bound)
-        controls = optima.controls if found.controls is None else found.controls
-        timing = {"plan": perf_counter() - started}
-        made = Made(controls, bound, proof, found.convex_solves, timing)
-        plan = planned(NAME, scenario, made, Requirements("nodes"))
-        if found.clear and plan.status == SOLVED:
-            return plan
-        given_up = f"no plan clear at the nodes after {found.convex_solves} convex solves"
-        return replace(plan, status=UNSOLVED, message=given_up)
-
-    def _search(self, scenario: Scenario, reference: Seed, bound: float) -> _Found:
-        """Solve and linearize anew until an iterate that is clear at the nodes is good enough."""
-        best, least = _Found(), np.inf
-        for solves in range(1, MAX_ROUNDS + 1):
-            best = replace(best, convex_solves=solves)
+        # Solve and linearize anew until an iterate that is clear at the nodes is good enough.
+        best, least, solves = optima.controls, np.inf, 0
+        while solves < MAX_ROUNDS:
+            solves += 1
             optimum = self._optimum(scenario, reference)
             if optimum is None:
                 break
             controls = meet_goal(scenario.initial, optimum, scenario.goal, self.problem)
             reference = fly(scenario.initial, controls, self.problem)
             if node_collisions(reference, self.problem.collision_radius):
-                best = best if best.clear else replace(best, controls=controls)
+                best = best if np.isfinite(least) else controls
                 continue
             used = float(fuel(controls))
             gained, least = least - used, min(least, used)
             if gained > 0:
-                best = _Found(controls, solves, clear=True)
+                best = controls
             if used <= (1 + GAP) * bound or gained <= IMPROVEMENT * used:
                 break
-        return best
+        timing = {"plan": perf_counter() - started}
+        made = Made(best, bound, proof, solves, timing)
+        plan = planned(NAME, scenario, made, Requirements("nodes"))
+        if np.isfinite(least) and plan.status == SOLVED:
+            return plan
+        given_up = f"no plan clear at the nodes after {solves} convex solves"
+        return replace(plan, status=UNSOLVED, message=given_up)
 
-    def _optimum(self, scenario: Scenario, reference: Seed) -> Float[Array, "n intervals 3"] | None:
+    def _optimum(self, scenario: Scenario, reference: Seed) -> Controls | None:
         """The program's controls with half-spaces about node states, m/s², or None."""
         apart = self._half_spaces(reference)
         A = sparse.vstack([self._equal, self._within, -apart], format="csc")

@@ -17,6 +17,7 @@ side by side: operations on all craft act on all scenarios at once.
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,30 +34,22 @@ from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
+from pipeline.orbit.arrays import Controls, Indices, Marked, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Requirements, gap_of
 
-SEED_LOOK = 15.0
-"""Pairs that pass within this of the collision radius in a seed are cut from the start, m."""
+SEED_LOOK = 15.0  # pairs in a seed within this of the collision radius are cut from the start, m
+SHIFT = 1.5  # by how much further starts move the first gaps at random, in collision radii
+PENALTY = 1e3  # of a metre of slack, in Δt⁻²: above the dual of any cut that can be met
+MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passively safe
 
-SHIFT = 1.5
-"""By how much further starts move the first gaps at random, in collision radii."""
+Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
-PENALTY = 1e3
-"""Cost of a metre of slack in units of Δt⁻²: above the dual variable of any cut that can be met."""
-
-MOST_ROUNDS_PASSIVE = 30
-"""Rounds of a search for passive safety; beyond these another start is likelier to find a plan."""
-
-Cluster = Int[Array, "_"]
-"""Indices of the craft in a cluster."""
-
-Seeds = Sequence[Float[Array, "_ intervals 3"] | None]
-"""Of each scenario, controls that fly its seed, m/s², or None."""
+Seeds = Sequence[Float[Array, "_ intervals 3"] | None]  # controls that fly a seed, or None
 
 
-def cluster_labels(n: int, first: Int[Array, "k"], second: Int[Array, "k"]) -> Int[Array, "n"]:
+def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
     """Label of each connected component of the conflict graph: its lowest index.
 
     Labels are handed on along cuts until none changes; for graphs this small that takes a tenth
@@ -73,7 +66,7 @@ def cluster_labels(n: int, first: Int[Array, "k"], second: Int[Array, "k"]) -> I
         labels = joined
 
 
-def _groups(labels: Int[Array, "k"]) -> list[Int[Array, "_"]]:
+def _groups(labels: Indices) -> list[Int[Array, "_"]]:
     """Indices of the entries of each label that occurs, by label, ascending."""
     order = labels.argsort(kind="stable")
     return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
@@ -86,8 +79,7 @@ class SearchProblem:
     batch: Batch  # the scenarios
     settings: Settings  # of the expert
     requirements: Requirements  # what the plans must satisfy, but for a risk
-    # asked for beyond the collision radius because craft err, or None
-    back_off: BackOff | None = None
+    back_off: BackOff | None = None  # beyond the collision radius, because craft err
 
     @cached_property
     def detection(self) -> ConflictDetection:
@@ -99,16 +91,12 @@ class SearchProblem:
         """The same of some of the scenarios."""
         return replace(self, batch=self.batch.part(which))
 
-    def search(self, seeds: Seeds | None = None, start: int = 0) -> list[SearchResult]:
-        """Search all scenarios, linearized at first about seeds, else about decoupled optima.
-
-        Further starts, from 1 on, pass on other sides at first.
-        """
-        return Search(self, seeds, start).run()
-
 
 class Search:
     """The state of one search; ``run`` does all of it.
+
+    It is linearized at first about seeds, else about decoupled optima. Further starts, from 1 on,
+    pass on other sides at first.
 
     Attributes:
         iterate: the newest trajectory.
@@ -123,14 +111,14 @@ class Search:
         incumbents: cheapest safe iterates so far.
     """
 
-    def __init__(self, asked: SearchProblem, seeds: Seeds | None, start: int) -> None:
+    def __init__(self, asked: SearchProblem, seeds: Seeds | None = None, start: int = 0) -> None:
         self.asked, self.settings, self.batch = asked, asked.settings, asked.batch
         self.problem, self.swarm = self.batch.problem, self.batch.swarms.label
         self.provable = self.problem.collision_radius + PROVABLE
         self.separation = self.problem.collision_radius + self.settings.margin
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
         self.iterate = self._flown(self.batch.optima.controls)
-        self.reference = self.iterate.copy()
+        self.reference = deepcopy(self.iterate)
         self.incumbents = Incumbents(self.batch, self.iterate.controls)
         cuts, _ = asked.detection.conflicts(self.iterate, self.provable)
         in_conflict = np.isin(np.arange(len(self.batch.scenarios)), self.swarm[cuts.first])
@@ -167,7 +155,7 @@ class Search:
         self.incumbents.update(controls, safe)
         return near
 
-    def _first_shift(self, start: int) -> Float[Array, "k 3"] | float:
+    def _first_shift(self, start: int) -> Vectors | float:
         """Random shift of the first gaps: other sides, above all where craft would meet head on."""
         if not start:
             return 0.0
@@ -195,9 +183,7 @@ class Search:
         return self.incumbents.results(self.iterate.controls, self.cuts, self.active & ~kept)
 
     def _flown(
-        self,
-        controls: Float[Array, "n intervals 3"],
-        craft: Cluster | Bool[Array, "_"] | slice = slice(None),
+        self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
     ) -> Trajectory:
         initial, goal = self.batch.initial[craft], self.batch.goal[craft]
         exact = meet_goal(initial, controls, goal, self.problem)
@@ -211,21 +197,18 @@ class Search:
         self.cuts_of = {int(label[one[0]]): one for one in _groups(label)}
 
     def _raise_back_off(self, flown: Trajectory) -> None:
-        """Raise back-offs to those of a trajectory.
-
-        They never fall: burns, and so errors, that take turns would cycle.
-        """
+        """Raise back-offs to those of a trajectory; if they fell, burns and errors might cycle."""
         asked = self.asked.detection.back_off_of(self.cuts, flown)
         self.back_off = np.maximum(self.back_off, asked)
 
-    def _clusters(self, touched: Bool[Array, "n"]) -> list[Cluster]:
+    def _clusters(self, touched: Marked) -> list[Cluster]:
         """The clusters that some craft are in."""
         there = np.zeros(len(self.labels), dtype=bool)
         there[self.labels[touched]] = True
         craft = np.flatnonzero(there[self.labels])
         return [craft[one] for one in _groups(self.labels[craft])]
 
-    def _distances(self, flown: Trajectory) -> Float[Array, "k"]:
+    def _distances(self, flown: Trajectory) -> Values:
         """Separation of each cut's pair in a trajectory, less its back-off, m."""
         apart = norm(gaps(self.cuts, flown.states, flown.controls))
         return apart - self.asked.detection.back_off_of(self.cuts, flown)
@@ -233,9 +216,8 @@ class Search:
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
         """Solve each cluster's program, with every cut linearized about the same trajectory.
 
-        Returns:
-            The clusters that moved. Where the solver fails, or where a safe iterate is known and
-            the program's is no cheaper, the cluster is done and goes back to what it has.
+        Returns the clusters that moved. Where the solver fails, or where a safe iterate is known
+        and the program's is no cheaper, the cluster is done and goes back to what it has.
         """
         self._raise_back_off(self.reference)
         normal = normals(self.cuts, self.reference.states, self.reference.controls, self.shift)
@@ -271,9 +253,7 @@ class Search:
             miss=self.batch.miss[craft],
             first=np.searchsorted(craft, self.cuts.first[cuts]),
             second=np.searchsorted(craft, self.cuts.second[cuts]),
-            row=planes.row[cuts],
-            required=planes.required[cuts],
-            other=None if planes.other is None else planes.other[cuts],
+            **vars(planes[cuts]),
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),
@@ -312,7 +292,7 @@ class Search:
         self.incumbents.update(self.iterate.controls, safe)
         if broken.any():
             again = np.isin(self.swarm[found.first], self.swarm[found.first[broken]])
-            self._set_cuts(self.cuts + found.where(again & (self.active[found.first] | broken)))
+            self._set_cuts(self.cuts + found[again & (self.active[found.first] | broken)])
             self._raise_back_off(self.iterate)
             self._choose_reference(unsafe)
 
@@ -331,7 +311,7 @@ class Search:
         settings, fuel = self.settings, self.iterate.fuel(craft)
         before = self.reference.fuel(craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf
-        self.reference.set(craft, self.iterate.of(craft))
+        self.reference.set(craft, self.iterate[craft])
         self.accepted[craft] = True
         gap = gap_of(fuel, float(self.batch.optima.lower_bound[craft].sum()), self.problem)
         self.active[craft] = not (
@@ -340,12 +320,12 @@ class Search:
             or min(gained, promised) <= settings.improvement * fuel
         )
 
-    def _choose_reference(self, unsafe: Bool[Array, "n"]) -> None:
+    def _choose_reference(self, unsafe: Marked) -> None:
         """Keep linearization points that satisfy all their cuts; move others to the iterate."""
         broken = self._distances(self.reference) <= self.problem.collision_radius
         missed = self.labels[self.cuts.first[broken]]
         for craft in self._clusters(unsafe):
             self.active[craft], self.failed[craft] = True, False
             if craft[0] in missed:
-                self.reference.set(craft, self.iterate.of(craft))
+                self.reference.set(craft, self.iterate[craft])
                 self.accepted[craft] = False

@@ -3,15 +3,14 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.decoupled import decoupled_optima
+from pipeline.orbit.arrays import States
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 from pipeline.scenario import Scenario
 
-Seed = Float[Array, "n T 6"]
+Seed = States
 
 
 def line_seed(scenario: Scenario) -> Seed:
@@ -31,20 +30,16 @@ def decoupled_seed(scenario: Scenario) -> Seed:
     return fly(scenario.initial, optima.controls, scenario.problem)
 
 
+# Seeds by the name that tables give them
 SEEDS: dict[str, Callable[[Scenario], Seed] | None] = {
     "none": None,
     "straight line": line_seed,
     "minimum energy": minimum_energy_seed,
 }
-"""Seeds by the name that tables give them."""
 
 
 def checked_seed(scenario: Scenario, seed: Seed) -> Seed:
-    """The seed, where it is one for this scenario.
-
-    Raises:
-        InputError: for another shape or values that are not finite.
-    """
+    """The seed; InputError for another shape than the scenario's or values that are not finite."""
     expected = (scenario.n, scenario.problem.nodes, 6)
     if seed.shape != expected:
         raise InputError(

@@ -37,14 +37,10 @@ class Settings:
     solver: Literal["simplex", "clarabel"] = "simplex"
 
 
-Effort = Literal["first", "default", "best"]
-"""Names of EFFORTS."""
+Effort = Literal["first", "default", "best"]  # names of EFFORTS
 
+# For the least fuel, at some twenty times the time
 BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8, margin=0.005)
-"""For the least fuel, at some twenty times the time."""
-
-FIRST_SAFE = Settings(stop="first-safe", margin=0.2, look_ahead=4.0)
-"""For the least time, at slightly more fuel."""
-
+FIRST_SAFE = Settings(stop="first-safe", margin=0.2, look_ahead=4.0)  # least time, a bit more fuel
+# By name: the first safe plan, one that no longer improves, the best of several searches
 EFFORTS = {"first": FIRST_SAFE, "default": Settings(), "best": BEST}
-"""By name: the first safe plan, one that no longer improves, the best of several searches."""

@@ -7,7 +7,6 @@ also solve the program of a single craft, and are the reference for the simplex 
 """
 
 from collections.abc import Callable
-from functools import lru_cache
 from threading import local
 
 import clarabel
@@ -19,12 +18,10 @@ from scipy import sparse
 from pipeline.arrays import Array
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
 
-TOLERANCE = 1e-7
-"""Relative tolerance of Clarabel in a joint program: far below what a round gains."""
+TOLERANCE = 1e-7  # relative tolerance of Clarabel in a joint program: far below what a round gains
+OPTIMAL = ("Solved", "AlmostSolved")  # what Clarabel calls an optimum
 
-OPTIMAL = ("Solved", "AlmostSolved")
-"""What Clarabel calls an optimum."""
-
+# Of HiGHS
 OPTIONS = {
     "output_flag": False,
     "presolve": "off",
@@ -32,7 +29,6 @@ OPTIONS = {
     "simplex_scale_strategy": 0,  # these programs are scaled
     "threads": 1,
 }
-"""Of HiGHS."""
 
 _STATUS = np.array([highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic], dtype=object)
 _ROWWISE, _MINIMIZE = int(highspy.MatrixFormat.kRowwise), int(highspy.ObjSense.kMinimize)
@@ -42,12 +38,20 @@ _thread = local()
 def by_simplex(sub: Subproblem) -> Optimum:
     """The optimum of a subproblem by the dual simplex method.
 
-    Raises:
-        UnsolvableError: where there is none. With slack, only a thrust limit can make a subproblem
-            infeasible.
+    UnsolvableError where there is none: with slack, only a thrust limit can make it infeasible.
     """
-    solver = _highs()
-    _pass(solver, sub)
+    solver, (n, m, k) = _highs(), sub.shape
+    most = np.full(2 * n * m + k, np.inf)
+    most[: 2 * n * m] = sub.limit / sub.unit
+    wanted = sub.goals()
+    least = np.concatenate([wanted, sub.required / LENGTH])
+    start, column, value = _rows(sub)
+    solver.passModel(
+        *(len(most), len(least), len(value), _ROWWISE, _MINIMIZE, 0.0),
+        *(sub.cost(), np.zeros(len(most)), most),
+        *(least, np.concatenate([wanted, np.full(k, np.inf)])),
+        *(start, column, value, np.zeros(len(most), dtype=np.int32)),
+    )
     if sub.basis is not None:
         solver.setBasis(_basis(sub, sub.basis))
     solver.run()
@@ -61,11 +65,7 @@ def by_simplex(sub: Subproblem) -> Optimum:
 
 
 def by_interior_points(sub: Subproblem) -> Optimum:
-    """The optimum of a subproblem by Clarabel.
-
-    Raises:
-        UnsolvableError: where the solver stops without one.
-    """
+    """The optimum of a subproblem by Clarabel; UnsolvableError where it stops without one."""
     found = clarabel_solver(sub).solve()
     if str(found.status) not in OPTIMAL:
         found = clarabel_solver(sub, careful=True).solve()
@@ -75,11 +75,11 @@ def by_interior_points(sub: Subproblem) -> Optimum:
     return sub.optimum(x, z[len(z) - len(sub.required) :])
 
 
+# Solvers by their name in ``Settings``
 SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {
     "simplex": by_simplex,
     "clarabel": by_interior_points,
 }
-"""Solvers by their name in ``Settings``."""
 
 
 def _highs() -> highspy.Highs:
@@ -89,27 +89,6 @@ def _highs() -> highspy.Highs:
         for name, value in OPTIONS.items():
             _thread.solver.setOptionValue(name, value)
     return _thread.solver
-
-
-def _pass(solver: highspy.Highs, sub: Subproblem) -> None:
-    n, m, k = sub.shape
-    variables = 2 * n * m + k
-    most = np.full(variables, np.inf)
-    most[: 2 * n * m] = sub.limit / sub.unit
-    wanted = sub.goals()
-    least = np.concatenate([wanted, sub.required / LENGTH])
-    start, column, value = _rows(sub)
-    solver.passModel(
-        *(variables, len(least), len(value), _ROWWISE, _MINIMIZE, 0.0),
-        *(sub.cost(), np.zeros(variables), most),
-        *(least, np.concatenate([wanted, np.full(k, np.inf)])),
-        *(start, column, value, _continuous(variables)),
-    )
-
-
-@lru_cache(maxsize=1024)
-def _continuous(variables: int) -> Int[Array, "v"]:
-    return np.zeros(variables, dtype=np.int32)
 
 
 def _rows(sub: Subproblem) -> tuple[Int[Array, "_"], Int[Array, "e"], Float[Array, "e"]]:
@@ -155,13 +134,8 @@ def clarabel_solver(
     limits = np.full(2 * n * m if np.isfinite(sub.limit) else 0, sub.limit / sub.unit)
     b = np.concatenate([sub.goals(), np.zeros(2 * n * m + k), limits, -sub.required / LENGTH])
     cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(b) - equalities)]
-    return clarabel.DefaultSolver(_no_curvature(len(cost)), cost, A, b, cones, settings)
-
-
-@lru_cache(maxsize=1024)
-def _no_curvature(variables: int) -> sparse.csc_matrix:
-    """P of a linear program: the quadratic term, which is zero."""
-    return sparse.csc_matrix((variables, variables))
+    no_curvature = sparse.csc_matrix((len(cost), len(cost)))
+    return clarabel.DefaultSolver(no_curvature, cost, A, b, cones, settings)
 
 
 def _constraints(sub: Subproblem) -> sparse.csc_matrix:
@@ -177,15 +151,5 @@ def _constraints(sub: Subproblem) -> sparse.csc_matrix:
     )
     tops = np.cumsum([0] + [height for height, _ in blocks])
     row = np.concatenate([e[0] + top for (_, e), top in zip(blocks, tops[:-1], strict=True)])
-    column = np.concatenate([e[1] for _, e in blocks])
-    value = np.concatenate([e[2] for _, e in blocks])
-    return _by_columns(row, column, value, (int(tops[-1]), len(variables)))
-
-
-def _by_columns(
-    row: Int[Array, "e"], column: Int[Array, "e"], value: Float[Array, "e"], shape: tuple[int, int]
-) -> sparse.csc_matrix:
-    """A sparse matrix from entries that are all different, in less time than by way of COO."""
-    order = np.argsort(column * shape[0] + row)
-    starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
-    return sparse.csc_matrix((value[order], row[order], starts), shape=shape)
+    column, value = (np.concatenate([e[k] for _, e in blocks]) for k in (1, 2))
+    return sparse.csc_matrix((value, (row, column)), shape=(int(tops[-1]), len(variables)))

@@ -23,15 +23,13 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
+from pipeline.orbit.arrays import Formation, Indices, Values
 
-LENGTH = 10.0
-"""Scale of half-space rows, m."""
+LENGTH = 10.0  # scale of half-space rows, m
+NEGLIGIBLE = 1e-13  # entries of a scaled map below this are structural zeros
 
-NEGLIGIBLE = 1e-13
-"""Entries of a scaled map below this are structural zeros."""
-
+# Row, column and value of each entry of a matrix that is not zero
 Entries = tuple[Int[Array, "e"], Int[Array, "e"], Float[Array, "e"]]
-"""Row, column and value of each entry of a matrix that is not zero."""
 
 
 class UnsolvableError(ProlearnError):
@@ -43,8 +41,8 @@ class Optimum:
     """Solution of a subproblem."""
 
     controls: Float[Array, "n m"]  # flattened controls of each craft, m/s²
-    slack: Float[Array, "k"]  # by how much each half-space is missed, m
-    dual: Float[Array, "k"]  # what a metre more of each half-space would cost, m/s² per m
+    slack: Values  # by how much each half-space is missed, m
+    dual: Values  # what a metre more of each half-space would cost, m/s² per m
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +50,11 @@ class Subproblem:
     """One convex program, for n craft and k half-spaces, in SI units."""
 
     reach: Float[Array, "6 m"]  # effect of a craft's flattened controls on its final state
-    # change of final state that each craft's controls must bring about, m and m/s
-    miss: Float[Array, "n 6"]
-    first: Int[Array, "k"]  # craft of each half-space
-    second: Int[Array, "k"]
+    miss: Formation  # change of final state that each craft's controls must bring about, m and m/s
+    first: Indices  # craft of each half-space
+    second: Indices
     row: Float[Array, "k m"]  # effect of the first craft's controls along the normal, m per m/s²
-    required: Float[Array, "k"]  # what the controls must contribute along the normal, m
+    required: Values  # what the controls must contribute along the normal, m
     limit: float  # largest component of a control, m/s², or infinity
     penalty: float  # cost of a metre of slack, m/s²
     unit: float  # size of a typical control, m/s², which makes the solver's numbers of order one
@@ -127,7 +124,7 @@ class Subproblem:
         controls: Float[Array, "n m"] = self.unit * (parts[:, 0] - parts[:, 1])
         return controls
 
-    def optimum(self, x: Float[Array, "v"], dual: Float[Array, "k"]) -> Optimum:
+    def optimum(self, x: Float[Array, "v"], dual: Values) -> Optimum:
         """The solution in SI units, from the variables and the half-spaces' dual variables."""
         n, m, _ = self.shape
         return Optimum(self.controls_of(x), LENGTH * x[2 * n * m :], self.unit / LENGTH * dual)

@@ -63,11 +63,9 @@ class Arcs:
 def thrust_arcs(plan: Plan) -> Arcs:
     """The arcs of a plan under constant thrust, sampled densely enough to interpolate.
 
-    Times are whole microseconds, and states are those at these very times.
-
-    Raises:
-        InputError: where the scenario has no reference orbit, the plan's states are not what its
-            controls lead to, or nodes are too near each other for microseconds.
+    Times are whole microseconds, and states are those at these very times. InputError without a
+    reference orbit, for states that are not what the controls lead to, or for nodes too near each
+    other.
     """
     problem, reference = plan.scenario.problem, plan.scenario.reference
     if reference is None:

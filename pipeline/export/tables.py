@@ -13,17 +13,14 @@ from pipeline.plan.judge import check_states
 
 METADATA_KEY = b"prolearn"
 STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")
-# Fields of a plan file that a table has as columns; the others are its metadata
-BESIDE = ("times", "states", "controls")
+BESIDE = ("times", "states", "controls")  # columns of a table; other fields are metadata
 
 
 def columns_of(plan: Plan) -> dict[str, Array]:
     """Craft, node, time_s, state (m, m/s, LVLH) and the control (m/s²) that begins at the node.
 
-    At the last node no control begins: it is NaN there.
-
-    Raises:
-        InputError: where the plan's states are not what its controls lead to.
+    At the last node no control begins: it is NaN there. InputError where the states are not what
+    the controls lead to.
     """
     check_states(plan)
     n, T = plan.states.shape[:2]

@@ -13,18 +13,19 @@ from pipeline.orbit.arrays import (
     Controls,
     Indices,
     Marked,
+    Rows,
     Scalar,
     States,
     Values,
     Vector,
+    Vectors,
 )
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
 TOLERANCE = 1e-4  # width in m of the bracket in which a least separation is found
-# Margin over a distance, m, with which any later bracket's bound exceeds it, rounding too
-PROVABLE = 1.01 * TOLERANCE
+PROVABLE = 1.01 * TOLERANCE  # margin over a distance, m, that any later bracket's bound exceeds
 MOST_PARTS = 64  # parts of an interval in one search; longer intervals are searched piece by piece
 AT_ONCE = 250  # motions whose pieces are searched at once, which bounds memory
 # Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree
@@ -34,26 +35,15 @@ Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
 Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and interval
 
 
-@dataclass(frozen=True)
 class Swarms:
     """Independent swarms stacked along the craft axis, by their numbers of craft."""
 
-    sizes: tuple[int, ...]
-
-    @cached_property
-    def label(self) -> Int[Array, "n"]:
-        """The swarm of each craft."""
-        return np.repeat(np.arange(len(self.sizes)), self.sizes)
-
-    @cached_property
-    def starts(self) -> Int[Array, "swarms"]:
-        """The first craft of each swarm."""
-        return np.cumsum((0, *self.sizes[:-1]))
-
-    @property
-    def few(self) -> bool:
-        """Whether all pairs can be compared."""
-        return max(self.sizes) <= FEW and sum(n * n for n in self.sizes) <= 2 * MOST_PAIRS
+    def __init__(self, sizes: tuple[int, ...]) -> None:
+        self.sizes = sizes
+        self.label = np.repeat(np.arange(len(sizes)), sizes)  # the swarm of each craft
+        self.starts = np.cumsum((0, *sizes[:-1]))  # the first craft of each swarm
+        # Whether all pairs can be compared.
+        self.few = max(sizes) <= FEW and sum(n * n for n in sizes) <= 2 * MOST_PAIRS
 
     @cached_property
     def pairs(self) -> Pairs:
@@ -91,28 +81,39 @@ def least_of_each(
 
 
 @dataclass(frozen=True, eq=False)
-class Closest:
+class Motions(Rows):
+    """Relative motions over an interval of constant control."""
+
+    start: Float[Array, "k 6"]  # state at its start, m and m/s
+    end: Float[Array, "k 6"]  # and at its end
+    push: Vectors  # control, m/s²
+    reach: Values  # distance from the origin up to which it is of interest, m
+
+
+@dataclass(frozen=True, eq=False)
+class Closest(Rows):
     """Relative motions over an interval, each where it is closest to the origin."""
 
     offset: Values  # time since the interval's start, s
     distance: Values  # separation at that time, m
     bound: Values  # proven lower bound on the separation in the interval, m
-    # map from the state at the interval's start to the position at that time
-    free: Float[Array, "k 3 6"]
+    free: Float[Array, "k 3 6"]  # map from the state at the interval's start to that position
     pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
-
-
-_EMPTY = np.zeros(0)
-NOTHING = Closest(_EMPTY, _EMPTY, _EMPTY, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
 
 
 @dataclass(frozen=True, eq=False)
 class Approaches(Closest):
     """Closest approaches of two craft within an interval."""
 
-    first: Indices  # first craft, the one with the lower index
-    second: Indices  # second craft
-    interval: Indices  # which interval
+    first: Indices  # the craft with the lower index or, after a loss of thrust, the drifting one
+    second: Indices  # the other craft
+    interval: Indices  # counted from the first node; after a loss of thrust also beyond the last
+    # at which the first lost its thrust; the last one, where it has none left to lose; or None
+    node: Indices | None = None
+
+    def times(self, problem: Problem) -> Values:
+        """When they are, s since the first node."""
+        return self.interval * problem.time_step + self.offset
 
 
 def close_approaches(
@@ -140,54 +141,39 @@ def close_approaches(
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
-    i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
+    motion = states[:, :-1], states[:, 1:, :3], controls, problem.dynamics, problem.time_step
+    i, j, k = _candidates(*balls(*motion), reach, swarms, moved)
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
-    push, h = controls[i, k] - controls[j, k], problem.time_step
-    near, found = closest_to_origin(start, end, push, problem.dynamics, h, reach[i], tolerance)
+    motions = Motions(start, end, controls[i, k] - controls[j, k], reach[i])
+    near, found = closest_to_origin(motions, problem.dynamics, problem.time_step, tolerance)
     return Approaches(**vars(found), first=i[near], second=j[near], interval=k[near])
 
 
 def closest_to_origin(
-    start: Float[Array, "s 6"],
-    end: Float[Array, "s 6"],
-    push: Float[Array, "s 3"],
-    dynamics: Dynamics,
-    h: float,
-    reach: Float[Array, "s"],
-    tolerance: float = TOLERANCE,
+    motions: Motions, dynamics: Dynamics, h: float, tolerance: float = TOLERANCE
 ) -> tuple[Indices, Closest]:
-    """Which relative motions over an interval of h s may come within a distance, and when.
-
-    Relative states at both ends, relative controls, and the distance of interest of each, m.
-    """
-    remainder = h**4 / 384 * dynamics.most_fourth_derivative(start, push)
-    near = np.flatnonzero(chord_bound(hermite_bezier(start, end, h)) - remainder <= reach)
-    if len(near) == 0:
-        return near, NOTHING
-    start, push, remainder, reach = start[near], push[near], remainder[near], reach[near]
+    """Which motions over an interval of h s may come within their distances, and when."""
+    remainder = h**4 / 384 * dynamics.most_fourth_derivative(motions.start, motions.push)
+    apart = chord_bound(hermite_bezier(motions.start, motions.end, h)) - remainder
+    near = np.flatnonzero(apart <= motions.reach)
+    motions, remainder = motions[near], remainder[near]
     when, bound = np.zeros((2, len(near)))
     long = remainder > tolerance / 4 * MOST_PARTS**4
     for which, search in ((~long, _closest_in_interval), (long, _closest_in_pieces)):
         if which.any():
-            given = start[which], push[which], remainder[which], reach[which]
-            when[which], bound[which] = search(*given, dynamics, h, tolerance)
-    keep = bound <= reach
-    offset, bound = when[keep] * h, bound[keep]
+            given = motions[which], remainder[which], dynamics, h, tolerance
+            when[which], bound[which] = search(*given)
+    keep = bound <= motions.reach
+    motions, offset, bound = motions[keep], when[keep] * h, bound[keep]
     A, B = dynamics.step(offset)
     free, pushed = A[:, :3], B[:, :3]
-    relative = np.matvec(free, start[keep]) + np.matvec(pushed, push[keep])
+    relative = np.matvec(free, motions.start) + np.matvec(pushed, motions.push)
     return near[keep], Closest(offset, np.maximum(norm(relative), bound), bound, free, pushed)
 
 
 def _closest_in_interval(
-    start: Float[Array, "g 6"],
-    push: Float[Array, "g 3"],
-    remainder: Float[Array, "g"],
-    reach: Float[Array, "g"],
-    dynamics: Dynamics,
-    h: float,
-    tolerance: float,
-) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
+    motions: Motions, remainder: Values, dynamics: Dynamics, h: float, tolerance: float
+) -> tuple[Values, Values]:
     """When each motion is closest, as a share of the interval, and a bound on how close.
 
     Equal parts have exact states at their ends, and cubics between them that are off by no more
@@ -199,35 +185,26 @@ def _closest_in_interval(
     part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
     many = parts[row]
     A, B, first = _steps(dynamics, h, int(many.max()))
-    begin, end = (
-        np.matvec(A[first[many] + at], start[row]) + np.matvec(B[first[many] + at], push[row])
-        for at in (part, part + 1)
-    )
-    curve = hermite_bezier(begin, end, h / many)
+    start, push = motions.start[row], motions.push[row]
+    ends = (first[many] + part, first[many] + part + 1)
+    begin, end = (np.matvec(A[at], start) + np.matvec(B[at], push) for at in ends)
+    curve, remainder = hermite_bezier(begin, end, h / many), remainder[row] / many**4
     stretch = part / many, 1.0 / many
-    return branch_and_bound(curve, remainder[row] / many**4, row, stretch, reach, tolerance / 2)
+    return branch_and_bound(curve, remainder, row, stretch, motions.reach, tolerance / 2)
 
 
 def _closest_in_pieces(
-    start: Float[Array, "g 6"],
-    push: Float[Array, "g 3"],
-    _: Float[Array, "g"],
-    reach: Float[Array, "g"],
-    dynamics: Dynamics,
-    h: float,
-    tolerance: float,
-) -> tuple[Float[Array, "g"], Float[Array, "g"]]:
+    motions: Motions, _: Values, dynamics: Dynamics, h: float, tolerance: float
+) -> tuple[Values, Values]:
     """The same for intervals of too many parts, by pieces that are searched where they are near."""
     A, B = dynamics.step(h / MOST_PARTS * np.arange(MOST_PARTS + 1))
-    when, bound = np.zeros(len(start)), np.full(len(start), np.inf)
-    for some in np.array_split(np.arange(len(start)), 1 + len(start) // AT_ONCE):
-        row = np.repeat(some, MOST_PARTS)
-        states = np.matvec(A, start[some, None]) + np.matvec(B, push[some, None])
+    when, bound = np.zeros(len(motions)), np.full(len(motions), np.inf)
+    for some in np.array_split(np.arange(len(motions)), 1 + len(motions) // AT_ONCE):
+        row, whole = np.repeat(some, MOST_PARTS), motions[some]
+        states = np.matvec(A, whole.start[:, None]) + np.matvec(B, whole.push[:, None])
         begin, end = states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6)
-        piece = h / MOST_PARTS
-        near, found = closest_to_origin(
-            begin, end, push[row], dynamics, piece, reach[row], tolerance
-        )
+        pieces = Motions(begin, end, motions.push[row], motions.reach[row])
+        near, found = closest_to_origin(pieces, dynamics, h / MOST_PARTS, tolerance)
         np.minimum.at(bound, row[near], found.bound)
         which, k = least_of_each(found.distance, row[near])
         when[which] = near[k] % MOST_PARTS / MOST_PARTS + found.offset[k] / h
@@ -244,16 +221,9 @@ def _steps(
 
 
 def _candidates(
-    states: States,
-    controls: Controls,
-    problem: Problem,
-    reach: Float[Array, "n"],
-    swarms: Swarms,
-    moved: Marked | None,
+    middle: Vector, radius: Scalar, reach: Values, swarms: Swarms, moved: Marked | None
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
-    start, end = states[:, :-1], states[:, 1:, :3]
-    middle, radius = balls(start, end, controls, problem.dynamics, problem.time_step)
     if swarms.few:
         i, j = swarms.pairs
         if moved is not None and not moved.all():
@@ -283,13 +253,8 @@ def balls(
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
-def _by_tree(
-    middle: Controls, radius: Float[Array, "n intervals"], reach: float, swarms: Swarms
-) -> Candidates:
-    """Pairs and intervals whose balls may be within a distance, by a k-d tree, and some others.
-
-    One tree holds all swarms and intervals: planes of a fourth dimension, too far apart to meet.
-    """
+def _by_tree(middle: Vector, radius: Scalar, reach: float, swarms: Swarms) -> Candidates:
+    """Pairs and intervals whose balls may be near, by one k-d tree with a plane for each."""
     intervals = radius.shape[1]
     most = 2 * float(radius.max()) + reach
     plane = 2 * most * (np.arange(intervals) + intervals * swarms.label[:, None])

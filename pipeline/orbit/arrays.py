@@ -4,6 +4,10 @@ A state is x y z vx vy vz in m and m/s, a control is an acceleration in m/s², c
 interval. n craft, T nodes, T-1 intervals.
 """
 
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
@@ -22,3 +26,27 @@ Scalar = Float[Array, "*batch"]
 Indices = Int[Array, "k"]
 Values = Float[Array, "k"]
 Vectors = Float[Array, "k 3"]  # of k pairs, times or the like
+
+
+class Rows:
+    """Base of dataclasses whose fields are arrays with one row for each thing, or None."""
+
+    def __len__(self) -> int:
+        return len(next(iter(vars(self).values())))
+
+    def __getitem__(self, which: Any) -> Self:
+        """Some of the rows, by a mask, indices or a slice."""
+        parts = vars(self).items()
+        return type(self)(**{name: None if v is None else v[which] for name, v in parts})
+
+    @classmethod
+    def concatenated(cls, parts: Sequence[Self]) -> Self:
+        """The rows of all parts, one after the other."""
+        return cls(*map(_concatenated, zip(*(vars(part).values() for part in parts), strict=True)))
+
+
+def _concatenated(values: Sequence[Any]) -> Any:
+    first = values[0]
+    if isinstance(first, Rows):
+        return first.concatenated(values)
+    return None if first is None else np.concatenate(values)

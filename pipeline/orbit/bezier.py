@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 from pipeline.arrays import Array, ArrayOrNumber
 
 MAX_SPLITS = 40  # more than enough: each split at least quarters the error of the bracket
-# Enough to be within rounding of a minimum on a stretch where motion is nearly uniform
-NEWTON_STEPS = 2
+NEWTON_STEPS = 2  # enough to be within rounding of a minimum where motion is nearly uniform
 EDGE = 0.02  # a cubic that is closest this near to an end is halved instead of split there
 # Bernstein coefficients of |c|², degree 6, from the 16 products of c's four Bezier points
 SQUARED = np.array(
@@ -73,7 +72,11 @@ def branch_and_bound(
     when, bound = np.zeros_like(best), np.full_like(best, np.inf)
     for level in range(MAX_SPLITS):
         s, distance = _closest(curve)
-        _keep_least(best, when, group, distance + remainder, left + width * s)
+        reached = distance + remainder
+        order = np.argsort(-reached, kind="stable")  # the last write, the least, stays
+        order = order[reached[order] < best[group[order]]]
+        best[group[order]] = reached[order]
+        when[group[order]] = (left + width * s)[order]
         at = np.where((s > EDGE) & (s < 1 - EDGE), s, 0.5)
         curve = _split(curve, at)
         group, remainder = np.repeat(group, 2), np.repeat(remainder, 2)
@@ -126,17 +129,3 @@ def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     gram = curve @ curve.transpose(0, 2, 1)
     least = (gram.reshape(-1, 16) @ SQUARED).min(axis=1)
     return np.sqrt(np.maximum(least, 0.0))
-
-
-def _keep_least(
-    best: Float[Array, "g"],
-    when: Float[Array, "g"],
-    group: Int[Array, "s"],
-    distance: Float[Array, "s"],
-    time: Float[Array, "s"],
-) -> None:
-    """Enter the least distance of each group so far, and its time, in place."""
-    order = np.argsort(-distance, kind="stable")  # the last write, the least, stays
-    order = order[distance[order] < best[group[order]]]
-    best[group[order]] = distance[order]
-    when[group[order]] = time[order]

@@ -128,10 +128,7 @@ def deviation_along(
     maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
     covariances: tuple[Float[Array, "k 6 6"], Float[Array, "k 3 3"]],
 ) -> Values:
-    """Standard deviation of a relative position along unit vectors, m.
-
-    Maps to the position and covariances are of the state at the interval's start and the control.
-    """
+    """Standard deviation of a relative position along unit vectors, m, by its maps."""
     rows = [np.vecmat(normal, one) for one in maps]
     return np.sqrt(
         sum(np.vecdot(np.vecmat(row, one), row) for row, one in zip(rows, covariances, strict=True))

@@ -31,8 +31,7 @@ from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, transfer_maps
 
-# Share of the largest entry of R under which one is 0, velocities times the duration
-NEGLIGIBLE = 1e-12
+NEGLIGIBLE = 1e-12  # share of R's largest entry that counts as 0; velocities times the duration
 FLAT = 1e10  # condition number from which a facet is flat; others cover what it would
 ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a primal exceed its dual
 SHORT = 1e-6  # share of a change of state that a transfer may leave undone by rounding
@@ -64,10 +63,7 @@ class DecoupledOptima:
 
 
 def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima | None:
-    """Least-fuel controls for changes of the final state, m and m/s; the thrust limit is ignored.
-
-    None for a problem whose controls do not reach every state, so that there is no hull.
-    """
+    """Least-fuel controls for changes of state, m and m/s, without a limit; None without a hull."""
     table = facets_of(problem)
     if table is None:
         return None
@@ -80,7 +76,11 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima |
         chosen = value.argmax(axis=1)
         weight = np.matvec(facets.weights[chosen], part)
         for k in np.flatnonzero(weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)):
-            chosen[k], weight[k] = _met(facets, part[k], value[k])
+            # Of several in one plane the ray meets the one whose weights are not negative.
+            near = np.flatnonzero(value[k] >= value[k].max() - ROUNDING * np.abs(value[k].max()))
+            weights = np.matvec(facets.weights[near], part[k])
+            best = weights.min(axis=1).argmax()
+            chosen[k], weight[k] = near[best], weights[best]
         craft = np.arange(len(miss))[:, None]
         column, sign = facets.column[chosen], facets.sign[chosen]
         flat[craft, column] = weight * sign
@@ -90,16 +90,6 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima |
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
     return DecoupledOptima(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
-
-
-def _met(
-    facets: Facets, part: Float[Array, "d"], value: Float[Array, "F"]
-) -> tuple[int, Float[Array, "d"]]:
-    """The facet that the ray meets, of several in one plane: its weights are not negative."""
-    near = np.flatnonzero(value >= value.max() - ROUNDING * np.abs(value.max()))
-    weights = np.matvec(facets.weights[near], part)
-    k = int(weights.min(axis=1).argmax())
-    return int(near[k]), weights[k]
 
 
 @lru_cache(maxsize=32)

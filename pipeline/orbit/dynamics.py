@@ -1,7 +1,6 @@
-"""Linear relative motion: the protocol of its models, and the Clohessy-Wiltshire equations."""
+"""Linear relative motion by the Clohessy-Wiltshire equations, and what they leave out."""
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -14,53 +13,33 @@ from pipeline.orbit.reference import J2, R_EARTH, radius_at
 SERIES_BELOW = 0.1  # angle in rad under which θ - sin θ is taken from its series
 
 
-@runtime_checkable
-class Dynamics(Protocol):
-    """Linear relative motion, the same in every interval of constant control.
+@dataclass(frozen=True)
+class Dynamics:
+    """Motion relative to a point on a circular orbit (Eq. 1), in intervals of constant control.
 
     States x y z vx vy vz in m and m/s, controls in m/s², of a craft or differences of two.
     """
 
-    def __hash__(self) -> int:
-        """Maps are cached by dynamics."""
-        ...
+    mean_motion: float  # e, rad/s
 
     def step(
         self, time: float | Scalar
     ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
         """A and B of s(t) = A s(0) + B u at a time since an interval's start, s: Eq. 2."""
-        ...
-
-    def most_acceleration(self, start: AnyState, control: Vector, time: float) -> Scalar:
-        """Upper bound on ‖p̈‖ until a time since an interval's start, m/s²."""
-        ...
-
-    def most_fourth_derivative(self, start: AnyState, control: Vector) -> Scalar:
-        """Upper bound on ‖p⁗‖ at all times, m/s⁴: the error of a cubic interpolant."""
-        ...
-
-
-@dataclass(frozen=True)
-class ClohessyWiltshire:
-    """Motion relative to a point on a circular orbit (Eq. 1) of a mean motion e, rad/s."""
-
-    mean_motion: float
-
-    def step(
-        self, time: float | Scalar
-    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
-        """A and B, Eq. 2."""
         return cw_matrices(self.mean_motion, time)
 
     def most_acceleration(self, start: AnyState, control: Vector, time: float) -> Scalar:
-        """Upper bound on ‖p̈‖, with ÿ = u - 2e ẋ."""
+        """Upper bound on ‖p̈‖ until a time since the start, m/s², with ÿ = u - 2e ẋ."""
         e = self.mean_motion
         in_plane, cross = self._amplitudes(start, control)
         along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
         return np.sqrt(in_plane**2 + cross**2 + along**2)
 
     def most_fourth_derivative(self, start: AnyState, control: Vector) -> Scalar:
-        """Upper bound on ‖p⁗‖: x⁗ = -e² ẍ, z⁗ = -e² z̈, ‖y⁗‖ ≤ 2e² times ẍ's amplitude."""
+        """Upper bound on ‖p⁗‖ at all times, m/s⁴: the error of a cubic interpolant.
+
+        x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
+        """
         in_plane, cross = self._amplitudes(start, control)
         return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)
 

@@ -9,8 +9,7 @@ from pipeline.orbit.arrays import Values, Vectors
 from pipeline.orbit.bezier import norm
 
 TINY = 1e-100  # divisor in place of 0
-# More than it takes to be near the likeliest point; any direction will do for a bound
-NEWTON_STEPS = 8
+NEWTON_STEPS = 8  # more than enough near the likeliest point; any direction gives a bound
 
 
 def falls_below(

@@ -71,7 +71,7 @@ def _encounters(states: Formation, problem: Problem, orbits: float, node: int) -
         return
     flown, idle, drift = free_drift(states, problem, orbits)
     found = close_approaches(flown, idle, drift, problem.collision_radius)
-    time = problem.duration + found.interval * drift.time_step + found.offset
+    time = problem.duration + found.times(drift)
     for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
         i, j = int(found.first[k]), int(found.second[k])
         distance, bound = float(found.distance[k]), float(found.bound[k])

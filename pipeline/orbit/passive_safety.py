@@ -5,56 +5,29 @@ their goals. All of it is linear motion under controls that are constant over in
 search is that of craft in flight, with proven bounds.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
 from pipeline.orbit.approaches import (
-    NOTHING,
-    Closest,
+    Approaches,
+    Motions,
     Swarms,
     balls,
     closest_to_origin,
-    least_of_each,
     side_by_side,
 )
-from pipeline.orbit.arrays import AnyState, Controls, Indices, Marked, Scalar, States, Vector
+from pipeline.orbit.arrays import AnyState, Controls, Marked, Scalar, States, Values, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import ROUNDING, Separation, closer
+from pipeline.orbit.separation import ROUNDING, Separation, closer, closest_sampled, distances_of
 
-MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
-
-_NONE = np.zeros(0, dtype=int)
-
-
-def check_orbits(orbits: float) -> None:
-    """Refuse lengths of a drift out of range with an InputError."""
-    if not 0 < orbits <= MOST_ORBITS:  # nor what is no number
-        raise InputError(
-            f"passive safety is asked for over {orbits:g} orbits; expected a number above 0 and at "
-            f"most {MOST_ORBITS:g}."
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class LossEncounters(Closest):
-    """Closest approaches of a drifting craft and one that flies on, within an interval."""
-
-    lost: Indices  # the drifting craft
-    node: Indices  # at which it lost its thrust; the last one, where it has none left to lose
-    other: Indices  # the craft that flies on
-    interval: Indices  # which interval, counted from the first node, and on beyond the last one
-
-
-NO_ENCOUNTERS = LossEncounters(**vars(NOTHING), lost=_NONE, node=_NONE, other=_NONE, interval=_NONE)
+NO_CANDIDATES = (np.zeros(0, dtype=int),) * 4
 
 
 def loss_encounters(
@@ -66,7 +39,7 @@ def loss_encounters(
     *,
     swarms: Swarms | None = None,
     moved: Marked | None = None,
-) -> LossEncounters:
+) -> Approaches:
     """All encounters of drifting craft and others that may come within a distance.
 
     A craft drifts for so many orbits from every node on. The distance ``within``, m, is of all
@@ -75,17 +48,13 @@ def loss_encounters(
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
-    paths = _Paths.of(states, controls, problem, orbits)
+    paths = _Paths(states, controls, problem, orbits)
     found = []
     for length, since in paths.pieces:
-        near = list(_candidates(paths, length, since, reach, swarms, moved))
-        if near:
-            which = tuple(map(np.concatenate, zip(*near, strict=True)))
-            found.append(_closest(paths, length, reach, *which))
-    if not found:
-        return NO_ENCOUNTERS
-    columns = zip(*(vars(one).values() for one in found), strict=True)
-    return LossEncounters(*map(np.concatenate, columns))
+        near = _candidates(paths, length, since, reach, swarms, moved)
+        which = map(np.concatenate, zip(NO_CANDIDATES, *near, strict=True))
+        found.append(_closest(paths, length, reach, which))
+    return Approaches.concatenated(found)
 
 
 def least_after_loss(
@@ -96,45 +65,28 @@ def least_after_loss(
     As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
     is the least where rounding hides it from the search.
     """
-    least = _closest_at_steps(_Paths.of(states, controls, problem, orbits), swarms)
-    within = np.nan_to_num([one.distance for one in least], posinf=0.0)  # none without a pair
-    found = loss_encounters(states, controls, problem, orbits, within, swarms=swarms)
-    times = found.interval * problem.time_step + found.offset
-    return closer(least, found, found.lost, found.other, times, swarms, found.node)
+    least = _closest_at_steps(_Paths(states, controls, problem, orbits), swarms)
+    found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
+    return closer(least, found, problem, swarms)
 
 
-@dataclass(frozen=True, eq=False)
 class _Paths:
-    """A plan flown to its end, with the drift from the goals that follows."""
+    """A plan flown to its end, with the drift from the goals that follows, of so many orbits."""
 
-    # at nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s
-    states: Float[Array, "n _ 6"]
-    controls: Float[Array, "n _ 3"]  # zero after the plan, (n, T + M, 3), m/s²
-    problem: Problem  # the plan's
-    drift: Float[Array, "_ 6 6"]  # powers of A, (M + 1, 6, 6)
-    rest: float  # what is left of a drift after M time steps, s
-
-    @classmethod
-    def of(cls, states: States, controls: Controls, problem: Problem, orbits: float) -> "_Paths":
-        """A plan's paths, where a drift from any node takes so many orbits."""
+    def __init__(self, states: States, controls: Controls, problem: Problem, orbits: float) -> None:
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
         whole = int(steps + NO_LENGTH)
-        drift, _ = problem.dynamics.step(h * np.arange(whole + 1))
-        after = np.matvec(drift[1:], states[:, -1:])
-        idle = np.zeros((len(states), whole + 1, 3))
-        return cls(
-            np.concatenate([states, after], axis=1),
-            np.concatenate([controls, idle], axis=1),
-            problem,
-            drift,
-            rest=max(0.0, (steps - whole) * h),
-        )
-
-    @property
-    def last(self) -> int:
-        """The last node of the plan, or of what is left of it."""
-        return self.states.shape[1] - len(self.drift)
+        self.problem, self.last = problem, states.shape[1] - 1  # the last node of the plan
+        self.rest = max(0.0, (steps - whole) * h)  # what is left of a drift after M time steps, s
+        self.drift, _ = problem.dynamics.step(
+            h * np.arange(whole + 1)
+        )  # powers of A, (M + 1, 6, 6)
+        # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
+        after = np.matvec(self.drift[1:], states[:, -1:])
+        self.states = np.concatenate([states, after], axis=1)
+        idle = np.zeros((len(states), whole + 1, 3))  # after the plan
+        self.controls = np.concatenate([controls, idle], axis=1)
 
     @property
     def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
@@ -200,32 +152,26 @@ def _searched(
             yield lost[part], met[part], slice(begin, end)
 
 
-def _closest(
-    paths: _Paths,
-    length: float,
-    reach: Float[Array, "n"],
-    lost: Int[Array, "c"],
-    node: Int[Array, "c"],
-    other: Int[Array, "c"],
-    interval: Int[Array, "c"],
-) -> LossEncounters:
+def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]) -> Approaches:
     """The encounters among candidates."""
+    lost, node, other, interval = which
     dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
     drifting = np.matvec(paths.drift[interval - node], paths.states[lost, node])
     start = drifting - paths.states[other, interval]
     A, B = dynamics.step(length)
     end = np.matvec(A, start) - np.matvec(B, held)
-    near, found = closest_to_origin(start, end, -held, dynamics, length, reach[lost])
-    return LossEncounters(
-        **vars(found), lost=lost[near], node=node[near], other=other[near], interval=interval[near]
+    near, found = closest_to_origin(Motions(start, end, -held, reach[lost]), dynamics, length)
+    return Approaches(
+        **vars(found),
+        first=lost[near],
+        second=other[near],
+        interval=interval[near],
+        node=node[near],
     )
 
 
 def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
-    """The closest that a drifting craft is to another at any time step, of each swarm.
-
-    The bound is lower by what rounding may hide.
-    """
+    """The least separation after a loss at any time step; its bound allows for rounding."""
     closest = [Separation()] * len(swarms.sizes)
     since, step = np.arange(len(paths.drift)), paths.problem.time_step
     slack = ROUNDING * float(np.abs(paths.states[..., :3]).max())
@@ -233,11 +179,8 @@ def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
         drifting = np.matvec(paths.drift, paths.states[:, node, None])[..., :3]
         for i, j, _ in _searched(node, paths.last, since, swarms, None):
             apart = norm(drifting[i] - paths.states[j, node : node + len(since), :3])
-            least, label = apart.min(axis=1), swarms.label[i]
-            for swarm, k in np.transpose(least_of_each(least, label)).tolist():
-                distance, best, begin = float(least[k]), closest[swarm], swarms.starts[swarm]
-                if not best.distance <= distance:
-                    pair = int(i[k] - begin), int(j[k] - begin)
-                    time = float(node + apart[k].argmin()) * step
+            for swarm, distance, at, pair in closest_sampled(apart, i, j, swarms):
+                if not closest[swarm].distance <= distance:
+                    time = float(node + at) * step
                     closest[swarm] = Separation(distance, distance - slack, pair, time, node)
     return closest

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
+from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
 
 # Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds
@@ -17,8 +17,7 @@ RANGES = {
 }
 
 LIMIT_ROUNDING = 1e-6  # share of the limit on the control that counts as rounding
-# Fuel that counts as none, in controls that move a craft by the collision radius
-NEGLIGIBLE = 1e-10
+NEGLIGIBLE = 1e-10  # fuel that counts as none, in controls that move a craft by r_col
 # Nodes of a transfer, and revolutions of the reference orbit that it may take
 MOST_NODES, MOST_TURNS = 1000, 1000
 
@@ -68,7 +67,7 @@ class Problem:
     @property
     def dynamics(self) -> Dynamics:
         """Relative motion, and bounds on its derivatives."""
-        return ClohessyWiltshire(self.mean_motion)
+        return Dynamics(self.mean_motion)
 
     @property
     def intervals(self) -> int:

@@ -24,15 +24,11 @@ class Reference:
     epoch: datetime  # of the first node, UTC
     inclination_deg: float  # i, deg
     raan_deg: float  # Ω, right ascension of the ascending node, deg
-    # u, from the ascending node to the origin of the LVLH frame at the epoch, deg
-    argument_of_latitude_deg: float
+    argument_of_latitude_deg: float  # u, from the node to the LVLH origin at the epoch, deg
 
 
 def mean_motion_at(altitude: float) -> float:
-    """Mean motion in rad/s of the circular orbit at an altitude in m: e = √(μ/r₀³).
-
-    An altitude that no orbit about the Earth has is an InputError.
-    """
+    """Mean motion, rad/s, of the circular orbit at an altitude, m: e = √(μ/r₀³); or InputError."""
     if LOWEST / 1e3 <= altitude < LOWEST:
         raise InputError(
             f"altitude is {altitude:g} m, where air lets no orbit last; expected at least "

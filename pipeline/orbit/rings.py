@@ -20,16 +20,10 @@ def pro_states(
 ) -> Formation:
     """LVLH states (m, m/s) of craft on 2:1 relative orbits, bounded since they satisfy Eq. 3.
 
-    x = (a/2) cos θ, y = offset - a sin θ, z = (a/2) tan(i) cos(θ + φ), with θ growing at the
-    mean motion.
-
-    Args:
-        semi_major_axis: a, half the along-track extent of the ring, m.
-        tilt: i, angle of the ring's plane against the orbital plane, rad.
-        phase: θ of each craft, rad.
-        cross_phase: φ, phase between cross-track and radial motion, rad.
-        mean_motion: e, rad/s.
-        offset: along-track distance of the ring's centre from the origin, m.
+    x = (a/2) cos θ, y = offset - a sin θ, z = (a/2) tan(i) cos(θ + φ), with the phase θ of each
+    craft growing at the mean motion, rad/s. The semi-major axis a is half the ring's along-track
+    extent, m; the tilt i of its plane is against the orbital plane, rad; the cross phase φ, rad, is
+    between cross-track and radial motion; the offset is of its centre, along-track, m.
     """
     a, e, theta = semi_major_axis, mean_motion, phase
     height = a / 2 * np.tan(tilt)

@@ -32,19 +32,16 @@ from scipy.special import gammainccinv, ndtr
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
-from pipeline.orbit.arrays import Controls, Indices, States, Values, Vectors
+from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
 
-# Probability, over all pairs, that deviations exceed the size up to which they are looked at
-FAR = 1e-12
+FAR = 1e-12  # probability, over all pairs, of deviations beyond the size that is looked at
 ACCURACY = 0.02  # share of the sum that margins may still make up, estimated from above
-# Width of the bracket in which least separations of pairs that may be near are found, m
-COARSE = 1.0
-# Share of an interval under which panels are not halved: what is safe by rounding alone
-SHORTEST = 1e-9
+COARSE = 1.0  # width of the bracket of least separations of pairs that may be near, m
+SHORTEST = 1e-9  # share of an interval that is not halved: what is safe by rounding alone
 MOST_PANELS = 200_000  # which bounds the memory that it takes
 ROUNDING = 1e-15  # of the probability of a panel
 
@@ -53,8 +50,7 @@ ROUNDING = 1e-15  # of the probability of a panel
 class CollisionRisk:
     """Bounds on the probability that pairs come within the collision radius."""
 
-    # first craft of each pair that is ever near, the one with the lower index
-    first: Int[Array, "p"]
+    first: Int[Array, "p"]  # first craft of each pair that is ever near, of lower index
     second: Int[Array, "p"]  # second craft
     of_pair: Float[Array, "p"]  # bound of each
     # of each the larger part of its first and last node, which no other plan changes but by other
@@ -63,8 +59,7 @@ class CollisionRisk:
     total: float  # bound on the probability that any pair of the swarm does, at any time
 
 
-# Linear in the state at an interval's start and in the control
-Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]
+Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]  # linear in state and control
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +110,7 @@ class _Stretches:
 
 
 @dataclass(frozen=True, eq=False)
-class _Panels:
+class _Panels(Rows):
     """Times between two checks, by stretch and time."""
 
     stretch: Int[Array, "q"]  # which
@@ -123,10 +118,6 @@ class _Panels:
     width: Float[Array, "q"]  # how long it is, as a share of the interval
     first: Float[Array, "q 3"]  # direction of the check at its begin
     last: Float[Array, "q 3"]  # of the one at its end
-
-    def where(self, keep: Bool[Array, "q"] | Int[Array, "j"]) -> "_Panels":
-        """Some of them."""
-        return _Panels(*(part[keep] for part in vars(self).values()))
 
     def joined(self, stretches: _Stretches) -> Bool[Array, "q"]:
         """Whether each begins with the check that the one before ends with."""
@@ -137,16 +128,12 @@ class _Panels:
         across &= stretches.interval[at] == stretches.interval[before] + 1
         return np.append(False, inside | (across & (self.begin[1:] == 0) & (end == 1)))[: len(self)]
 
-    def __len__(self) -> int:
-        """Number of panels."""
-        return len(self.stretch)
-
     def halved(self, split: Bool[Array, "q"], stretches: _Stretches) -> "_Panels":
         """Some of them in two halves, with a check between."""
         parts = np.repeat(np.arange(len(self)), 1 + split)
         second = np.append(False, parts[1:] == parts[:-1])
         first = np.append(second[1:], False)
-        found, whole = self.where(parts), split[parts]
+        found, whole = self[parts], split[parts]
         width = np.where(whole, found.width / 2, found.width)
         begin = found.begin + np.where(second, width, 0.0)
         between = stretches.directions(found.stretch[second], begin[second])
@@ -255,7 +242,7 @@ def _chances(stretches: _Stretches) -> tuple[Int[Array, "q"], Float[Array, "q"]]
     ends = stretches.directions(which, begin), stretches.directions(which, width)
     panels = _Panels(which, begin, width, *ends)
     while True:
-        panels = panels.where(stretches.may_be_near(panels))
+        panels = panels[stretches.may_be_near(panels)]
         chance, excess = _failing(panels, stretches)
         split = excess * len(panels) > ACCURACY * max(float(chance.sum()), FAR)
         split &= (panels.width > SHORTEST) & (len(panels) < MOST_PANELS)

@@ -1,5 +1,6 @@
 """Separation of craft: at the nodes (Eq. 5) and, proven, at any time between them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +11,14 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import (
     FEW,
     TOLERANCE,
-    Closest,
+    Approaches,
     Swarms,
     close_approaches,
     least_of_each,
     pairs,
     side_by_side,
 )
-from pipeline.orbit.arrays import Controls, Indices, States, Values
+from pipeline.orbit.arrays import Controls, Indices, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import free_drift
@@ -79,41 +80,42 @@ def least_separations(
 ) -> list[Separation]:
     """The least distance of any pair of each swarm at any time, in brackets so wide, m.
 
-    The least at the nodes bounds it from above, so that only closer pairs and times are searched;
-    and where rounding hides that pair from the search as well, it is the least.
+    The least at the nodes bounds it from above, and is the least where rounding hides closer ones.
     """
-    within = np.nan_to_num(_least_at_nodes(states, swarms), posinf=0.0)  # none without a pair
+    least = _closest_at_nodes(states, problem, swarms)
+    within = distances_of(least)
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
-    times = found.interval * problem.time_step + found.offset
-    least = closer([Separation()] * len(within), found, found.first, found.second, times, swarms)
-    for swarm, (start, n) in enumerate(zip(swarms.starts, swarms.sizes, strict=True)):
-        if least[swarm].pair is None and n > 1:
-            part = states[start : start + n]
-            distance, node, pair = _closest_at_nodes(part)
-            bound = distance - ROUNDING * float(np.abs(part[..., :3]).max())
-            least[swarm] = Separation(distance, bound, pair, node * problem.time_step)
-    return least
+    return closer(least, found, problem, swarms)
+
+
+def distances_of(least: list[Separation]) -> Float[Array, "swarms"]:
+    """The least separation of each swarm, m; 0 without a pair, so that none is searched for."""
+    return np.nan_to_num([one.distance for one in least], posinf=0.0)
 
 
 def closer(
-    least: list[Separation],
-    found: Closest,
-    first: Indices,
-    second: Indices,
-    time: Values,
-    swarms: Swarms,
-    node: Indices | None = None,
+    least: list[Separation], found: Approaches, problem: Problem, swarms: Swarms
 ) -> list[Separation]:
     """The least separation of each swarm, replaced where an approach was found."""
-    label, start = swarms.label[first], swarms.starts
+    label, start, time = swarms.label[found.first], swarms.starts, found.times(problem)
     bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
     for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
-        pair = int(first[k] - start[swarm]), int(second[k] - start[swarm])
-        lost = None if node is None else int(node[k])
+        pair = int(found.first[k] - start[swarm]), int(found.second[k] - start[swarm])
+        lost = None if found.node is None else int(found.node[k])
         distance = float(found.distance[k])
         least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
     return least
+
+
+def closest_sampled(
+    apart: Float[Array, "p S"], first: Indices, second: Indices, swarms: Swarms
+) -> Iterator[tuple[int, float, int, tuple[int, int]]]:
+    """The closest pair of each swarm that has one, at some times: swarm, distance, time, craft."""
+    least = apart.min(axis=1)
+    for swarm, k in np.transpose(least_of_each(least, swarms.label[first])).tolist():
+        pair = int(first[k] - swarms.starts[swarm]), int(second[k] - swarms.starts[swarm])
+        yield swarm, float(least[k]), int(apart[k].argmin()), pair
 
 
 def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[Array, "N"]:
@@ -129,32 +131,32 @@ def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
     return len(np.unique(np.stack([found.first, found.second]), axis=1).T)
 
 
-def _least_at_nodes(states: States, swarms: Swarms) -> Float[Array, "swarms"]:
-    """Distance of the closest pair of each swarm at any node, m; infinite without a pair."""
-    if not swarms.few:
+def _closest_at_nodes(states: States, problem: Problem, swarms: Swarms) -> list[Separation]:
+    """The closest pair of each swarm at any node; the bound is lower by what rounding may hide."""
+    if not swarms.few and len(swarms.sizes) > 1:
         parts = np.split(states, swarms.starts[1:])
-        return np.array([_closest_at_nodes(part)[0] if len(part) > 1 else np.inf for part in parts])
-    least = np.full(len(swarms.sizes), np.inf)
-    i, j = swarms.pairs
-    distance = norm(states[i, :, :3] - states[j, :, :3]).min(axis=1)
-    with np.errstate(invalid="ignore"):  # what is NaN stays NaN, which nothing is safe by
-        np.minimum.at(least, swarms.label[i], distance)
-    return least
+        each = (_closest_at_nodes(part, problem, side_by_side((len(part),))) for part in parts)
+        return [one for (one,) in each]
+    closest = [Separation()] * len(swarms.sizes)
+    if swarms.few:
+        i, j = swarms.pairs
+        found = closest_sampled(norm(states[i, :, :3] - states[j, :, :3]), i, j, swarms)
+    else:
+        found = iter([_closest_by_tree(states)])
+    most = np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
+    for swarm, distance, node, pair in found:
+        bound = distance - ROUNDING * float(most[swarm])
+        closest[swarm] = Separation(distance, bound, pair, node * problem.time_step)
+    return closest
 
 
-def _closest_at_nodes(states: States) -> tuple[float, int, tuple[int, int]]:
-    """Distance (m), node and craft of the closest pair of a swarm at any node."""
-    n, T, _ = states.shape
-    if n <= FEW:
-        apart = node_distances(states)
-        k, node = divmod(int(apart.argmin()), T)
-        i, j = (int(one[k]) for one in pairs(n))
-        return float(apart[k, node]), node, (i, j)
-    tree = _node_tree(states)
+def _closest_by_tree(states: States) -> tuple[int, float, int, tuple[int, int]]:
+    """As ``closest_sampled``, of one large swarm at its nodes."""
+    tree, T = _node_tree(states), states.shape[1]
     near, points = map(np.asarray, tree.query(tree.data, k=2))
     point = int(near[:, 1].argmin())  # the nearest is the craft itself, or one in its place
     i, j = sorted({point // T, *(points[point] // T).tolist()})[:2]
-    return float(near[point, 1]), point % T, (i, j)
+    return 0, float(near[point, 1]), point % T, (i, j)
 
 
 def _node_tree(states: States) -> cKDTree:

@@ -19,10 +19,8 @@ from pipeline.orbit.arrays import (
 )
 from pipeline.orbit.problem import MOST_NODES, Problem
 
-# Share of a craft's largest control under which a control is a solver's rounding, not a burn
-COAST = 1e-7
-# Change of a final state that counts as none, m; of velocities, m/s over the mean motion
-UNCHANGED = 1e-9
+COAST = 1e-7  # share of a craft's largest control under which one is rounding, not a burn
+UNCHANGED = 1e-9  # change of a final state that counts as none, m; velocities over e
 REGULAR = 1e9  # condition number up to which a map has an inverse, rounding considered
 ORBIT_INTERVALS = 16  # intervals into which an orbit of free drift is cut
 
@@ -32,10 +30,8 @@ class TransferMaps:
     """Constants of a problem: s[t] = drift[t] s[1] + reach[t] u, with u flattened by time."""
 
     drift: Float[Array, "T 6 6"]  # powers of A
-    # effect of the flattened controls on each node's state, m = 3(T-1)
-    reach: Float[Array, "T 6 m"]
-    # pseudo-inverse of reach[T]: the least-energy controls for a change of the final state
-    to_goal: Float[Array, "m 6"]
+    reach: Float[Array, "T 6 m"]  # of the flattened controls on each node's state, m = 3(T-1)
+    to_goal: Float[Array, "m 6"]  # pseudo-inverse of reach[T]: the least-energy controls
     # the controls that fit given node states best while leaving the final state unchanged, (m, 6T)
     project: Float[Array, "m _"]
 

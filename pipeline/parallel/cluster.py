@@ -26,12 +26,9 @@ COUNT_SECONDS = 2.0  # how often the workers are counted
 
 @contextmanager
 def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Iterator["Cluster"]:
-    """The pool of the cluster of a scheduler.
+    """The pool of the cluster of a scheduler; ProlearnError where none answers or has workers.
 
     A scheduler that was there before (``again``) is waited for, so many seconds, and its workers.
-
-    Raises:
-        ProlearnError: where no scheduler answers, or a new one has no workers.
     """
     where = public_url(scheduler)
     with _without_logs():
@@ -87,9 +84,7 @@ class Cluster:
         """Results of calls in the order in which they are done; what one raises is raised.
 
         A call is drawn when its turn comes, so not all need to fit in memory at once.
-
-        Raises:
-            WorkersLostError: where workers are; calls without a result are to be made again.
+        WorkersLostError where workers are; calls without a result are to be made again.
         """
         done: SimpleQueue[Future] = SimpleQueue()
         under_way = 0

@@ -20,22 +20,17 @@ PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still th
 
 
 class WorkersLostError(Exception):
-    """Workers, or the connection to them, are lost with all calls under way.
-
-    Attributes:
-        again: what to say where it happens again and again.
-    """
+    """Workers, or the connection to them, are lost with all calls under way."""
 
     def __init__(self, once: str, again: str) -> None:
         super().__init__(once)
-        self.again = again
+        self.again = again  # what to say where it happens again and again
 
 
 def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
     """Results of calls in the order in which they are done; a call is drawn when its turn comes.
 
-    Raises:
-        WorkersLostError: where a process was killed.
+    WorkersLostError where a process was killed.
     """
     _remove_left_semaphores()
     parallel = joblib.Parallel(
@@ -63,10 +58,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 
 def end_with(parent: int) -> None:
-    """End this process when the one with this id has ended, even by a kill.
-
-    loky calls this first in a worker, before it takes any work.
-    """
+    """End this process, as loky's worker, when the one with this id has ended, even by a kill."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -121,19 +113,11 @@ def _waiting_signals() -> Iterator[None]:
 
 
 def _remove_left_semaphores() -> None:
-    """Remove the semaphores of processes that were killed together with their resource trackers.
-
-    loky names a semaphore after the process that made it.
-    """
+    """Remove semaphores, named by process, of those killed with their resource trackers."""
     for path in SEMAPHORES.glob("sem.loky-*"):
         with suppress(OSError, ValueError):
-            if path.stat().st_uid == os.getuid() and not _runs(int(path.name.split("-")[1])):
-                path.unlink()
-
-
-def _runs(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
+            if path.stat().st_uid == os.getuid():
+                try:
+                    os.kill(int(path.name.split("-")[1]), 0)
+                except ProcessLookupError:
+                    path.unlink()

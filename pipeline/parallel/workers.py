@@ -21,10 +21,7 @@ from pipeline.provenance import DecidedBy, made_with, version_change
 
 MOST_LOSSES = 3  # times in a row that workers may be lost before a single task is done
 MOST_JOBS = 1024  # processes on this machine
-
-SCHEDULER_WAIT = 300.0
-"""Seconds in which a lost scheduler may come back, unless a person says otherwise."""
-
+SCHEDULER_WAIT = 300.0  # s in which a lost scheduler may come back, unless said otherwise
 MOST_WAIT = 1e7  # longest such wait, s: four months
 
 Task = TypeVar("Task")
@@ -57,12 +54,9 @@ class Workers:
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
-        What a killed worker or a lost scheduler had in hand is done again. ``function`` is
-        importable on every worker; ``load`` reads here what else a task needs when its turn comes.
-
-        Raises:
-            ProlearnError: where workers are killed again and again, none can be had, or a lost
-                scheduler does not come back.
+        What a killed worker or a lost scheduler had in hand is done again; ProlearnError where that
+        happens again and again. ``function`` is importable on every worker; ``load`` reads here
+        what else a task needs when its turn comes.
         """
         waiting, losses, again = dict(enumerate(tasks)), 0, False
         while waiting:
@@ -120,14 +114,8 @@ def _call(
     """In a worker: one task on one thread; an error in loading is raised here."""
     if isinstance(content, Exception):
         raise content
-    _use_one_thread()
+    threadpool_limits(1)  # for good, since threads of a worker share it; sums must not depend on it
     return number, function(task, content)
-
-
-@functools.cache
-def _use_one_thread() -> None:
-    """One thread for linear algebra, so that sums do not depend on where they are made."""
-    threadpool_limits(1)
 
 
 def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:

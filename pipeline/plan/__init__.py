@@ -1,7 +1,7 @@
 """Plans: what each craft is to do, with a certificate that anyone can check."""
 
 from pipeline.plan.certificate import Certificate, PassiveSafety, Risk, certify, gap_of
-from pipeline.plan.judge import Made, is_safe, judge, planned, planned_all, violations
+from pipeline.plan.judge import Made, is_safe, judged, planned, planned_all, violations
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Assignment, Plan, summary
 from pipeline.plan.recheck import Rechecked, recheck
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, Separation
@@ -25,7 +25,7 @@ __all__ = [
     "certify",
     "gap_of",
     "is_safe",
-    "judge",
+    "judged",
     "planned",
     "planned_all",
     "recheck",

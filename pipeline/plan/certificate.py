@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.orbit.approaches import Swarms, side_by_side
+from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.passive_safety import least_after_loss
@@ -18,8 +18,7 @@ from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
 
-# Width in m of the bracket of a least separation that is as good as the collision radius
-FINE = 1e-9
+FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
 
 
 @dataclass(frozen=True)
@@ -71,6 +70,13 @@ class PassiveSafety:
     node: int | None = None
     time: float | None = None
 
+    @classmethod
+    def of(cls, orbits: float, least: Separation) -> "PassiveSafety":
+        """The passive safety of a swarm whose least separation after a loss is known."""
+        if least.pair is None:
+            return cls(orbits)
+        return cls(orbits, least.distance, least.bound, least.pair, least.node, least.time)
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -118,8 +124,8 @@ class Certificate:
 
 def certify(
     scenarios: Sequence[Scenario],
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
+    states: States,
+    controls: Controls,
     bounds: Sequence[tuple[float, str]],
     requirements: Requirements = AT_ALL_TIMES,
 ) -> list[Certificate]:
@@ -130,44 +136,42 @@ def certify(
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     starts, step = swarms.starts, problem.time_step
-    each, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
-    used = np.add.reduceat(each, starts).tolist()
+    spent, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
+    used = np.add.reduceat(spent, starts).tolist()
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, starts)
     defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
-    defects = np.maximum.reduceat(defect, starts)
-    columns = (
-        _least_separations(states, controls, problem, swarms),
-        swarm_node_collisions(states, problem.collision_radius, swarms).tolist(),
-        _passive_safety(states, controls, problem, requirements, swarms),
-        _risks(states, controls, problem, requirements, swarms),
-        np.split(step * each, starts[1:]),
-        np.split(step * turned, starts[1:]),
-    )
-    return [
-        Certificate(
-            fuel=used[k],
-            delta_v=used[k] * step,
-            fuel_lower_bound=bounds[k][0],
-            optimality_gap=gap_of(used[k], bounds[k][0], problem),
-            node_collisions=collisions,
-            min_separation=None if apart.pair is None else apart.distance,
-            min_separation_pair=apart.pair,
-            min_separation_time=apart.time,
-            min_separation_bound=None if apart.pair is None else apart.bound,
-            goal_error=float(misses[k, :3].max()),
-            goal_velocity_error=float(misses[k, 3:].max()),
-            dynamics_error=float(defects[k]),
-            fuel_lower_bound_proof=bounds[k][1],
-            risk=risk,
-            passive_safety=drifting,
-            craft_delta_v=tuple(spent.tolist()),
-            craft_delta_v_2norm=tuple(spent_turned.tolist()),
-        )
-        for k, (apart, collisions, drifting, risk, spent, spent_turned) in enumerate(
-            zip(*columns, strict=True)
-        )
-    ]
+    closest = _least_separations(states, controls, problem, swarms)
+    columns: dict[str, Sequence[Any]] = {
+        "fuel": used,
+        "delta_v": [fuel * step for fuel in used],
+        "fuel_lower_bound": [bound for bound, _ in bounds],
+        "optimality_gap": [
+            gap_of(fuel, b, problem) for fuel, (b, _) in zip(used, bounds, strict=True)
+        ],
+        "node_collisions": swarm_node_collisions(states, problem.collision_radius, swarms).tolist(),
+        "min_separation": [None if one.pair is None else one.distance for one in closest],
+        "min_separation_pair": [one.pair for one in closest],
+        "min_separation_time": [one.time for one in closest],
+        "min_separation_bound": [None if one.pair is None else one.bound for one in closest],
+        "goal_error": misses[:, :3].max(axis=1).tolist(),
+        "goal_velocity_error": misses[:, 3:].max(axis=1).tolist(),
+        "dynamics_error": np.maximum.reduceat(defect, starts).tolist(),
+        "fuel_lower_bound_proof": [proof for _, proof in bounds],
+        "craft_delta_v": [tuple(one.tolist()) for one in np.split(step * spent, starts[1:])],
+        "craft_delta_v_2norm": [tuple(one.tolist()) for one in np.split(step * turned, starts[1:])],
+    }
+    orbits, limit = requirements.passive_safety, requirements.risk
+    if orbits is not None:
+        adrift = least_after_loss(states, controls, problem, orbits, swarms)
+        columns["passive_safety"] = [PassiveSafety.of(orbits, least) for least in adrift]
+    if limit is not None:
+        errors = limit.uncertainty(problem)
+        parts = zip(np.split(states, starts[1:]), np.split(controls, starts[1:]), strict=True)
+        bounded = [collision_risk(*part, problem, errors).total for part in parts]
+        columns["risk"] = [Risk(bound, limit.asked, errors, 0.0, None) for bound in bounded]
+    rows = zip(*columns.values(), strict=True)
+    return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:
@@ -178,10 +182,7 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
 
 
 def _least_separations(
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
-    problem: Problem,
-    swarms: Swarms,
+    states: States, controls: Controls, problem: Problem, swarms: Swarms
 ) -> list[Separation]:
     """The least separation of each swarm, in a finer bracket where r_col is inside it."""
     closest = least_separations(states, controls, problem, swarms)
@@ -191,39 +192,3 @@ def _least_separations(
             alone = states[craft], controls[craft], problem, side_by_side((len(craft),))
             closest[k] = least_separations(*alone, tolerance=FINE)[0]
     return closest
-
-
-def _passive_safety(
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
-    problem: Problem,
-    requirements: Requirements,
-    swarms: Swarms,
-) -> Sequence[PassiveSafety | None]:
-    """The passive safety of each swarm, where it was asked for."""
-    orbits = requirements.passive_safety
-    if orbits is None:
-        return [None] * len(swarms.sizes)
-    return [
-        PassiveSafety(orbits)
-        if least.pair is None
-        else PassiveSafety(orbits, least.distance, least.bound, least.pair, least.node, least.time)
-        for least in least_after_loss(states, controls, problem, orbits, swarms)
-    ]
-
-
-def _risks(
-    states: Float[Array, "N T 6"],
-    controls: Float[Array, "N intervals 3"],
-    problem: Problem,
-    requirements: Requirements,
-    swarms: Swarms,
-) -> Sequence[Risk | None]:
-    """The risk of flying each swarm in open loop, where a limit was asked for."""
-    limit = requirements.risk
-    if limit is None:
-        return [None] * len(swarms.sizes)
-    errors, ends = limit.uncertainty(problem), swarms.starts[1:]
-    parts = zip(np.split(states, ends), np.split(controls, ends), strict=True)
-    bounds = [collision_risk(*part, problem, errors).total for part in parts]
-    return [Risk(bound, limit.asked, errors, sigmas=0.0, fuel_without=None) for bound in bounds]

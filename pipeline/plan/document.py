@@ -18,6 +18,7 @@ from pipeline.scenario.document import Number, ScenarioDocument, State, document
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
+OPTIONAL = ("risk", "passive_safety")  # claims of a certificate that are there where asked for
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -98,6 +99,11 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     problem = plan.scenario.problem
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
     asked = {"separation": plan.separation} if plan.separation == "nodes" else {}
+    claims = asdict(plan.certificate)
+    given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) is not None}
+    for name, value in claims.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            claims[name] = None
     return {
         "schema": SCHEMA,
         "scenario": document_of(plan.scenario),
@@ -108,7 +114,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         "times": (np.arange(problem.nodes) * problem.time_step).tolist(),
         "states": plan.states.tolist(),
         "controls": plan.controls.tolist(),
-        "certificate": _certificate(plan.certificate),
+        "certificate": claims | given,
         "convex_solves": plan.convex_solves,
         "timing": dict(plan.timing),
         **chosen,
@@ -144,17 +150,3 @@ def json_schema() -> dict[str, Any]:
     gap["anyOf"] = [{"type": gap.pop("type")}, {"type": "null"}]
     certificate["required"].remove("goal_velocity_error")
     return made
-
-
-# Fields of a certificate that are there only where they were asked for
-OPTIONAL = ("risk", "passive_safety")
-
-
-def _certificate(certificate: Certificate) -> dict[str, Any]:
-    fields = {k: _plain(v) for k, v in vars(certificate).items() if k not in OPTIONAL}
-    asked = ((name, getattr(certificate, name)) for name in OPTIONAL)
-    return fields | {name: asdict(claim) for name, claim in asked if claim is not None}
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,7 +1,7 @@
 """From controls to a plan: flown, certified and judged, whichever planner they come from."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -47,26 +47,16 @@ def planned_all(
     certificates = certify(scenarios, states, controls, bounds, requirements)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
-    flown, burned = np.split(states, ends), np.split(controls, ends)
-    plans = []
-    every = zip(scenarios, made, flown, burned, certificates, strict=True)
-    for scenario, one, theirs, burns, certificate in every:
-        status, message = judge(certificate, burns, problem, requirements)
-        plans.append(
-            Plan(
-                scenario,
-                planner,
-                status,
-                theirs,
-                burns,
-                certificate,
-                one.convex_solves,
-                {**one.timing, "certificate": each},
-                message,
-                separation=requirements.separation,
-            )
-        )
-    return plans
+    parts = np.split(states, ends), np.split(controls, ends), certificates
+    plans = [
+        Plan(scenario, planner, SOLVED, flown, burned, certificate, one.convex_solves)
+        for scenario, one, flown, burned, certificate in zip(scenarios, made, *parts, strict=True)
+    ]
+    timings = [{**one.timing, "certificate": each} for one in made]
+    return [
+        judged(replace(plan, timing=timing, separation=requirements.separation))
+        for plan, timing in zip(plans, timings, strict=True)
+    ]
 
 
 def planned(
@@ -76,37 +66,43 @@ def planned(
     return planned_all(planner, [scenario], [made], requirements)[0]
 
 
-def judge(
-    certificate: Certificate,
-    controls: Controls,
-    problem: Problem,
-    requirements: Requirements = AT_ALL_TIMES,
-) -> tuple[str, str]:
-    """Status of a plan by its certificate and controls (m/s²), and why it is not SOLVED."""
-    wrong = violations(certificate, controls, problem, requirements)
+def judged(plan: Plan) -> Plan:
+    """The plan with its status by its certificate and controls, and why it is not SOLVED."""
+    wrong = violations(plan)
     if "goal" in wrong:
-        return UNSOLVED, wrong["goal"]
-    return (UNSAFE if wrong else SOLVED), "; ".join(wrong.values())
+        return replace(plan, status=UNSOLVED, message=wrong["goal"])
+    return replace(plan, status=UNSAFE if wrong else SOLVED, message="; ".join(wrong.values()))
 
 
-def violations(
-    certificate: Certificate,
-    controls: Controls,
-    problem: Problem,
-    requirements: Requirements = AT_ALL_TIMES,
-) -> dict[str, str]:
-    """What a plan does not satisfy, in words: goal, thrust, separation, passive safety and risk.
-
-    The one judgement of a plan; NaN satisfies nothing.
-    """
-    found = {
-        "goal": _missed(certificate),
-        "thrust": _too_strong(controls, problem),
-        "separation": _too_close(certificate, problem, requirements),
-        "passive safety": _too_close_drifting(certificate, problem),
-        "risk": _too_risky(certificate, problem),
-    }
-    return {what: text for what, text in found.items() if text}
+def violations(plan: Plan) -> dict[str, str]:
+    """What a plan does not satisfy, in words, by requirement; NaN satisfies nothing."""
+    wrong, found, problem = {}, plan.certificate, plan.scenario.problem
+    radius, limit, used = problem.collision_radius, problem.max_acceleration, np.abs(plan.controls)
+    position, velocity = found.goal_error, found.goal_velocity_error
+    if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
+        wrong["goal"] = f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
+    if limit is not None and not used.max() <= problem.most_control:
+        wrong["thrust"] = f"uses {used.max():.6g} m/s² where max_acceleration is {limit:g} m/s²"
+    if not is_safe(found, problem, plan.requirements):
+        pair = " and ".join(map(str, found.min_separation_pair or ()))
+        wrong["separation"] = (
+            f"craft {pair} come within {found.min_separation:.6g} m of each other at "
+            f"{found.min_separation_time:.6g} s; collision_radius is {radius:g} m"
+        )
+    drift = found.passive_safety
+    if drift and drift.pair and not (drift.min_separation_bound or 0.0) > radius:
+        (i, j), node = drift.pair, f"node {drift.node}, should it lose thrust there"
+        wrong["passive safety"] = (
+            f"craft {i}, adrift from {'its goal' if drift.node == problem.nodes - 1 else node}, "
+            f"comes within {drift.min_separation:.6g} m of craft {j} at {drift.time:.6g} s; "
+            f"collision_radius is {radius:g} m"
+        )
+    if found.risk and not found.risk.kept:
+        wrong["risk"] = (
+            f"the risk that a pair comes within {radius:g} m is bounded by {found.risk.bound:.3g}, "
+            f"asked for was {found.risk.asked:g}"
+        )
+    return wrong
 
 
 def is_safe(
@@ -128,52 +124,3 @@ def check_states(plan: Plan) -> None:
             f"the plan's states are up to {off:.3g} m off those that its controls lead to; "
             "expected a plan as it was made: plan again."
         )
-
-
-def _missed(certificate: Certificate) -> str:
-    position, velocity = certificate.goal_error, certificate.goal_velocity_error
-    if position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE:
-        return ""
-    return f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
-
-
-def _too_strong(controls: Controls, problem: Problem) -> str:
-    limit, used = problem.max_acceleration, float(np.abs(controls).max())
-    if limit is None or used <= problem.most_control:
-        return ""
-    return f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
-
-
-def _too_close(certificate: Certificate, problem: Problem, requirements: Requirements) -> str:
-    if is_safe(certificate, problem, requirements):
-        return ""
-    pair = " and ".join(map(str, certificate.min_separation_pair or ()))
-    return (
-        f"craft {pair} come within {certificate.min_separation:.6g} m of each other at "
-        f"{certificate.min_separation_time:.6g} s; collision_radius is "
-        f"{problem.collision_radius:g} m"
-    )
-
-
-def _too_close_drifting(certificate: Certificate, problem: Problem) -> str:
-    found, radius = certificate.passive_safety, problem.collision_radius
-    if found is None or found.pair is None or found.min_separation_bound is None:
-        return ""
-    if found.min_separation_bound > radius:
-        return ""
-    (i, j), last = found.pair, problem.nodes - 1
-    whence = "its goal" if found.node == last else f"node {found.node}, should it lose thrust there"
-    return (
-        f"craft {i}, adrift from {whence}, comes within {found.min_separation:.6g} m of craft {j} "
-        f"at {found.time:.6g} s; collision_radius is {radius:g} m"
-    )
-
-
-def _too_risky(certificate: Certificate, problem: Problem) -> str:
-    risk = certificate.risk
-    if risk is None or risk.kept:
-        return ""
-    return (
-        f"the risk that a pair comes within {problem.collision_radius:g} m is bounded by "
-        f"{risk.bound:.3g}, asked for was {risk.asked:g}"
-    )

@@ -10,14 +10,12 @@ from pipeline.plan.requirements import Requirements, Separation
 from pipeline.scenario import Scenario
 
 SOLVED = "solved"  # dynamics, both ends in all six components, thrust limit and separation all hold
-# Flies to the goal, but does not satisfy all that is required; the message says what
-UNSAFE = "unsafe"
+UNSAFE = "unsafe"  # flies to the goal, but misses what is required; the message says what
 # Proven: some craft cannot reach its goal, a pair is too close at an end, the only controls there
 # are bring craft together, or a craft is in the way of another after a loss of thrust, whatever is
 # planned; the message says which
 INFEASIBLE = "infeasible"
-# The planner has no safe plan and no proof that there is none; the message says why
-UNSOLVED = "unsolved"
+UNSOLVED = "unsolved"  # no safe plan and no proof that there is none; the message says why
 # Fields of the certificate that a summary has
 SUMMARY = (
     *("fuel", "delta_v", "craft_delta_v", "craft_delta_v_2norm", "fuel_lower_bound"),

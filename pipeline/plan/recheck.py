@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -15,8 +16,7 @@ from pipeline.plan.plan import SOLVED, Plan
 from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
-# Share by which a claimed risk may be below the one found anew: its quadrature is so exact
-SAME = 1e-2
+SAME = 1e-2  # share by which a claimed risk may be below ours: its quadrature is so exact
 
 FalseClaim = tuple[str, float, float, str]
 """Name of a field, the value that a file claims, the value found anew, and the unit."""
@@ -41,12 +41,16 @@ def recheck(claimed: Plan) -> Rechecked:
     Controls too large for numbers are an InputError, and so is passive safety that is claimed for
     no length of a drift or with separation at the nodes only.
     """
-    _refuse_overflow(claimed)
     problem, said = claimed.scenario.problem, claimed.certificate
-    asked = claimed.requirements
+    most = float(np.abs(claimed.controls).max())
+    if not most * problem.duration**2 <= FURTHEST:  # arithmetic has no meaning there
+        raise InputError(
+            f"the controls reach {most:.3g} m/s², which leads beyond "
+            f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
+        )
     bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
     made = Made(claimed.controls, *bound, claimed.convex_solves)
-    flown = planned(claimed.planner, claimed.scenario, made, asked)
+    flown = planned(claimed.planner, claimed.scenario, made, claimed.requirements)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])
@@ -57,10 +61,7 @@ def recheck(claimed: Plan) -> Rechecked:
             "where they lead"
         )
     found = flown.certificate
-    unsafe = violations(found, flown.controls, problem, asked).keys() & {
-        "separation",
-        "passive safety",
-    }
+    unsafe = violations(flown).keys() & {"separation", "passive safety"}
     if said.risk is not None:  # by the errors that the file says
         risk = collision_risk(flown.states, flown.controls, problem, said.risk.uncertainty)
         found = replace(found, risk=replace(said.risk, bound=risk.total))
@@ -73,21 +74,8 @@ def recheck(claimed: Plan) -> Rechecked:
     return Rechecked(plan, not unsafe, tuple(fault.rstrip(".") + "." for fault in faults))
 
 
-def _refuse_overflow(claimed: Plan) -> None:
-    """Raise InputError for controls so large that arithmetic on them has no meaning."""
-    most = float(np.abs(claimed.controls).max())
-    if not most * claimed.scenario.problem.duration**2 <= FURTHEST:
-        raise InputError(
-            f"the controls reach {most:.3g} m/s², which leads beyond "
-            f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
-        )
-
-
 def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> Iterator[FalseClaim]:
-    """Fields that a file claims more of than its controls give.
-
-    NaN is a false claim.
-    """
+    """Fields claimed larger than the controls give, or NaN, with both values and the unit."""
     yield from _false_spending(said, found)
     yield from _false_separations(said, found)
     if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
@@ -113,10 +101,7 @@ def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClai
 def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
     """The least separations, in flight and after a loss of thrust, and the bounds below them."""
     parts = (("", said, found), ("passive_safety.", said.passive_safety, found.passive_safety))
-    for prefix, claim, truth in parts:
-        for name in ("min_separation", "min_separation_bound"):
-            theirs, ours = getattr(claim, name, None), getattr(truth, name, None)
-            if theirs is None or ours is None:
-                continue
-            if not theirs <= ours + 2 * TOLERANCE:
-                yield prefix + name, theirs, ours, " m"
+    for (prefix, *pair), name in product(parts, ("min_separation", "min_separation_bound")):
+        theirs, ours = (getattr(one, name, None) for one in pair)
+        if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
+            yield prefix + name, theirs, ours, " m"

@@ -7,12 +7,12 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.covariance import Uncertainty
-from pipeline.orbit.passive_safety import check_orbits
 from pipeline.orbit.problem import Problem
 
 # When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)
 Separation = Literal["continuous", "nodes"]
 
+MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
 LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
 
 
@@ -78,8 +78,11 @@ class Requirements:
                 f"separation is {self.separation!r}; expected continuous or nodes, to keep craft "
                 "apart at all times or at the nodes only."
             )
-        if self.passive_safety is not None:
-            check_orbits(self.passive_safety)
+        if self.passive_safety is not None and not 0 < self.passive_safety <= MOST_ORBITS:
+            raise InputError(
+                f"passive safety is asked for over {self.passive_safety:g} orbits; expected a "
+                f"number above 0 and at most {MOST_ORBITS:g}."
+            )
         besides = {"passive safety": self.passive_safety, "a risk": self.risk}
         for what, asked in besides.items():
             if asked is not None and self.at_nodes:

@@ -19,14 +19,11 @@ from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, goal_miss
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.scenario import Scenario
 
+# How costs are proven of which some need a program
 BOTH = f"{TABLE}, or {PROGRAM} where that breaks the thrust limit"
-"""How costs are proven of which some need a program."""
+ROUNDING = 1e-12  # share of a cost by which its bound may be off
 
-ROUNDING = 1e-12
-"""Share of a cost by which its bound may be off."""
-
-Slots = tuple[int, ...]
-"""Of each craft, the goal that it takes."""
+Slots = tuple[int, ...]  # of each craft, the goal that it takes
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,6 @@ from pipeline.expert.batch import Batch
 from pipeline.plan import INFEASIBLE, Made, Plan, Requirements, planned_all
 from pipeline.scenario import Scenario
 
-Ends = Float[Array, "b n 6"]
-"""States of all craft at one end of some transfers, m and m/s."""
-
 
 def certified(
     planner: str,
@@ -40,7 +37,7 @@ def certified(
     ]
 
 
-def stacked_ends(batch: Batch) -> tuple[Ends, Ends]:
-    """Initial and goal states of scenarios of one n."""
+def stacked_ends(batch: Batch) -> tuple[Float[Array, "b n 6"], Float[Array, "b n 6"]]:
+    """Initial and goal states of scenarios of one n, m and m/s."""
     shape = len(batch.scenarios), -1, 6
     return batch.initial.reshape(shape), batch.goal.reshape(shape)

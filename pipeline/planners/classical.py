@@ -53,9 +53,9 @@ def _decoupled(batch: Batch) -> Controls:
     return batch.optima.controls
 
 
+# They belong in every table
 BASELINES = (
     Baseline("straight line", _straight_line),
     Baseline("minimum energy", _minimum_energy),
     Baseline("own LP", _decoupled),
 )
-"""They belong in every table."""

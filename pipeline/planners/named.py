@@ -14,12 +14,10 @@ if TYPE_CHECKING:
     from pipeline.planners.network import NetworkPlanner
 
 EXPERT = "expert"
-
 _BASELINES = {baseline.name.replace(" ", "-"): baseline for baseline in BASELINES}
-
+# The names, with hyphens for spaces. The refiner is the one that comes with the package; those of
+# the registry are named with their recipe or version.
 NAMES = (EXPERT, REFINER, *_BASELINES)
-"""The names, with hyphens for spaces. The refiner is the one that comes with the package; those of
-the registry are named with their recipe or version."""
 
 
 def named_planner(
@@ -31,21 +29,21 @@ def named_planner(
 ) -> Planner | None:
     """The planner of a name, or None where it is none of NAMES.
 
-    Args:
-        name: of the planner.
-        requirements: what its plans must satisfy; a baseline's, which keep no craft apart, are
-            judged by it.
-        effort: of the expert, of EFFORTS; by default it goes on until its plan no longer improves,
-            and comes after the refiner only where that has no safe plan.
-        raw: asked for a network's plan without the expert after it.
-
-    Raises:
-        InputError: for an option that the planner has no use for.
+    A baseline keeps no craft apart and is judged by the requirements. The effort, of EFFORTS, is
+    the expert's: by default it goes on until its plan no longer improves, and comes after the
+    refiner only where that has no safe plan; ``raw`` leaves it out there. InputError for an option
+    that the planner has no use for.
     """
     if name not in NAMES:
         return None
     if name == REFINER:
-        return _refiner(requirements, effort, raw=raw)
+        from pipeline.networks.refiner.packaged import packaged
+        from pipeline.planners.network import NetworkPlanner
+
+        if raw:
+            refuse_effort(effort)
+        network = NetworkPlanner(packaged(), REFINER, requirements)
+        return network if raw else with_expert(network, effort)
     if raw:
         raise InputError(
             f"--raw is given and the planner is {name}, after which there is no expert; expected "
@@ -55,17 +53,6 @@ def named_planner(
         return Expert(EFFORTS[effort or "default"], requirements=requirements)
     refuse_effort(effort)
     return replace(_BASELINES[name], requirements=requirements)
-
-
-def _refiner(requirements: Requirements, effort: str | None, *, raw: bool) -> Planner:
-    """The packaged refiner, alone or with the expert behind it."""
-    from pipeline.networks.refiner.packaged import packaged
-    from pipeline.planners.network import NetworkPlanner
-
-    if raw:
-        refuse_effort(effort)
-    network = NetworkPlanner(packaged(), REFINER, requirements)
-    return network if raw else with_expert(network, effort)
 
 
 def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
@@ -83,11 +70,7 @@ def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
 
 
 def refuse_effort(effort: str | None) -> None:
-    """Refuse an effort where the expert has no part.
-
-    Raises:
-        InputError: where one is given.
-    """
+    """Refuse an effort with an InputError where the expert has no part."""
     if effort is not None:
         raise InputError(
             f"--effort is {effort} and the expert has no part in the plan; expected it with the "

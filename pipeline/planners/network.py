@@ -3,7 +3,7 @@
 A network's answer is flown, so that dynamics and both ends hold exactly.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import isclose
 
@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.expert import FIRST_SAFE, Settings, all_within_risk, nominal_plans
+from pipeline.expert import FIRST_SAFE, Settings, nominal_plans, within_risk
 from pipeline.expert.batch import Batch
 from pipeline.networks.document import TrainedNetwork
 from pipeline.orbit.problem import Problem
@@ -21,11 +21,9 @@ from pipeline.planners.certified import certified, stacked_ends
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
-SAME = 1e-6
-"""Relative difference in orbit or step under which two problems are the same to a network."""
-
+SAME = 1e-6  # relative difference in orbit or step that makes no other problem to a network
+# The expert, held to one round of convex programs linearized about the network's plan
 ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
-"""The expert, held to one round of convex programs linearized about the network's plan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +43,8 @@ class NetworkPlanner:
         """One plan for each scenario, in order; the scenarios share one problem and one n.
 
         On another orbit or time grid than that of its training the network answers with the same
-        weights; what that is worth the certificate says.
-
-        Raises:
-            InputError: where the weights do not fit the scenarios' number of nodes.
+        weights; what that is worth the certificate says. InputError where they do not fit the
+        nodes.
         """
 
         def answer(batch: Batch) -> Float[Array, "n _ 3"]:
@@ -90,14 +86,12 @@ class Seeded:
         """
         seeds, asked = self.planner.plan(scenarios), self.requirements
         plans = nominal_plans(scenarios, [seed.states for seed in seeds], self.settings, asked)
-        plans = [self._both(*pair) for pair in zip(seeds, plans, strict=True)]
-        return all_within_risk(scenarios, plans, asked, self.settings)
-
-    def _both(self, seed: Plan, plan: Plan) -> Plan:
-        stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
-        total = seed.timing["plan"] + plan.timing["plan"]
-        who = self.name if plan.convex_solves else plan.planner
-        return replace(plan, planner=who, timing={**stages, **plan.timing, "plan": total})
+        for k, (seed, plan) in enumerate(zip(seeds, plans, strict=True)):
+            stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
+            total = seed.timing["plan"] + plan.timing["plan"]
+            who = self.name if plan.convex_solves else plan.planner
+            plans[k] = replace(plan, planner=who, timing={**stages, **plan.timing, "plan": total})
+        return [within_risk(plan, asked, self.settings) for plan in plans]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +99,10 @@ class FallbackPlanner:
     """A network, the network and one convex solve, the expert: the first whose plan is safe.
 
     Each is tried on the scenarios that the one before left without a proof of safety.
-
-    Attributes:
-        network: the network's own plans.
-        settings: of the expert where it comes to that.
     """
 
     network: NetworkPlanner
-    settings: Settings = FIRST_SAFE
+    settings: Settings = FIRST_SAFE  # of the expert where it comes to that
 
     @property
     def name(self) -> str:
@@ -125,54 +115,38 @@ class FallbackPlanner:
         return self.network.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario, safe wherever the expert finds one.
-
-        A plan is called by the network, by the network and "one solve", or by the expert.
-        """
+        """One plan for each scenario, named by who made it, safe wherever the expert finds one."""
         asked = self.requirements
         plans = replace(self.network, requirements=asked.nominal).plan(scenarios)
 
-        def one_solve(left: Sequence[Scenario], seeds: Sequence[Plan]) -> list[Plan]:
-            return nominal_plans(left, [seed.states for seed in seeds], ONE_SOLVE, asked)
-
-        def search(left: Sequence[Scenario], _: Sequence[Plan]) -> list[Plan]:
-            return nominal_plans(left, None, self.settings, asked)
-
-        plans = _where_unsafe(scenarios, plans, one_solve, f"{self.name} + one solve")
-        plans = _where_unsafe(scenarios, plans, search, "expert")
-        return all_within_risk(scenarios, plans, asked, self.settings)
+        plans = _where_unsafe(plans, ONE_SOLVE, asked, f"{self.name} + one solve", seeded=True)
+        plans = _where_unsafe(plans, self.settings, asked, "expert")
+        return [within_risk(plan, asked, self.settings) for plan in plans]
 
 
 def _where_unsafe(
-    scenarios: Sequence[Scenario],
-    plans: Sequence[Plan],
-    fallback: Callable[[Sequence[Scenario], Sequence[Plan]], list[Plan]],
-    name: str,
+    plans: list[Plan], settings: Settings, asked: Requirements, name: str, *, seeded: bool = False
 ) -> list[Plan]:
-    """The plans, and a fallback's where they are not proven safe, with the time of both."""
+    """The plans, and the expert's where they are not proven safe, with the time of both."""
     left = [k for k, plan in enumerate(plans) if plan.status != SOLVED]
-    found = list(plans)
-    if left:
-        tried = fallback([scenarios[k] for k in left], [plans[k] for k in left])
-        for k, plan in zip(left, tried, strict=True):
-            before = plans[k]
-            timing = {**plan.timing, "plan": before.timing["plan"] + plan.timing["plan"]}
-            solves = before.convex_solves + plan.convex_solves
-            # Where a craft has no decoupled optimum to fly, the expert looks at no seed.
-            who = name if plan.convex_solves else plan.planner
-            found[k] = replace(plan, planner=who, timing=timing, convex_solves=solves)
-    return found
+    seeds = [plans[k].states for k in left] if seeded else None
+    tried = nominal_plans([plans[k].scenario for k in left], seeds, settings, asked)
+    for k, plan in zip(left, tried, strict=True):
+        before = plans[k]
+        timing = {**plan.timing, "plan": before.timing["plan"] + plan.timing["plan"]}
+        solves = before.convex_solves + plan.convex_solves
+        # Where a craft has no decoupled optimum to fly, the expert looks at no seed.
+        who = name if plan.convex_solves else plan.planner
+        plans[k] = replace(plan, planner=who, timing=timing, convex_solves=solves)
+    return plans
 
 
 def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
-    """Refuse a problem of another orbit or time grid than the model was trained on.
+    """Refuse a problem of another orbit or time grid than the model's with an InputError.
 
-    The collision radius and the limit on the control may differ: no network knows the limit,
-    one that reads the radius is told the scenario's, and the certificate judges by these. The
-    message says ``where`` the problem is from, such as a dataset's folder.
-
-    Raises:
-        InputError: with the field that differs.
+    The collision radius and the limit on the control may differ: no network knows the limit, one
+    that reads the radius is told the scenario's, and the certificate judges by these. The message
+    says ``where`` the problem is from, such as a dataset's folder.
     """
     field = _other_field(model, problem)
     if field is not None:

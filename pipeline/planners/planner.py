@@ -15,24 +15,17 @@ class Planner(Protocol):
     @property
     def name(self) -> str:
         """What tables and plans call it."""
-        ...
 
     @property
     def requirements(self) -> Requirements:
         """What its plans must satisfy, and are judged by."""
-        ...
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
-        ...
 
 
 def identity(planner: Planner) -> dict[str, Any]:
-    """Name, class, settings and digest of the network of a planner, JSON-ready.
-
-    Planners with the same identity give the same plans where the versions of the code are the
-    same.
-    """
+    """Name, class, settings and network digest of a planner, JSON-ready: what decides its plans."""
     return {"name": planner.name, **_identified(planner)}
 
 

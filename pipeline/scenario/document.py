@@ -238,13 +238,8 @@ class ScenarioDocument(BaseModel):
 
     def scenario(self, name: str) -> Scenario:
         """The scenario that the fields describe."""
-        problem = Problem(
-            mean_motion=self.mean_motion or mean_motion_at(self.altitude or 0.0),
-            time_step=self.time_step,
-            nodes=self.nodes,
-            collision_radius=self.collision_radius,
-            max_acceleration=self.max_acceleration,
-        )
+        grid, limits = (self.time_step, self.nodes), (self.collision_radius, self.max_acceleration)
+        problem = Problem(self.mean_motion or mean_motion_at(self.altitude or 0.0), *grid, *limits)
         initial, goal = (_end_states(end, problem.mean_motion) for end in (self.initial, self.goal))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         return Scenario(problem, initial, goal, name=name, reference=where)

@@ -28,11 +28,9 @@ TILT = np.deg2rad(45.0)  # largest ring tilt either way, rad
 DENSITY_N = 30  # above this many craft the rings grow with n, so that the density stays
 REDRAWS = 2000  # tries after which a formation is said not to fit
 SPLITS = ("train", "valid", "test")  # their order seeds the draw
-# Root seeds, sizes and indices are below this: each is one word of the generator's entropy
-SEEDS = 2**32
+SEEDS = 2**32  # bound of seeds, sizes and indices: each is one word of entropy
 DENSE = 1.02  # least separation of a dense formation in free drift, in collision radii
-# Largest half extent of a dense formation, in collision radii times the square root of n
-CROWDED = 1.75
+CROWDED = 1.75  # largest half extent of a dense formation, in collision radii times √n
 
 Ends = tuple[Formation, Formation]
 
@@ -111,10 +109,7 @@ class _Draw:
         return np.concatenate(rings)
 
     def is_safe(self, states: Formation, added: Marked | None = None) -> bool:
-        """Whether every pair stays further apart than r_col in free drift over a whole orbit.
-
-        Where ``added`` marks craft, pairs of others are known to.
-        """
+        """Whether pairs, or those of ``added`` craft, stay further apart than r_col in drift."""
         radius, (i, j) = self.problem.collision_radius, pairs(len(states))
         if (np.linalg.norm((states[i] - states[j])[:, :3], axis=1) <= radius).any():
             return False  # most unsafe draws are, from the start; the rest takes longer to see

@@ -17,8 +17,7 @@ from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import Scenario
 
-# Largest |ẏ + 2e x| in m/s that counts as energy-matched: about 0.2 m of drift an orbit
-ENERGY_TOLERANCE = 1e-5
+ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
 APART, MATCHED = "craft apart", "energy-matched"
 PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
 
@@ -115,16 +114,13 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
     mismatch = energy_mismatch(states, e)
     off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
     drift, wanted = -6 * np.pi / e * mismatch, -2 * e * states[:, 0]
-    numbers = [
-        {"mismatch": float(m), "drift_per_orbit": float(d), "vy_wanted": float(v)}
-        for m, d, v in zip(mismatch, drift, wanted, strict=True)
-    ]
+    columns = {"mismatch": mismatch, "drift_per_orbit": drift, "vy_wanted": wanted}
     cases = tuple(
         Case(
             (int(k),),
             f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit: vy + 2·mean_motion·x is "
             f"{mismatch[k]:.3g} m/s, and 0 with a vy of {wanted[k]:.9g}",
-            numbers[k],
+            {name: float(column[k]) for name, column in columns.items()},
         )
         for k in off[np.abs(mismatch[off]).argsort(kind="stable")[::-1]]
     )
@@ -140,7 +136,7 @@ def _passive(end: str, states: Formation, problem: Problem) -> Diagnostic:
     """Whether every pair stays further apart than the collision radius in an orbit of drift."""
     drift = free_drift(states, problem)
     found = close_approaches(*drift, within=problem.collision_radius)
-    time = found.interval * drift[2].time_step + found.offset
+    time = found.times(drift[2])
     # Of the passes of each pair the closest, and of those that are equally close the first.
     order = np.lexsort((time, np.round(found.distance, 3), found.second, found.first))
     both = np.stack([found.first, found.second])[:, order]

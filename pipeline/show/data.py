@@ -21,8 +21,7 @@ CROWD = 100  # craft beyond which a page would grow too large: each then has few
 ORBIT_STEPS = 4  # samples in each of the intervals into which an orbit of free drift is cut
 MOST = 6  # pairs whose separation is shown, each in a colour that can be told from the others
 PADDING = 0.04  # free space around what is drawn, as a share of its extent
-# Least extent of the box on any axis, as a share of the largest: axes need room for labels
-FLATTEST = 0.3
+FLATTEST = 0.3  # least extent of the box on any axis, as a share of the largest, for labels
 
 
 @dataclass(frozen=True)
@@ -117,8 +116,7 @@ def closest_pairs(
     order = np.argsort(found.distance, kind="stable")
     _, first = np.unique((found.first * n + found.second)[order], return_index=True)
     closest = order[np.sort(first)][:most]
-    times = found.interval * problem.time_step + found.offset
-    columns = (found.first, found.second, found.distance, times)
+    columns = (found.first, found.second, found.distance, found.times(problem))
     return [Pair(*row) for row in zip(*(c[closest].tolist() for c in columns), strict=True)]
 
 

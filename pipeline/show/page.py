@@ -33,7 +33,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         name=name,
         planner=claimed.planner,
         n=scenario.n,
-        verdict=verdict(shown, scenario.problem, claimed.status),
+        verdict=verdict(shown, claimed.status),
         certificate=certificate_rows(found, claimed.status),
         scenario=scenario_rows(scenario),
         spent=list(zip(found.craft_delta_v, found.craft_delta_v_2norm, strict=True)),

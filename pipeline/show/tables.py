@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 from pipeline.figures.labels import MISSING, error, number
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, radius_at
 from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan, Rechecked
 from pipeline.scenario import Scenario
@@ -21,9 +20,9 @@ class Verdict:
     reasons: tuple[str, ...]  # in sentences
 
 
-def verdict(shown: Rechecked, problem: Problem, claimed_status: str) -> Verdict:
+def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
     """Whether a plan can be flown; who comes closest, when, and what is proven."""
-    found = shown.plan.certificate
+    found, problem = shown.plan.certificate, shown.plan.scenario.problem
     reasons = list(shown.faults)
     at_nodes = shown.plan.requirements.at_nodes
     if found.min_separation_pair and found.min_separation_bound is not None and shown.safe:

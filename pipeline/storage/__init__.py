@@ -23,6 +23,5 @@ TIMINGS, TIMED = "_timings/", "_timings/_manifest.json"
 FOREIGN, DAMAGED = "_foreign/", "_damaged/"
 
 PLACES = ("", "*=*/", "_*/", "_*/*=*/")  # patterns of the folders that writers put files into
-
+# Pattern of the files beside the shards
 WRITTEN = "|".join(map(re.escape, (MANIFEST, COPY, STAMPS, WRITER, TIMED)))
-"""Pattern of the files beside the shards."""

@@ -15,11 +15,9 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published, unfinished
 from pipeline.urls import public, public_url
 
-Where = str | Path
-"""A path, or a URL such as s3://bucket/n10."""
+Where = str | Path  # a path, or a URL such as s3://bucket/n10
 
-Stamp = tuple[int, int]
-"""Size in bytes and time of the last change in ns: a file with the same ones has not changed."""
+Stamp = tuple[int, int]  # size in bytes and time of the last change in ns
 
 
 @dataclass(frozen=True)
@@ -83,9 +81,7 @@ class Folder:
 
         On object stores a put makes a file visible, whole. Other stores have no atomic rename that
         Arrow reaches: a file may be seen half written, and its digest is then not the manifest's.
-
-        Raises:
-            ProlearnError: where the folder cannot be written to; what was there is intact.
+        ProlearnError where the folder cannot be written to; what was there is intact.
         """
         with self._writing(name):
             if self.local:

@@ -37,9 +37,7 @@ from pipeline.storage.folder import Folder
 from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode
 
 TIMED_SCHEMA = "prolearn.timings/1"
-
-COMMIT_SHARE = 0.1
-"""Most of the time that may go into commits; small manifests are committed after each shard."""
+COMMIT_SHARE = 0.1  # most of the time that may go into commits of the manifest
 
 
 def write_checked(folder: Folder, name: str, fields: Mapping[str, Any], copy: str = "") -> None:
@@ -75,17 +73,12 @@ Kind = TypeVar("Kind", bound=ShardManifest)
 
 
 class Ledger(Generic[Kind]):
-    """The manifest of a folder that is being written, kept in step with its shards.
-
-    Attributes:
-        folder: where the shards are.
-        manifest: as it will be committed.
-        timed: SHA-256 of each shard of timings, by the path of the shard they belong to.
-    """
+    """The manifest of a folder that is being written, kept in step with its shards."""
 
     def __init__(self, folder: Folder, manifest: Kind, progress: Progress) -> None:
         self.folder, self.manifest, self._progress = folder, manifest, progress
         known = read_timed(folder) if folder.exists(TIMED) else {}
+        # SHA-256 of each shard of timings, by the path of the shard that they belong to.
         self.timed = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
@@ -110,8 +103,8 @@ class Ledger(Generic[Kind]):
     ) -> None:
         """Write a shard and its timings into the folder, and commit them at once or a bit later.
 
-        Another file in the shard's place is set aside; ``derived`` is a shard made from this one,
-        which is dropped where this one has changed.
+        Another file in its place is set aside; the ``derived`` shard is dropped where this one
+        changed.
         """
         digest = digest_of(content)
         if self.manifest.shards.get(name, digest) != digest:
@@ -228,21 +221,21 @@ def set_aside(folder: Folder, name: str, progress: Progress, top: str = DAMAGED)
 def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     """Hold a folder for writing, and remove the unfinished files of killed writers.
 
-    The lock is the operating system's, so it ends with its holder, however that ends. Object
-    stores have none: two runs there both finish, with identical bytes.
+    The lock is the operating system's, so it ends with its holder, however that ends. Object stores
+    have none: two runs there both finish, with identical bytes.
 
-    ``owned`` is the pattern of its shards and of other files that its writers make; unfinished
-    files of other names are somebody else's, and stay.
-
-    Raises:
-        InputError: where another process holds it.
-        ProlearnError: where the folder cannot be written to.
+    ``owned`` is the pattern of the files that its writers make; unfinished files of other names are
+    somebody else's, and stay. InputError where another process holds it.
     """
     if folder.local is None:
         yield
         return
-    with _locked(folder, folder.local):
-        _remove_unfinished(folder, folder.local, re.compile(f"{WRITTEN}|{owned}"))
+    top, ours = folder.local, re.compile(f"{WRITTEN}|{owned}")
+    with _locked(folder, top):
+        for path in [path for place in PLACES for path in top.glob(f"{place}.*.tmp")]:
+            whole = unfinished(path)
+            if whole and ours.fullmatch(whole.relative_to(top).as_posix()) and path.is_file():
+                folder.remove(path.relative_to(top).as_posix())
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         writer = f"process {os.getpid()} on {socket.gethostname()}, since {now}"
         try:
@@ -251,13 +244,6 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
         finally:
             with suppress(ProlearnError):
                 folder.remove(WRITER)
-
-
-def _remove_unfinished(folder: Folder, top: Path, owned: re.Pattern[str]) -> None:
-    for path in [path for place in PLACES for path in top.glob(f"{place}.*.tmp")]:
-        target = unfinished(path)
-        if target and owned.fullmatch(target.relative_to(top).as_posix()) and path.is_file():
-            folder.remove(path.relative_to(top).as_posix())
 
 
 def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:

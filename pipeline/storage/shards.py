@@ -15,22 +15,16 @@ from pipeline.errors import InputError
 from pipeline.storage.folder import Folder
 
 TEXT_COLUMNS = ("family", "split", "status")
-
 METADATA_KEY = b"prolearn"  # in the schema's metadata: all that decides the rows, as JSON
+TIMED_KEY = b"prolearn_shard"  # metadata of timings: the SHA-256 of their shard
 
-TIMED_KEY = b"prolearn_shard"
-"""In the metadata of timings: the SHA-256 of the shard that they belong to."""
-
+# Most that a row takes beside its lists, and each value of a list, before compression
 ROW_BYTES, VALUE_BYTES = 2**16, 32
-"""Most that a row takes beside its lists, and each value of a list, before compression."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """The most rows, and numbers in any one column, that a shard may hold.
-
-    A few bytes of Parquet can stand for gigabytes.
-    """
+    """The most rows, and numbers in a column, of a shard: few bytes can stand for gigabytes."""
 
     rows: int
     values: int

@@ -137,7 +137,7 @@ def test_a_plan_is_planned_anew_for_what_it_was_asked_for(prolearn, tmp_path):
 
 def test_a_plan_for_a_risk_is_not_planned_anew(prolearn, tmp_path):
     scenario = draw("rings", 0, 3, 0, Problem(), "valid")
-    made = within_risk(scenario, solve(scenario), Requirements(risk=RiskLimit(0.1, 0.1)))
+    made = within_risk(solve(scenario), Requirements(risk=RiskLimit(0.1, 0.1)))
     write_plan(tmp_path / "plan.json", made)
     done = prolearn("fly", "plan.json", *REPLANNED)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

@@ -148,7 +148,7 @@ def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
     along -= planes.required
     assert along == pytest.approx(np.vecdot(normal, gaps(cuts, flown, controls)), abs=1e-6)
     for k in range(0, len(cuts), 7):
-        who = int(found.lost[k]), int(found.other[k])
+        who = int(found.first[k]), int(found.second[k])
         time = found.interval[k] * PROBLEM.time_step + found.offset[k]
         apart = distance_adrift(CASE, flown, controls, who, int(found.node[k]), float(time))
         assert np.linalg.norm(gaps(cuts, flown, controls)[k]) == pytest.approx(apart, abs=1e-5)

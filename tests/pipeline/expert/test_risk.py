@@ -45,7 +45,7 @@ def test_craft_come_too_close_no_more_often_than_asked_for(family, index, asked,
     """The plan for the collision radius alone is seen to fail by the same trials."""
     scenario = draw(family, 0, 10, index, PROBLEM, "valid")
     bare = solve(scenario)
-    plan = within_risk(scenario, bare, limit(asked, errors))
+    plan = within_risk(bare, limit(asked, errors))
     claim = plan.certificate.risk
     assert plan.status == SOLVED
     assert asked / 2 <= claim.bound <= asked, "and not needlessly safe"
@@ -61,7 +61,7 @@ def test_craft_come_too_close_no_more_often_than_asked_for(family, index, asked,
 def test_a_plan_that_is_safe_enough_is_left_as_it_is():
     scenario = draw("rings", 0, 10, 0, PROBLEM, "valid")
     bare = solve(scenario)
-    plan = within_risk(scenario, bare, limit(1e-3))
+    plan = within_risk(bare, limit(1e-3))
     assert (plan.controls == bare.controls).all()
     assert plan.certificate.risk.sigmas == 0
     assert 0 < plan.certificate.risk.bound <= 1e-3
@@ -71,7 +71,7 @@ def test_a_plan_that_is_safe_enough_is_left_as_it_is():
 def test_without_errors_nothing_changes():
     scenario = draw("rings", 0, 10, 4, PROBLEM, "valid")
     bare = solve(scenario)
-    plan = within_risk(scenario, bare, Requirements(risk=RiskLimit(1e-3)))
+    plan = within_risk(bare, Requirements(risk=RiskLimit(1e-3)))
     assert plan.status == SOLVED
     assert (plan.controls == bare.controls).all()
 
@@ -80,7 +80,7 @@ def test_without_errors_nothing_changes():
 def test_every_effort_keeps_the_risk(effort):
     scenario = draw("rings", 0, 10, 4, PROBLEM, "valid")
     settings = EFFORTS[effort]
-    plan = within_risk(scenario, solve(scenario, settings=settings), limit(1e-3), settings)
+    plan = within_risk(solve(scenario, settings=settings), limit(1e-3), settings)
     assert plan.status == SOLVED
     assert plan.certificate.risk.bound <= 1e-3
     assert plan.certificate.risk.sigmas > 2
@@ -88,7 +88,7 @@ def test_every_effort_keeps_the_risk(effort):
 
 def test_craft_that_are_too_close_where_they_must_be_are_named():
     scenario = draw("rings", 0, 10, 90, PROBLEM, "valid")
-    plan = within_risk(scenario, solve(scenario), limit(1e-3))
+    plan = within_risk(solve(scenario), limit(1e-3))
     i, j = np.triu_indices(10, 1)
     apart = np.linalg.norm(scenario.goal[i, :3] - scenario.goal[j, :3], axis=1)
     assert plan.status == UNSOLVED
@@ -102,14 +102,14 @@ def test_craft_that_are_too_close_where_they_must_be_are_named():
 
 def test_a_proof_that_there_is_no_plan_stands():
     scenario = draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6))
-    plan = within_risk(scenario, solve(scenario), limit(0.1))
+    plan = within_risk(solve(scenario), limit(0.1))
     assert plan.status == INFEASIBLE
     assert plan.certificate.risk is None
 
 
 def test_a_craft_alone_has_no_risk():
     scenario = draw("rings", 0, 1, 0, PROBLEM)
-    plan = within_risk(scenario, solve(scenario), limit(1e-9))
+    plan = within_risk(solve(scenario), limit(1e-9))
     assert plan.status == SOLVED
     assert plan.certificate.risk.bound == 0
 
@@ -123,7 +123,7 @@ def test_a_thrust_limit_that_leaves_no_room_for_safety_is_said():
     goal[1, 1] = -40.0
     scenario = Scenario(problem, start, goal)
     bare = solve(scenario)
-    plan = within_risk(scenario, bare, Requirements(risk=RiskLimit(1e-3, navigation_sigma=12.0)))
+    plan = within_risk(bare, Requirements(risk=RiskLimit(1e-3, navigation_sigma=12.0)))
     assert bare.status == SOLVED
     assert plan.status == UNSOLVED
     assert "is bounded by" in plan.message

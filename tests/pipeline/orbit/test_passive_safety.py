@@ -9,10 +9,11 @@ from judge import Case, closest_adrift
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import side_by_side
 from pipeline.orbit.infeasibility import unavoidable
-from pipeline.orbit.passive_safety import check_orbits, least_after_loss, loss_encounters
+from pipeline.orbit.passive_safety import least_after_loss, loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, minimum_energy
+from pipeline.plan import Requirements
 
 PERIOD = 2 * np.pi / Problem().mean_motion
 
@@ -83,10 +84,10 @@ def test_everything_within_a_distance_is_found_and_nothing_else():
     states, controls = transfer(7, 5, problem)
     within = 120.0
     found = loss_encounters(states, controls, problem, orbits, within)
-    assert len(found.lost) > 20
+    assert len(found.first) > 20
     assert (found.bound <= within).all()
     assert (np.abs(found.distance - found.bound) < 1e-4).all()
-    told = set(zip(found.lost.tolist(), found.node.tolist(), found.other.tolist(), strict=True))
+    told = set(zip(found.first.tolist(), found.node.tolist(), found.second.tolist(), strict=True))
     for node in range(problem.nodes):
         since = np.append(np.arange(0.0, orbits * PERIOD, 2.0), orbits * PERIOD)
         A, _ = problem.dynamics.step(since)
@@ -125,10 +126,10 @@ def test_what_moved_craft_have_no_say_in_is_left_out():
     every = loss_encounters(states, controls, problem, 1.0, 150.0)
     found = loss_encounters(states, controls, problem, 1.0, 150.0, moved=moved)
     last = problem.nodes - 1
-    says = moved[every.lost] & (every.node > 0) & (every.node < last)
-    says |= moved[every.other] & (every.interval < last)
+    says = moved[every.first] & (every.node > 0) & (every.node < last)
+    says |= moved[every.second] & (every.interval < last)
     assert 0 < says.sum() < len(says)
-    for name in ("lost", "node", "other", "interval", "bound"):
+    for name in ("first", "node", "second", "interval", "bound"):
         kept = np.sort(getattr(every, name)[says])
         assert (kept == np.sort(getattr(found, name))).all()
 
@@ -164,7 +165,7 @@ def test_goals_that_drift_into_each_other_are_in_the_way_whatever_is_planned():
 @pytest.mark.parametrize("orbits", [0.0, -1.0, float("nan"), float("inf"), 101.0])
 def test_what_is_no_length_of_a_drift_is_refused(orbits):
     with pytest.raises(InputError, match="expected a number above 0 and at most 100"):
-        check_orbits(orbits)
+        Requirements(passive_safety=orbits)
 
 
 @given(gap=st.floats(1.0, 200.0), begin=st.floats(-500.0, 500.0))

@@ -75,7 +75,7 @@ def test_separation_at_the_nodes_comes_back_and_at_all_times_is_what_is_not_said
 
 
 def test_a_risk_comes_back(tmp_path):
-    plan = within_risk(SCENARIO, solve(SCENARIO), Requirements(risk=RiskLimit(1e-3, 0.05, 1e-3)))
+    plan = within_risk(solve(SCENARIO), Requirements(risk=RiskLimit(1e-3, 0.05, 1e-3)))
     assert plan.certificate.risk.uncertainty.direction == 1e-3
     write_plan(tmp_path / "plan.json", plan)
     assert read_plan(tmp_path / "plan.json").certificate == plan.certificate

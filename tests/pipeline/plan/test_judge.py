@@ -11,10 +11,11 @@ from pipeline.plan import (
     SOLVED,
     UNSAFE,
     UNSOLVED,
+    Plan,
     Requirements,
     RiskLimit,
     certify,
-    judge,
+    judged,
     violations,
 )
 from pipeline.scenario import Scenario
@@ -25,7 +26,7 @@ PROBLEM = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1
 INITIAL = np.array([[0.0] * 6, [-150.0, 3.0, 0.0, 10.0, 0.0, 0.0]])
 
 
-def judged(push=0.0, miss=0.0, asked=None, radius=15.0):
+def found(push=0.0, miss=0.0, asked=None, radius=15.0):
     problem = replace(PROBLEM, collision_radius=radius)
     controls = np.zeros((2, 3, 3))
     controls[0, 0, 2] = push
@@ -33,8 +34,8 @@ def judged(push=0.0, miss=0.0, asked=None, radius=15.0):
     scenario = Scenario(problem, INITIAL, states[:, -1] + miss)
     asked = asked or Requirements()
     (certificate,) = certify([scenario], states, controls, [(0.0, "")], asked)
-    found = violations(certificate, controls, problem, asked)
-    return set(found), judge(certificate, controls, problem, asked)[0]
+    plan = Plan(scenario, "", "", states, controls, certificate, separation=asked.separation)
+    return set(violations(plan)), judged(plan).status
 
 
 @pytest.mark.parametrize(
@@ -51,4 +52,4 @@ def judged(push=0.0, miss=0.0, asked=None, radius=15.0):
     ],
 )
 def test_each_requirement_is_judged_by_itself(given, named, status):
-    assert judged(**given) == (named, status)
+    assert found(**given) == (named, status)

@@ -31,7 +31,7 @@ def unsafe():
 
 def said(plan, scenario=SCENARIO):
     shown = recheck(plan)
-    return verdict(shown, scenario.problem, plan.status)
+    return verdict(shown, plan.status)
 
 
 def test_a_true_plan_is_safe_without_a_fault(plan):
@@ -119,7 +119,7 @@ def test_a_proven_bound_is_never_rounded_up(plan):
 
 def test_a_risk_is_found_anew_and_a_false_one_named(plan):
     limit = Requirements(risk=RiskLimit(0.01, navigation_sigma=0.2, thrust_sigma=0.01))
-    careful = within_risk(SCENARIO, plan, limit)
+    careful = within_risk(plan, limit)
     shown = recheck(careful)
     assert (shown.faults, careful.status) == ((), SOLVED)
     risk = careful.certificate.risk
