@@ -10,8 +10,7 @@ PREDICTED = "predicted"
 FLOWN = "flown"
 """Reading after projection onto the trajectories that obey the dynamics and both ends."""
 
-PLAN = "plan"
-"""Reading of a planner whose output is a flyable plan as it stands."""
+PLAN = "plan"  # reading of a planner whose output is a flyable plan as it stands
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,7 @@ OPTIMIZERS = (EXPERT, PLAIN)
 CONVERGED, FIRST_SAFE = "converged", "first safe"
 """Stopping rules; the plain SCP knows the first alone."""
 
-NO_SEED = "none"
-"""Name, among seeds, of the optimizer's own start."""
+NO_SEED = "none"  # name, among seeds, of the optimizer's own start
 
 
 @dataclass(frozen=True)
@@ -72,11 +70,8 @@ LINEAR, TYPICAL = "linear", "e = 0.001"
 ECCENTRICITIES = {TYPICAL: 0.001, "e = 0.01": 0.01}
 """Of the reference orbits of the nonlinear worlds: a usual low orbit's, and ten times that."""
 
-WORLDS = (LINEAR, *ECCENTRICITIES)
-"""In which plans are flown."""
-
-ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"
-"""With which they are flown."""
+WORLDS = (LINEAR, *ECCENTRICITIES)  # in which plans are flown
+ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"  # with which they are flown
 
 LOOPS = OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
 """As planned; planned anew at every node; anew, with more separation asked for than r_col."""

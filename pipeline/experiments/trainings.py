@@ -1,6 +1,5 @@
 """Trainings of the networks: the paper's Tables 1 and 3, and loss curves."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -75,13 +74,8 @@ def training_table(training: pd.DataFrame) -> Table:
         key=lambda c: c.map(order.index) if c.name == "arch" else c,
         ignore_index=True,
     )
-    neurons = [", ".join(map(str, paper.NEURONS.get(arch, ()))) or "–" for arch in frame["arch"]]
-    frame = frame.assign(
-        name=frame["arch"].map(name_of),
-        paper_neurons=neurons,
-        paper_seconds=[paper.TRAIN_SECONDS.get(arch, math.nan) for arch in frame["arch"]],
-    )
-    return Table("training", frame, COLUMNS)
+    frame = frame.assign(name=frame["arch"].map(name_of)).join(paper.TRAININGS, on="arch")
+    return Table("training", frame.fillna({"paper_neurons": "–"}), COLUMNS)
 
 
 @in_style

@@ -12,8 +12,7 @@ from scipy import stats
 
 from pipeline.arrays import Array
 
-CONFIDENCE = 0.95
-"""Of every interval."""
+CONFIDENCE = 0.95  # of every interval
 
 NORMAL = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
 """Standard deviations that a normal variable keeps within with that probability."""

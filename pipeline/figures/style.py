@@ -20,8 +20,7 @@ from pipeline.text import visible
 P = ParamSpec("P")
 R = TypeVar("R")
 
-PAGE_WIDTH = 7.2
-"""Width of a figure across a page, inches."""
+PAGE_WIDTH = 7.2  # width of a figure across a page, inches
 
 INITIAL_COLOUR, GOAL_COLOUR, CONFLICT_COLOUR = "#0072B2", "#009E73", "#D55E00"
 """Blue, green and vermillion of the Okabe-Ito palette."""
@@ -134,11 +133,8 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
 SPREAD = 20.0
 """Values whose largest exceeds the smallest positive one by this factor get a log scale."""
 
-FINEST = 1e-3
-"""Averages below this are shown on the linear part of a symmetric log scale."""
-
-CROWDED = 1.7
-"""Decades from which only powers of ten carry a number."""
+FINEST = 1e-3  # averages below this are shown on the linear part of a symmetric log scale
+CROWDED = 1.7  # decades from which only powers of ten carry a number
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 """Digits of exponents; figures have no formulas, which names would be taken for."""

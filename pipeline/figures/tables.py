@@ -18,8 +18,7 @@ from pipeline.text import visible
 
 INTERVALS = "Brackets are 95 % intervals: Wilson's of a share, Student's of a mean."
 
-LONGEST = 80
-"""Characters of a file's name that a table or figure keeps of its own."""
+LONGEST = 80  # characters of a file's name that a table or figure keeps of its own
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,8 @@ from pipeline.orbit.rings import revolution
 
 COLUMNS = 3
 ORBIT_POINTS = 121
-ELEVATION, AZIMUTH = 26.0, -50.0
-"""Where the viewer stands, deg."""
-
-ZOOM = 1.02
-"""Of a small panel, in which the box of the axes and its labels just fit."""
+ELEVATION, AZIMUTH = 26.0, -50.0  # where the viewer stands, deg
+ZOOM = 1.02  # of a small panel, in which the box of the axes and its labels just fit
 
 TRACK: dict[str, Any] = {"color": "#333333", "linewidth": 0.7}
 CONFLICT: dict[str, Any] = {"color": style.CONFLICT_COLOUR, "linewidth": 2.2}

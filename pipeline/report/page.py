@@ -44,8 +44,7 @@ PROVENANCE = [
     Column("Machine", "machine"),
 ]
 
-DIGITS = 12
-"""Digits of ids and digests that the page shows; the CSV file has them in full."""
+DIGITS = 12  # digits of ids and digests that the page shows; the CSV file has them in full
 
 
 @dataclass(frozen=True)
