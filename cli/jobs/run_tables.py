@@ -12,7 +12,6 @@ from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages as columns
 from pipeline.experiments.ablations import summarize_ablations
 from pipeline.experiments.averages import sizes_of_paper, summarize
-from pipeline.experiments.examples import figure_of
 from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
 from pipeline.experiments.experiment3 import summarize_warmstarts
 from pipeline.experiments.experiment4 import summarize_times
@@ -20,6 +19,7 @@ from pipeline.experiments.experiment5 import summarize_flights
 from pipeline.experiments.records import PREDICTED, TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, example_transfer
 from pipeline.figures.style import save, styles
+from pipeline.figures.transfer import transfer_figure
 from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
@@ -151,4 +151,4 @@ def _draw(
     for name in DRAWN:
         save(sizes_figure(shown, QUANTITIES[name], style), folder / name, [".png"])
     example = example_transfer(scenario, [EvaluatedPlanner(Expert()), network])
-    save(figure_of(example), folder / "transfer", [".png"])
+    save(transfer_figure(example), folder / "transfer", [".png"])

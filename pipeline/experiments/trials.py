@@ -1,6 +1,6 @@
 """Runs of experiments 1, 2 and 4, every planner on the same scenarios, and example transfers."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -23,6 +23,7 @@ from pipeline.experiments.records import (
     VARIED,
     Trial,
 )
+from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls, track
@@ -207,17 +208,6 @@ PREFIX = "track:"  # beginning of the names of tracks in a file
 
 MOST_BYTES = 250 * 10**6
 """Size in memory of the largest file that is read; a usual one takes some hundred kB."""
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """One transfer as several planners fly it."""
-
-    title: str
-    initial: Float[Array, "n 6"]  # m and m/s
-    goal: Float[Array, "n 6"]
-    tracks: Mapping[str, Float[Array, "n _ 3"]]  # positions dense in time, m, by planner's label
-    collision_radius: float  # m
 
 
 def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:

@@ -4,8 +4,6 @@ A claim about a threshold holds where the whole interval meets it, fails where t
 misses it, and is open (None) where the threshold lies within.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
@@ -30,12 +28,6 @@ def at_most(interval: Interval, threshold: float) -> bool | None:
     """Whether a number is at most so large; open, too, where there is no interval."""
     low, high = interval
     return True if high <= threshold else False if low > threshold else None
-
-
-def all_hold(claims: Iterable[bool | None]) -> bool | None:
-    """Whether all of some claims hold; open where there are none."""
-    found = list(claims)
-    return False if False in found else None if None in found or not found else True
 
 
 def wilson(share: float, trials: int | float) -> Interval:

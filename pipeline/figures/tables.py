@@ -43,11 +43,6 @@ class Table:
     printed: "pd.Series[bool] | None" = None  # whether the page shows a row; all by default
 
     @property
-    def file(self) -> str:
-        """Name of the CSV file, without suffix."""
-        return file_name(self.name)
-
-    @property
     def markdown(self) -> Markdown:
         """The printed columns as a Markdown table, numbers aligned right."""
         rows = self.frame if self.printed is None else self.frame[self.printed]
@@ -76,11 +71,6 @@ class Picture:
 
     name: str
     figure: Figure
-
-    @property
-    def file(self) -> str:
-        """Name of the figure files, without suffix."""
-        return file_name(self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +109,7 @@ class Writer:
     def _figure(self, picture: Picture, caller: Callable[[], str]) -> str:
         self.pictures.append(picture)
         k, caption = len(self.pictures), " ".join(caller().split())
-        return f"![Figure {k}](figures/{picture.file}.svg)\n*Figure {k}. {caption}*\n\n"
+        return f"![Figure {k}](figures/{file_name(picture.name)}.svg)\n*Figure {k}. {caption}*\n\n"
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:

@@ -23,8 +23,7 @@ from pipeline.scenario import Scenario
 
 PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
 
-FURTHEST = 0.01
-"""Distance from the origin in radii of the reference orbit, within which plans are flown."""
+FURTHEST = 0.01  # distance from the origin, in radii of the reference orbit, that a plan may reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,16 +91,17 @@ def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, W
     """Worlds by the effect that is new in each."""
     bare = replace(conditions, eccentricity=0.0, j2=False, ballistic=None)
     eccentric = replace(bare, eccentricity=conditions.eccentricity)
-    oblate = replace(eccentric, j2=conditions.j2)
-    steps = (
-        ("curvature", bare, True),
-        ("eccentricity", eccentric, conditions.eccentricity > 0),
-        ("J2", oblate, conditions.j2),
-        ("drag", conditions, conditions.ballistic is not None),
-    )
-    for name, one, present in steps:
-        if present:
+    steps = {
+        "curvature": bare,
+        "eccentricity": eccentric,
+        "J2": replace(eccentric, j2=conditions.j2),
+        "drag": conditions,
+    }
+    before = None
+    for name, one in steps.items():
+        if one != before:
             yield name, one.world(scenario.problem, scenario.n)
+        before = one
 
 
 def refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"]) -> None:

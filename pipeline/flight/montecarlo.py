@@ -21,7 +21,8 @@ import pyarrow as pa
 
 from pipeline.errors import InputError
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import PORTION, Loop, Trials, refuse_trials
+from pipeline.flight.loops import PORTION, Loop, refuse_trials
+from pipeline.flight.trials import Trials
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.planners.planner import identity

@@ -18,14 +18,12 @@ from pipeline.figures.style import (
 from pipeline.plan import INFEASIBLE
 from pipeline.tradeoff.curve import Point
 
-HEIGHT = 4.0
-"""Of the figure, inches."""
+HEIGHT = 4.0  # of the figure, inches
 
 UNREACHED = "#e8e8e8"
 """Of what is below the lower bound."""
 
-FOOT = 0.03
-"""Height, as a share of the axes, at which durations without a safe plan are marked."""
+FOOT = 0.03  # height, as a share of the axes, at which durations without a safe plan are marked
 
 
 @in_style

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.experiments.trials import Example
+from pipeline.figures.transfer import Example
 from pipeline.report import Results
 
 
