@@ -107,7 +107,7 @@ def scored(ablations: pd.DataFrame) -> pd.DataFrame:
 def by_scenarios(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """The rows of each family and n, by their label, those of the paper's family first."""
     found = {
-        (f"{family}, ".replace("rings, ", ""), int(str(n))): part
+        ("" if family == "rings" else f"{family}, ", int(str(n))): part
         for (family, n), part in rows.groupby(["family", "n"])
     }
     return {f"{family}n = {n}": found[family, n] for family, n in sorted(found)}

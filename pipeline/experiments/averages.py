@@ -1,7 +1,7 @@
 """Averages of trials by planner: each defined once, for summaries, tables and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -68,37 +68,27 @@ def averaged(
 ) -> pd.DataFrame:
     """One row for the trials of each group: its columns, seeds (trainings), trials, averages.
 
-    Args:
-        rows: a row each trial, with column training_seed.
-        group: columns that a row of the summary stands for.
-        averages: its further columns.
-        order: of the values of some of the group's columns; planners have their reading order.
+    Of a row each trial, with column training_seed. Rows are sorted by the group's columns, whose
+    values have some order, or their own; planners have their reading order.
     """
     averages = (TRIALS, *averages)
     each = rows.groupby([*group, "training_seed"], as_index=False, sort=False).agg(
         **{one.source: (one.of, one.how) for one in averages}
     )
-    summary = over_trainings(each, group, averages)
+    summary = over_trainings(each, group, averages, order)
     for one in averages:
         if one.interval:
             # Trainings with other seeds flew the same trials, so they add none.
             pairs = zip(summary[one.source].astype(float), summary["trials"], strict=True)
             summary[list(one.interval)] = [wilson(share, int(trials)) for share, trials in pairs]
-    known = {"planner": in_order(summary["planner"])} if "planner" in group else {}
-    places = {
-        name: {value: place for place, value in enumerate(values)}
-        for name, values in (known | dict(order)).items()
-    }
-
-    def rank(column: "pd.Series[Any]") -> "pd.Series[Any]":
-        place = places.get(str(column.name))
-        return column if place is None else column.map(place).fillna(len(place))
-
-    return summary.sort_values(list(group), key=rank, ignore_index=True, kind="stable")
+    return summary
 
 
 def over_trainings(
-    each: pd.DataFrame, group: Sequence[str], averages: Sequence[Average]
+    each: pd.DataFrame,
+    group: Sequence[str],
+    averages: Sequence[Average],
+    order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
     """The same of a row each training, with columns training_seed and ``source`` of the averages.
 
@@ -109,7 +99,17 @@ def over_trainings(
     found.insert(len(group), "seeds", groups["training_seed"].nunique()["training_seed"])
     spreads = {one.source: one.spread for one in averages if one.spread}
     found[list(spreads.values())] = groups[list(spreads)].std()[list(spreads)]
-    return found
+    known = {"planner": in_order(found["planner"])} if "planner" in group else {}
+    places = {
+        name: {value: place for place, value in enumerate(values)}
+        for name, values in (known | dict(order)).items()
+    }
+
+    def rank(column: "pd.Series[Any]") -> "pd.Series[Any]":
+        place = places.get(str(column.name))
+        return column if place is None else column.map(place).fillna(len(place))
+
+    return found.sort_values(list(group), key=rank, ignore_index=True, kind="stable")
 
 
 PLANNER = ["planner", "recipe", "reading"]
@@ -192,11 +192,8 @@ def tables_against(
 ) -> dict[str, Table]:
     """A table for each average of SHOWN: a row for each planner, a column for each value.
 
-    Args:
-        summary: in reading order, which is kept; predictions claim no safety.
-        experiment: beginning of the tables' names.
-        variable: column with the heading of each row's value in the CSV file.
-        printed: what the page shows: by such a heading, its own.
+    Rows keep their order; predictions claim no safety. The variable's values head the columns of
+    the CSV file; the page shows those that are ``printed``, by headings of its own.
     """
     tables = {}
     for name, one in SHOWN.items():
@@ -208,7 +205,7 @@ def tables_against(
 
 def wide(
     rows: pd.DataFrame, index: list[str], variable: str, one: Average, printed: Mapping[str, str]
-) -> tuple[pd.DataFrame, list[Column]]:
+) -> tuple[pd.DataFrame, list[Average]]:
     """An average with a column for each value of a variable, in the rows' own order.
 
     Ends of intervals and spreads between trainings, where there are any, stand in columns
@@ -223,12 +220,12 @@ def wide(
         values = rows.pivot(index=index, columns=variable, values=source)[headings]
         frame = frame.merge(values.add_suffix(suffix).reset_index(), on=index, how="left")
     columns = [
-        Column(
-            title,
-            value,
-            one.text,
-            f"{value} ±" if spread else "",
-            (f"{value} low", f"{value} high") if one.interval else None,
+        replace(
+            one,
+            title=title,
+            source=value,
+            spread=f"{value} ±" if spread else "",
+            interval=(f"{value} low", f"{value} high") if one.interval else None,
         )
         for value, title in printed.items()
     ]
@@ -254,14 +251,9 @@ def lines_figure(
 ) -> tuple[Figure, Any]:
     """Averages against a variable: a line for each planner, a band for its spread.
 
-    Args:
-        grid: the panels, row by row; an average has one scale in all of its panels.
-        against: column for the horizontal axis, and its label.
-        look: a style for each planner.
-        size: of the figure, inches.
-        quoted: further values that the scale of the vertical axis has to show.
-        handles: further entries of the legend.
-        **shared: which axes are common, as for ``Figure.subplots``.
+    An average has one scale in all of its panels, which shows ``quoted`` values, too. Against is
+    the column for the horizontal axis and its label; further handles go into the legend. The size
+    is in inches; what axes share is said as for ``Figure.subplots``.
     """
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(grid), len(grid[0]), sharex=True, squeeze=False, **shared)

@@ -107,12 +107,12 @@ def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
     pairs = each.merge(unseeded, on=[*GROUP[:-1], "trial"], suffixes=("", "_unseeded"))
     pairs["longer"] = pairs["log"] - pairs["log_unseeded"]
 
-    def end(k: int) -> Callable[["pd.Series[float]"], float]:
-        return lambda values: mean_interval(values.dropna().to_numpy(dtype=float))[k]
+    def part(k: int) -> Callable[["pd.Series[float]"], float]:
+        """The mean, or an end of its interval."""
+        return lambda v: (v.mean(), *mean_interval(v.dropna().to_numpy(dtype=float)))[k]
 
-    ratios = pairs.groupby(GROUP)["longer"].agg(
-        time_ratio="mean", time_ratio_low=end(0), time_ratio_high=end(1)
-    )
+    parts = {name: part(k) for k, name in enumerate(("time_ratio", *ENDS))}
+    ratios = pairs.groupby(GROUP)["longer"].agg(**parts)
     ratios = np.exp(ratios.astype(float)).reset_index()
     ratios.loc[ratios["seed"] == NO_SEED, list(ENDS)] = np.nan
     return ratios

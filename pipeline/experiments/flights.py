@@ -52,16 +52,10 @@ def run_flights(
 
     A planner plans anew for itself. Baselines know no separation, so none has a loop with margin.
 
-    Args:
-        planners: who plans.
-        scenarios: of one problem and one n.
-        flights: draws of errors for each scenario; without errors one flight says all.
-        seed: root seed of errors, and of where on their orbits references begin.
-        workers: what to fly with; all cores of this machine by default.
-        progress: told of each scenario.
-
-    Returns:
-        A row a flight, columns of Flight; the same for any number of workers.
+    Scenarios are of one problem and one n. So many flights are draws of errors for each of them;
+    without errors one says all. The seed is the root of errors, and of where on their orbits
+    references begin. A row a flight, columns of Flight; the same for any number of workers, by
+    default all cores of this machine. Progress is told of each scenario.
 
     Raises:
         InputError: for no flights, or a seed that is none.

@@ -28,8 +28,6 @@ on along their passive orbits and are at the states given after the scenario's o
 
 FEWEST = 2  # arcs of the shortest transfer that reaches a goal state in all six components
 ROUNDING = 1e-9  # share of an arc by which a duration may miss a whole number of them
-
-
 BENT = 0.1  # least distance of a knee below the chord of the normalised curve
 LESS = 0.5  # most that a unit of time saves after a knee, of what one saves before it
 
