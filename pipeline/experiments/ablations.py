@@ -123,11 +123,10 @@ def summarize_ablations(ablations: pd.DataFrame) -> pd.DataFrame:
     rows = rows.assign(key=rows["recipe"].where(rows["recipe"] != "", rows["planner"]))
     columns = (UNSAFE_SHARE, averages.COLLISIONS, EXCESS, SCORE, averages.SECONDS)
     summary = averages.averaged(rows, group, columns, {"key": list(LACKS)})
-    names = zip(summary["planner"], summary["recipe"], strict=True)
     return summary.assign(
         own_rounds=int(rows["own_rounds"].iloc[0]) if len(rows) else 0,
-        name=[_name(planner, recipe) for planner, recipe in names],
-        lacks=[LACKS.get(key, "") for key in summary["key"]],
+        name=list(map(_name, summary["planner"], summary["recipe"])),
+        lacks=summary["key"].map(LACKS).fillna(""),
     )
 
 

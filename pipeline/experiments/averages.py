@@ -203,6 +203,13 @@ def tables_against(
     return tables
 
 
+def printed_of(values: Iterable[Any], usual: Iterable[Any]) -> list[Any]:
+    """Values that the page has columns for: all if they are few, else the usual and both ends."""
+    found, usual = sorted(set(values)), set(usual)
+    few = len(found) <= len(usual) + 1
+    return found if few else [v for v in found if v in usual | {found[0], found[-1]}]
+
+
 def wide(
     rows: pd.DataFrame, index: list[str], variable: str, one: Average, printed: Mapping[str, str]
 ) -> tuple[pd.DataFrame, list[Average]]:

@@ -140,7 +140,7 @@ REPRODUCED: Rules = (((True, True), "Yes"), ((False, True), "In part"), ((False,
 def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
     """Whether each group of networks that were flown at swarm size n plans safely and cheaply."""
     asked = f"plan safely and cheaply (n = {n})?"
-    return network_findings("Do the paper's networks", asked, trials, training, n)
+    return network_findings(asked, trials, training, n, papers="Do the paper's networks")
 
 
 def paper_findings(summary: pd.DataFrame) -> list[Finding]:

@@ -1,6 +1,7 @@
 """Experiment 2: collisions, safety, fuel and time against swarm size (Figures 4 to 7)."""
 
 from collections.abc import Mapping
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -38,9 +39,7 @@ def section(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 
 def sizes_tables(summary: pd.DataFrame) -> dict[str, Table]:
     """Collisions, share of safe trials and fuel: a column for each of a few swarm sizes."""
-    sizes = sorted(map(int, summary["n"].unique()))
-    if len(sizes) > len(PRINTED_SIZES) + 1:
-        sizes = sorted({*sizes} & PRINTED_SIZES | {sizes[0], sizes[-1]})
+    sizes = averages.printed_of(summary["n"], PRINTED_SIZES)
     rows = summary.assign(size=summary["n"].astype(str))
     return averages.tables_against(rows, "experiment2", "size", {str(n): f"n = {n}" for n in sizes})
 
@@ -82,13 +81,16 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
     present = set(networks["reading"])
     readings = [r for r in what.readings if r in present] or sorted(present) or [FLOWN]
     recipes = sorted(set(networks["recipe"])) or [""]
-    grid: list[list[Panel]] = []
-    for reading in readings:
-        grid.append([])
-        for recipe in recipes:
-            mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
-            title = "" if mine.empty else _title(reading, recipe, what)
-            grid[-1].append(Panel(pd.concat([others, mine]), what.average, title))
+
+    def panel(reading: str, recipe: str) -> Panel:
+        mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
+        said = [f"{recipe} recipe"] if recipe else []
+        if len(what.readings) > 1 or not recipe:
+            said.append("as predicted" if reading == PREDICTED else "flown")
+        title = "" if mine.empty else ", ".join(said)
+        return Panel(pd.concat([others, mine]), what.average, title)
+
+    grid = [[panel(reading, recipe) for recipe in recipes] for reading in readings]
     width = PAGE_WIDTH if len(recipes) > 1 else 0.75 * PAGE_WIDTH
     label = "hollow: in the paper"
     papers = Line2D([], [], marker="o", markeredgecolor=GREY, label=label, **HOLLOW)
@@ -102,21 +104,14 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
         sharey=True,
     )
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
-    for ax, panel in zip(axes.flat, (panel for panels in grid for panel in panels), strict=True):
+    for ax, drawn in zip(axes.flat, chain.from_iterable(grid), strict=True):
         for n, quoted in what.paper.items():
-            shown = [p for p in in_order(quoted) if p in set(panel.rows["planner"])]
+            shown = [p for p in in_order(quoted) if p in set(drawn.rows["planner"])]
             for k, planner in enumerate(shown):
                 style = {"marker": look[planner].marker, "markeredgecolor": look[planner].colour}
                 at = n + DODGE * (k - (len(shown) - 1) / 2)
                 ax.plot(at, quoted[planner], markersize=4.8, zorder=4, **style, **HOLLOW)
     return figure
-
-
-def _title(reading: str, recipe: str, what: Quantity) -> str:
-    how = "as predicted" if reading == PREDICTED else "flown"
-    if len(what.readings) == 1 and recipe:
-        return f"{recipe} recipe"
-    return f"{recipe} recipe, {how}" if recipe else how
 
 
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
@@ -129,8 +124,7 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
     if largest == n:
         return []
     asked = f"trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
-    papers = "Does a network of the paper's"
-    return verdicts.network_findings(papers, asked, trials, training, largest)
+    return verdicts.network_findings(asked, trials, training, largest)
 
 
 FAMILIES: Rules = (

@@ -222,9 +222,8 @@ def findings(warmstarts: pd.DataFrame) -> list[Finding]:
         if len(ours := mine[EXPERT]):
             costly, saving = bool((ours[LOW] > 1).all()), bool((ours[HIGH] < 1).any())
             said.append(f"with ours, {decide(OURS, costly, saving)}")
-        question = group.question(
-            "Do the paper's networks'", "Do {}'s", "plans speed up the optimizer that they seed?"
-        )
+        asked = "plans speed up the optimizer that they seed?"
+        question = group.question(asked, "Do the paper's networks'", "Do {}'s")
         numbers = "; ".join(
             f"{NAMES[name]}: {span(found['time_ratio'])} of the time without a seed, "
             f"{(found[HIGH] < 1).sum()} of {len(found)} networks faster beyond chance"

@@ -68,10 +68,8 @@ def times_tables(summary: pd.DataFrame) -> dict[str, Table]:
     printed: list[str] = []
     for varied in VARIED:
         mine = rows[rows["varied"] == varied].sort_values("minutes", kind="stable")
-        minutes = sorted(set(mine["minutes"]))
-        if len(minutes) > len(PRINTED_MINUTES) + 1:
-            mine = mine[mine["minutes"].isin({*PRINTED_MINUTES, minutes[0], minutes[-1]})]
-        printed += dict.fromkeys(mine["grid"])
+        shown = averages.printed_of(mine["minutes"], PRINTED_MINUTES)
+        printed += dict.fromkeys(mine.loc[mine["minutes"].isin(shown), "grid"])
     return averages.tables_against(rows, "experiment4", "grid", {title: title for title in printed})
 
 
@@ -117,7 +115,6 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         return []
     trials = averages.prepared(with_minutes(times[times["reading"] != PREDICTED]))
     nodes, time_step = trained_on(times)
-    papers = "Does a network of the paper's"
     found = []
     for varied, called in zip(VARIED, ("nodes T", "time steps Δt"), strict=True):
         rows = rows_varying(trials, varied).drop_duplicates(
@@ -138,7 +135,7 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
             several, fit = (len(verdicts.names_in(some)) > 1 for some in (networks, fits))
             how = ", best on validation of those that fit" if fit else ", the only one that fits"
             numbers = f"{next(iter(at.values())).name}{how if several else ''}: {_worst(at)}"
-            question = group.question(papers, "Does {}", asked)
+            question = group.question(asked)
             found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, beside))
     return found
 

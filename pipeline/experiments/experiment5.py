@@ -162,9 +162,7 @@ def _markers(
     ax: Axes, rows: pd.DataFrame, look: Mapping[str, Style], source: str, *ends: str
 ) -> None:
     """A marker for each row at its loop, planners side by side; with errors also its interval."""
-    order = labels.in_order(rows["planner"])
-    names = set(zip(rows["planner"], rows["recipe"], strict=True))
-    shown = sorted(names, key=lambda one: (order.index(one[0]), one[1]))
+    shown = list(dict.fromkeys(zip(rows["planner"], rows["recipe"], strict=True)))
     step = WIDTH / max(1, len(shown))
     for row in rows.to_dict("records"):
         planner, hollow = str(row["planner"]), row["errors"] == NO_ERRORS

@@ -123,7 +123,7 @@ def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
             continue
         at = {f"n = {n}": measured(part) for n, part in verdicts.rows_of(rows, name).groupby("n")}
         asked = f"plan safely and cheaply beyond n = {paper.LARGEST_SIZE}?"
-        question = group.question("Does a network of the paper's", "Does {}", asked)
+        question = group.question(asked)
         each = "; ".join(f"at {size} {one.text}" for size, one in at.items())
         numbers = f"{next(iter(at.values())).name}: {each}"
         found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, beside))

@@ -13,16 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.experiments.records import (
-    FLOWN,
-    NODES,
-    PLAN,
-    PREDICTED,
-    TABLES,
-    TIME_STEP,
-    VARIED,
-    Trial,
-)
+from pipeline.experiments import records
+from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
 from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
@@ -196,9 +188,9 @@ def run_transfer_times(
     tables = []
     for what, problem in varied:
         moved = [replace(scenario, problem=problem) for scenario in scenarios]
-        taken = {"varied": what} | {name: getattr(problem, name) for name in VARIED}
+        taken = {"varied": what} | {name: getattr(problem, name) for name in records.VARIED}
         table = run_trials(planners_for(problem), moved).assign(**taken)
-        tables.append(table[list(TABLES["transfer_times"])])
+        tables.append(table[list(records.TABLES["transfer_times"])])
         progress.done(note=f"T = {problem.nodes}, Δt = {problem.time_step:g} s")
     return pd.concat(tables, ignore_index=True)
 

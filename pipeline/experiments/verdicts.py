@@ -148,12 +148,6 @@ class Compared:
         """Whether the first is safer, or, where that may be chance, cheaper."""
         return self.safe > 0 if self.safe_by_chance <= 1 - intervals.CONFIDENCE else self.fuel < 0
 
-    @property
-    def safe_text(self) -> str:
-        """The difference in safe trials with its interval."""
-        low, high = self.safe_interval
-        return f"{100 * self.safe:+.1f} % safe [{100 * low:+.1f}, {100 * high:+.1f}]"
-
 
 def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio") -> Compared:
     """Compare two planners on the trials that both have flown, by columns safe and ``fuel``.
@@ -179,8 +173,8 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
     )
 
 
-Name = tuple[str, str]
-"""A network: planner and recipe."""
+Name = tuple[str, str]  # of a network: planner and recipe
+PAPERS = "Does a network of the paper's"  # begins most questions on them
 
 
 @dataclass(frozen=True)
@@ -194,7 +188,7 @@ class Group:
         """Whether they are the paper's."""
         return is_papers(self.planners[0])
 
-    def question(self, papers: str, other: str, asked: str) -> str:
+    def question(self, asked: str, papers: str = PAPERS, other: str = "Does {}") -> str:
         """A question that begins with the paper's networks, or with another's name put in."""
         begun = papers if self.papers else other.format(labels.in_sentence(self.planners[0]))
         return f"{begun} {asked}"
@@ -253,12 +247,13 @@ def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def network_findings(
-    papers: str, asked: str, trials: pd.DataFrame, training: pd.DataFrame, n: int
+    asked: str,
+    trials: pd.DataFrame,
+    training: pd.DataFrame,
+    n: int,
+    papers: str = PAPERS,
 ) -> list[Finding]:
-    """A row for each group of networks of which any was flown at one swarm size.
-
-    ``papers`` begins the question on the paper's networks, ``asked`` is the rest of any.
-    """
+    """A row for each group of networks of which any was flown at one swarm size."""
     flown = flown_networks(trials)
     free = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]
     found = []
@@ -281,7 +276,9 @@ def network_findings(
             by_itself = chosen.trainings == 1 and said[:2] != verdict_on(chosen)[:2]
             said = verdict_on(chosen) + (", for one training" if by_itself else "")
             if beside:
-                beside += f"; the network on the same trials: {compare(mine, free).safe_text}"
-        question = group.question(papers, "Does {}", asked)
+                held = compare(mine, free)
+                more, low, high = (f"{100 * x:+.1f}" for x in (held.safe, *held.safe_interval))
+                beside += f"; the network on the same trials: {more} % safe [{low}, {high}]"
+        question = group.question(asked, papers)
         found.append(Finding(question, said, "; ".join(numbers), beside))
     return found

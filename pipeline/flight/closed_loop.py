@@ -34,6 +34,7 @@ GRAIN = 1 / 60
 LESS = (0.02, 0.1, 0.3)  # of r_col, by which less is asked for where no safe plan is found
 
 SomeControls = Float[Array, "K n left 3"]
+EachTrial = Float[Array, "K"]
 
 
 class ClosedLoop:
@@ -111,9 +112,7 @@ class ClosedLoop:
         self.unsafe += choice.separation <= problem.collision_radius
 
 
-def _asked(
-    problem: Problem, apart: Float[Array, "K"], margin: float
-) -> Iterator[Float[Array, "K"]]:
+def _asked(problem: Problem, apart: EachTrial, margin: float) -> Iterator[EachTrial]:
     """Separations to ask for in turn, m, of each trial; 0 where there is nothing more to ask.
 
     No more than craft have already; then r_col alone; then less.
@@ -128,7 +127,7 @@ def _asked(
         yield least * (1 - share)
 
 
-def apart_at(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
+def apart_at(states: Float[Array, "K n 6"]) -> EachTrial:
     """Least distance of any pair, m; infinite without a pair."""
     i, j = pairs(states.shape[1])
     return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
@@ -238,5 +237,5 @@ def _is_at_goal(plan: Plan, problem: Problem) -> bool:
     return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
 
 
-def _fuel(controls: SomeControls) -> Float[Array, "K"]:
+def _fuel(controls: SomeControls) -> EachTrial:
     return np.abs(controls).sum(axis=(1, 2, 3))

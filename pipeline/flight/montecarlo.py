@@ -233,19 +233,18 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
 def _read(ledger: Ledger[TrialsManifest], of: MonteCarlo, loop: Loop, trials: int) -> Trials:
     """The first so many trials of a loop, with the times of all their plans."""
 
+    def sound(name: str, digest: str, most: Size) -> pa.Table:
+        try:
+            return shards.read_shard(ledger.folder, name, digest, most)
+        except InputError as error:
+            wrong = f"{name} in {ledger.folder} {error}; give the same command again."
+            raise InputError(wrong) from error
+
     def read(digests: Mapping[str, str], top: str = "") -> pa.Table:
-        named = ((top + one.path, digests[one.path], one.most) for one in portions)
-        parts = [_sound(ledger.folder, *shard) for shard in named]
+        parts = [sound(top + one.path, digests[one.path], one.most) for one in portions]
         return pa.concat_tables(parts).slice(0, trials).combine_chunks()
 
     portions = list(_portions(of, loop, trials))
     rows, seconds = read(ledger.manifest.shards), read(ledger.timed, TIMINGS)["replan_seconds"]
     columns = {name: rows[name].to_numpy() for name in rows.column_names}
     return {**columns, "replan_seconds": seconds.combine_chunks().flatten().to_numpy()}
-
-
-def _sound(folder: Folder, name: str, digest: str, most: Size) -> pa.Table:
-    try:
-        return shards.read_shard(folder, name, digest, most)
-    except InputError as error:
-        raise InputError(f"{name} in {folder} {error}; give the same command again.") from error

@@ -17,12 +17,9 @@ from pipeline.orbit.inertial import Elements, lvlh_axes, lvlh_frame
 TOLERANCE = 1e-6
 """Of a step of the integrator for each craft, m; of velocities, in m/s, this times TURN."""
 
+# About the mean motion of a low orbit, 1/s: an error in velocity counts like one in position
 TURN = 1e-3
-"""About the mean motion of a low orbit, 1/s: an error in velocity counts like one in position."""
-
-RELATIVE = 2.3e-14
-"""Relative tolerance: the least that scipy accepts. It matters to the reference orbit alone."""
-
+RELATIVE = 2.3e-14  # tolerance: the least that scipy accepts; it matters to the reference alone
 
 States = Float[Array, "N 6"]
 Held = Float[Array, "N 3"]  # controls
