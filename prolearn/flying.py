@@ -9,9 +9,9 @@ from cli.jobs.planner import planner_of
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
-from pipeline.flight.loops import Trials, flight_loops, fly_loops, refuse_replanning
+from pipeline.flight.loops import flight_loops, fly_loops, refuse_replanning
 from pipeline.flight.summary import Summary, summarize, trials_figure
-from pipeline.flight.trials import SIZE
+from pipeline.flight.trials import SIZE, Trials
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pipeline.errors import InputError
 from pipeline.figures.style import save
-from pipeline.figures.transfer import transfer_figure
+from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
 from pipeline.orbit.transfer import track
 from pipeline.plan import Plan
@@ -91,7 +91,7 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     tracks = {p.planner: track(p.states, p.controls, p.scenario.problem, STEPS) for p in plans}
     title = asked.name or f"{asked.n} craft"
     radius = asked.problem.collision_radius
-    return Plot(transfer_figure(title, asked.initial, asked.goal, tracks, radius))
+    return Plot(transfer_figure(Example(title, asked.initial, asked.goal, tracks, radius)))
 
 
 def convert(plan: Plan, to: Literal["oem", "csv", "parquet"], path: str | Path) -> list[Path]:

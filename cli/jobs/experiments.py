@@ -203,8 +203,8 @@ def transfer_times(
         return run_transfer_times(planners, scenarios, varied, progress=progress)
 
     params = {
-        "nodes": listed(v.problem.nodes for v in varied if v.varied == NODES),
-        "time_steps": listed(f"{v.problem.time_step:.9g}" for v in varied if v.varied == TIME_STEP),
+        "nodes": listed(one.nodes for what, one in varied if what == NODES),
+        "time_steps": listed(f"{one.time_step:.9g}" for what, one in varied if what == TIME_STEP),
         "networks": listed(network.label for network in ground.networks),
     }
     return ground.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)

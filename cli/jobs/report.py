@@ -10,7 +10,8 @@ import pandas as pd
 from cli.jobs.run_tables import KINDS, sound_table
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.records import OPTIMIZERS
-from pipeline.experiments.trials import Example, read_example
+from pipeline.experiments.trials import read_example
+from pipeline.figures.transfer import Example
 from pipeline.markdown import formatted
 from pipeline.networks.recipes import for_comparison
 from pipeline.provenance import version_change

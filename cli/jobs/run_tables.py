@@ -10,7 +10,6 @@ from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages as columns
 from pipeline.experiments.ablations import summarize_ablations
 from pipeline.experiments.averages import sizes_of_paper, summarize
-from pipeline.experiments.examples import figure_of
 from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
 from pipeline.experiments.experiment3 import summarize_warmstarts
 from pipeline.experiments.experiment4 import summarize_times
@@ -18,6 +17,7 @@ from pipeline.experiments.experiment5 import summarize_flights
 from pipeline.experiments.records import PREDICTED, TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, example_transfer
 from pipeline.figures.style import save, styles
+from pipeline.figures.transfer import transfer_figure
 from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
@@ -101,7 +101,7 @@ def add_to_model(
         for name in ("collisions", "fuel", "safe"):
             figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)
             save(figure, scratch / name, [".png"])
-        save(figure_of(example_transfer(scenario, example)), scratch / "transfer", [".png"])
+        save(transfer_figure(example_transfer(scenario, example)), scratch / "transfer", [".png"])
         add_model_results(network.version, metrics, scratch, dataset=dataset)
 
 

@@ -6,7 +6,7 @@ thing and for its epochs, of which ``short`` has as few.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import isnan
+from math import isnan, nan
 from typing import Any
 
 import pandas as pd
@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.experiments import averages, verdicts
-from pipeline.experiments.averages import Panel
+from pipeline.experiments.averages import Panel, average
 from pipeline.experiments.verdicts import DECOUPLED, Finding, Rules
 from pipeline.figures.intervals import Interval
-from pipeline.figures.labels import MISSING, count, name_of, number
+from pipeline.figures.labels import MISSING, count, name_of, number, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, REFERENCE, Style, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -46,8 +46,7 @@ QUESTIONS = {
 
 WORSE: Rules = (((True,), "yes"), ((False,), "no, better"), ((None,), "open: within noise"))
 
-UNSAFE = 0.1
-"""What an unsafe trial counts as in the score, as fuel over the lower bound."""
+UNSAFE = 0.1  # what an unsafe trial counts as in the score, as fuel over the lower bound
 
 
 def percent(value: float) -> str:
@@ -64,9 +63,9 @@ def difference(value: float, interval: Interval) -> str:
     return f"{shown[0]} % [{shown[1]}, {shown[2]}]"
 
 
-UNSAFE_SHARE = averages.average_share("Unsafe", "unsafe_share", "unsafe", spread=True)
-EXCESS = averages.average("Fuel over bound, av.", "excess_mean", percent, "excess", spread=True)
-SCORE = averages.average("Score, av.", "score_mean", percent, "score", spread=True)
+UNSAFE_SHARE = average("Unsafe", "unsafe_share", share, "unsafe", spread=True, wilson=True)
+EXCESS = average("Fuel over bound, av.", "excess_mean", percent, "excess", spread=True)
+SCORE = average("Score, av.", "score_mean", percent, "score", spread=True)
 
 NAMED = [Column("Refiner", "name"), Column("Lacks", "lacks")]
 PARTS = [
@@ -117,19 +116,17 @@ def by_scenarios(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 def summarize_ablations(ablations: pd.DataFrame) -> pd.DataFrame:
     """Averages over the trials of each planner and recipe after each number of rounds.
 
-    Returns:
-        family, n, key (recipe or planner), planner, recipe, rounds, own_rounds (those of an
-        answer), name, lacks, seeds, trials and averages, in the order of LACKS.
+    Rows have columns family, n, key (recipe or planner), planner, recipe, rounds, own_rounds (those
+    of an answer), name, lacks, seeds, trials and averages, in the order of LACKS.
     """
     rows, group = scored(ablations), ["family", "n", "key", "planner", "recipe", "rounds"]
     rows = rows.assign(key=rows["recipe"].where(rows["recipe"] != "", rows["planner"]))
     columns = (UNSAFE_SHARE, averages.COLLISIONS, EXCESS, SCORE, averages.SECONDS)
     summary = averages.averaged(rows, group, columns, {"key": list(LACKS)})
-    names = zip(summary["planner"], summary["recipe"], strict=True)
     return summary.assign(
         own_rounds=int(rows["own_rounds"].iloc[0]) if len(rows) else 0,
-        name=[_name(planner, recipe) for planner, recipe in names],
-        lacks=[LACKS.get(key, "") for key in summary["key"]],
+        name=list(map(_name, summary["planner"], summary["recipe"])),
+        lacks=summary["key"].map(LACKS).fillna(""),
     )
 
 
@@ -149,22 +146,22 @@ def of_answers(rows: pd.DataFrame) -> pd.DataFrame:
 def parts_table(at: str, trials: pd.DataFrame, summary: pd.DataFrame) -> Table:
     """Each refiner at the rounds of its answer, the rule alone and the decoupled optima."""
     frame, trials = of_answers(summary).reset_index(drop=True), of_answers(trials)
-    short = trials[trials["recipe"] == SHORT]
-    rows: list[tuple[Any, ...]] = []
-    for planner, recipe in frame[["planner", "recipe"]].itertuples(index=False):
-        held = verdicts.compare(verdicts.rows_of(trials, (planner, recipe)), short, "score")
-        beside = recipe != SHORT and held.trials
-        text = difference(held.fuel, held.fuel_interval) if beside else MISSING
-        rows.append((held.fuel, *held.fuel_interval, text) if beside else (None,) * 3 + (text,))
-    columns = ["score_over_short", "score_low", "score_high", "against_short"]
-    frame = frame.join(pd.DataFrame(rows, columns=columns))
+    short, columns = (
+        trials[trials["recipe"] == SHORT],
+        ["score_over_short", "score_low", "score_high"],
+    )
+    frame = frame.assign(**dict.fromkeys(columns, nan), against_short=MISSING)
+    for k, name in enumerate(zip(frame["planner"], frame["recipe"], strict=True)):
+        held = verdicts.compare(verdicts.rows_of(trials, name), short, "score")
+        if held.trials and name[1] != SHORT:
+            frame.loc[k, columns] = held.fuel, *held.fuel_interval
+            frame.loc[k, "against_short"] = difference(held.fuel, held.fuel_interval)
     return Table(f"ablations-{_slug(at)}", frame, PARTS)
 
 
 def rounds_table(at: str, summary: pd.DataFrame) -> Table:
     """A row for tuned, short and the rule after each number of rounds."""
-    lines = lines_of(summary)
-    return Table(f"ablations-rounds-{_slug(at)}", lines, ROUNDS)
+    return Table(f"ablations-rounds-{_slug(at)}", lines_of(summary), ROUNDS)
 
 
 def _slug(at: str) -> str:
@@ -222,20 +219,15 @@ def findings(ablations: pd.DataFrame) -> list[Finding]:
             short = rows[rows["recipe"] == SHORT]
             held = verdicts.compare(mine, short, "score")
             if held.trials:
-                worse = _beyond_noise(held, max(_spread(mine), _spread(short)))
+                # Beyond chance over the trials, and beyond the spread of trainings
+                noise, (low, high) = max(_spread(mine), _spread(short)), held.fuel_interval
+                worse = True if low > 0 and held.fuel > noise else None
+                worse = False if high < 0 and -held.fuel > noise else worse
                 said.append(f"{at}: {verdicts.decide(WORSE, worse)}")
                 numbers.append(f"{at}: score {difference(held.fuel, held.fuel_interval)}")
         if said:
             found.append(Finding(question, "; ".join(said), "; ".join(numbers)))
     return found
-
-
-def _beyond_noise(held: verdicts.Compared, spread: float) -> bool | None:
-    """Whether a score is higher beyond chance over the trials and the spread of trainings."""
-    low, high = held.fuel_interval
-    if low > 0 and held.fuel > spread:
-        return True
-    return False if high < 0 and -held.fuel > spread else None
 
 
 def _spread(rows: pd.DataFrame) -> float:

@@ -1,7 +1,7 @@
 """Averages of trials by planner: each defined once, for summaries, tables and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -23,10 +23,7 @@ How = str | Callable[["pd.Series[Any]"], object]
 
 @dataclass(frozen=True)
 class Average(Column):
-    """A column of a summary: the trials of each training first, then the trainings.
-
-    ``source`` is its name there. ``spread``, the standard deviation between trainings, and
-    ``interval``, Wilson's of a share, become columns beside it where they are named.
+    """A column of a summary, ``source``: the trials of each training first, then the trainings.
 
     Attributes:
         of: column of the trials.
@@ -46,22 +43,18 @@ def average(
     of: str = "",
     how: How = "mean",
     over: How = "mean",
+    *,
     spread: bool = False,
+    wilson: bool = False,
 ) -> Average:
-    """An average, with the spread between trainings where it is asked for."""
-    between = f"{_stem(source)}_spread" if spread else ""
-    return Average(title, source, text, between, of=of, how=how, over=over)
+    """An average; where asked for, columns beside it have its spread or Wilson's interval.
 
-
-def average_share(title: str, source: str, of: str = "", spread: bool = False) -> Average:
-    """The share of trials in which something holds, with Wilson's interval."""
-    stem = _stem(source)
-    ends, between = (f"{stem}_low", f"{stem}_high"), f"{stem}_spread" if spread else ""
-    return Average(title, source, share, between, ends, of=of)
-
-
-def _stem(source: str) -> str:
-    return source.removesuffix("_mean").removesuffix("_share")
+    The spread is the standard deviation between trainings.
+    """
+    stem = source.removesuffix("_mean").removesuffix("_share")
+    between = f"{stem}_spread" if spread else ""
+    ends = (f"{stem}_low", f"{stem}_high") if wilson else None
+    return Average(title, source, text, between, ends, of=of, how=how, over=over)
 
 
 TRIALS = average("Trials", "trials", count, "trial", "nunique", "max")
@@ -73,51 +66,50 @@ def averaged(
     averages: Sequence[Average],
     order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
-    """One row for the trials of each group.
+    """One row for the trials of each group: its columns, seeds (trainings), trials, averages.
 
-    Args:
-        rows: a row each trial, with column training_seed.
-        group: columns that a row of the summary stands for.
-        averages: its further columns, beside trials and seeds (trainings averaged).
-        order: of the values of some of the group's columns; planners have their reading order.
+    Of a row each trial, with column training_seed. Rows are sorted by the group's columns, whose
+    values have some order, or their own; planners have their reading order.
     """
     averages = (TRIALS, *averages)
     each = rows.groupby([*group, "training_seed"], as_index=False, sort=False).agg(
         **{one.source: (one.of, one.how) for one in averages}
     )
-    summary = over_trainings(each, group, averages)
+    summary = over_trainings(each, group, averages, order)
     for one in averages:
         if one.interval:
             # Trainings with other seeds flew the same trials, so they add none.
             pairs = zip(summary[one.source].astype(float), summary["trials"], strict=True)
             summary[list(one.interval)] = [wilson(share, int(trials)) for share, trials in pairs]
-    ranks = {"planner": in_order(summary["planner"])} if "planner" in group else {}
-
-    def rank(column: "pd.Series[Any]") -> "pd.Series[Any]":
-        if (known := (ranks | dict(order)).get(str(column.name))) is None:
-            return column
-        places = {value: place for place, value in enumerate(known)}
-        return column.map(lambda value: places.get(value, len(places))).astype(int)
-
-    return summary.sort_values(list(group), key=rank, ignore_index=True, kind="stable")
+    return summary
 
 
 def over_trainings(
-    each: pd.DataFrame, group: Sequence[str], averages: Sequence[Average]
+    each: pd.DataFrame,
+    group: Sequence[str],
+    averages: Sequence[Average],
+    order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
-    """One row for the trainings that differ in their seed alone, spreads last.
+    """The same of a row each training, with columns training_seed and ``source`` of the averages.
 
-    Args:
-        each: a row each training, with columns training_seed and ``source`` of the averages.
-        group: columns that a row stands for.
-        averages: its further columns, beside seeds (trainings averaged).
+    Spreads come last.
     """
     groups = each.groupby(list(group), as_index=False, sort=False)
     found = groups.agg({one.source: one.over for one in averages})
     found.insert(len(group), "seeds", groups["training_seed"].nunique()["training_seed"])
     spreads = {one.source: one.spread for one in averages if one.spread}
     found[list(spreads.values())] = groups[list(spreads)].std()[list(spreads)]
-    return found
+    known = {"planner": in_order(found["planner"])} if "planner" in group else {}
+    places = {
+        name: {value: place for place, value in enumerate(values)}
+        for name, values in (known | dict(order)).items()
+    }
+
+    def rank(column: "pd.Series[Any]") -> "pd.Series[Any]":
+        place = places.get(str(column.name))
+        return column if place is None else column.map(place).fillna(len(place))
+
+    return found.sort_values(list(group), key=rank, ignore_index=True, kind="stable")
 
 
 PLANNER = ["planner", "recipe", "reading"]
@@ -129,7 +121,7 @@ NAMED = [Column("Planner", "name"), Column("Recipe", "recipe"), Column("Reading"
 COLLISIONS = average("Collisions, av.", "collisions_mean", number, "node_collisions", spread=True)
 MOST_COLLISIONS = average("Collisions, max.", "collisions_max", count, COLLISIONS.of, "max", "max")
 CONFLICTS = average("Pairs too close, av.", "conflicts_mean", number, "pair_conflicts")
-SAFE = average_share("Safe at all times", "safe_share", "safe", spread=True)
+SAFE = average("Safe at all times", "safe_share", share, "safe", spread=True, wilson=True)
 SEPARATION = average(
     "Separation, least (m)", "separation_min", number, "min_separation", "min", "min"
 )
@@ -146,8 +138,7 @@ AVERAGES = (
     *(BOUNDARY, DYNAMICS, SECONDS, SOLVES),
 )
 
-NO_FUEL = 1e-9
-"""A bound below which fuel / bound says nothing, m/s²."""
+NO_FUEL = 1e-9  # a bound below which fuel / bound says nothing, m/s²
 
 ORDER = {"recipe": ["", "paper", "tuned"], "reading": [PLAN, PREDICTED, FLOWN]}
 """Reading order of a planner's rows; what else there is comes last."""
@@ -156,13 +147,8 @@ ORDER = {"recipe": ["", "paper", "tuned"], "reading": [PLAN, PREDICTED, FLOWN]}
 def summarize(trials: pd.DataFrame, by: Sequence[str] = ("n",)) -> pd.DataFrame:
     """Averages over the trials of each planner, recipe and reading, in reading order.
 
-    Args:
-        trials: a row each trial.
-        by: further columns, each of whose values has rows of its own.
-
-    Returns:
-        ``PLANNER``, ``by``, seeds, trials and the columns of ``AVERAGES``; the share of safe
-        trials is not a number where predicted.
+    Rows have columns ``PLANNER``, ``by``, seeds, trials and those of ``AVERAGES``; the share of
+    safe trials is not a number where predicted.
     """
     return averaged(prepared(trials), [*PLANNER, *by], AVERAGES, ORDER)
 
@@ -206,42 +192,51 @@ def tables_against(
 ) -> dict[str, Table]:
     """A table for each average of SHOWN: a row for each planner, a column for each value.
 
-    Args:
-        summary: in reading order, which is kept; predictions claim no safety.
-        experiment: beginning of the tables' names.
-        variable: column with the heading of each row's value in the CSV file.
-        printed: what the page shows: by such a heading, its own.
+    Rows keep their order; predictions claim no safety. The variable's values head the columns of
+    the CSV file; the page shows those that are ``printed``, by headings of its own.
     """
     tables = {}
     for name, one in SHOWN.items():
         rows = summary[summary["reading"] != PREDICTED] if one is SAFE else summary
-        frame = wide(rows, PLANNER, variable, one)
-        columns = [wide_column(frame, heading, title, one) for heading, title in printed.items()]
+        frame, columns = wide(rows, PLANNER, variable, one, printed)
         tables[name] = Table(f"{experiment}-{name}", named(frame), [*NAMED, *columns])
     return tables
 
 
-def wide(rows: pd.DataFrame, index: list[str], variable: str, one: Average) -> pd.DataFrame:
+def printed_of(values: Iterable[Any], usual: Iterable[Any]) -> list[Any]:
+    """Values that the page has columns for: all if they are few, else the usual and both ends."""
+    found, usual = sorted(set(values)), set(usual)
+    few = len(found) <= len(usual) + 1
+    return found if few else [v for v in found if v in usual | {found[0], found[-1]}]
+
+
+def wide(
+    rows: pd.DataFrame, index: list[str], variable: str, one: Average, printed: Mapping[str, str]
+) -> tuple[pd.DataFrame, list[Average]]:
     """An average with a column for each value of a variable, in the rows' own order.
 
     Ends of intervals and spreads between trainings, where there are any, stand in columns
-    ``VALUE low``, ``VALUE high`` and ``VALUE ±``.
+    ``VALUE low``, ``VALUE high`` and ``VALUE ±``. Columns of the page are those ``printed``.
     """
     frame, headings = rows[index].drop_duplicates(), list(dict.fromkeys(rows[variable]))
     suffixes = {one.source: "", **dict(zip(one.interval or (), (" low", " high"), strict=False))}
-    if one.spread and rows[one.spread].notna().any():
+    spread = bool(one.spread) and rows[one.spread].notna().any()
+    if spread:
         suffixes[one.spread] = " ±"
     for source, suffix in suffixes.items():
         values = rows.pivot(index=index, columns=variable, values=source)[headings]
         frame = frame.merge(values.add_suffix(suffix).reset_index(), on=index, how="left")
-    return frame
-
-
-def wide_column(frame: pd.DataFrame, heading: str, title: str, one: Average) -> Column:
-    """The column of one value on the page."""
-    spread = f"{heading} ±" if f"{heading} ±" in frame else ""
-    interval = (f"{heading} low", f"{heading} high") if one.interval else None
-    return Column(title, heading, one.text, spread, interval)
+    columns = [
+        replace(
+            one,
+            title=title,
+            source=value,
+            spread=f"{value} ±" if spread else "",
+            interval=(f"{value} low", f"{value} high") if one.interval else None,
+        )
+        for value, title in printed.items()
+    ]
+    return frame, columns
 
 
 class Panel(NamedTuple):
@@ -263,14 +258,9 @@ def lines_figure(
 ) -> tuple[Figure, Any]:
     """Averages against a variable: a line for each planner, a band for its spread.
 
-    Args:
-        grid: the panels, row by row; an average has one scale in all of its panels.
-        against: column for the horizontal axis, and its label.
-        look: a style for each planner.
-        size: of the figure, inches.
-        quoted: further values that the scale of the vertical axis has to show.
-        handles: further entries of the legend.
-        **shared: which axes are common, as for ``Figure.subplots``.
+    An average has one scale in all of its panels, which shows ``quoted`` values, too. Against is
+    the column for the horizontal axis and its label; further handles go into the legend. The size
+    is in inches; what axes share is said as for ``Figure.subplots``.
     """
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(grid), len(grid[0]), sharex=True, squeeze=False, **shared)

@@ -44,28 +44,21 @@ def section(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section
 def objectives_table(summary: pd.DataFrame, n: int) -> Table:
     """The paper's Table 2 at one swarm size; the paper's own figures only belong to n=10."""
     frame = averages.named(summary[summary["n"] == n].reset_index(drop=True))
-    quoted = paper.OBJECTIVES if n == paper.NETWORK_SIZE else {}
-    rows = [quoted.get("expert" if p in EXPERTS else p) for p in frame["planner"]]
-    names = paper.Objectives._fields
-    reported = pd.DataFrame([row._asdict() if row else {} for row in rows], columns=names)
-    frame = frame.join(reported.add_prefix("paper_"))
+    known = paper.OBJECTIVES if n == paper.NETWORK_SIZE else paper.OBJECTIVES.head(0)
+    quoted = known.reindex(["expert" if p in EXPERTS else p for p in frame["planner"]])
+    frame = frame.join(quoted.add_prefix("paper_").set_index(frame.index))
     return Table("experiment1", frame, COLUMNS)
 
 
 RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}
-OFFSET = 0.13
-"""Rows between two recipes of one planner, so that equal values do not hide each other."""
+OFFSET = 0.13  # rows between a planner's recipes, so that equal values do not hide each other
 
 DOTTED: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (1, 1.5))}
-PAPER: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "|",
-    "markersize": 13,
-    "markeredgewidth": 1.6,
-    "color": "black",
-    "zorder": 2,
-}
 MARK: dict[str, Any] = {"color": GREY, "linestyle": "none"}
+PAPER: dict[str, Any] = {
+    **{"color": "black", "linestyle": "none", "zorder": 2},
+    **{"marker": "|", "markersize": 13, "markeredgewidth": 1.6},
+}
 
 LEGEND: dict[str, dict[str, Any]] = {
     "expert or baseline": {**MARK, "marker": RECIPE_MARKERS[""]},
@@ -137,11 +130,8 @@ def _dots(
             ax.plot(reported, k, **PAPER)
 
 
-NEAR = 2.0
-"""Factor either way within which a number is called near the paper's."""
-
-FEWER, CHEAPER = 0.5, 0.1
-"""Targets of the tuned networks: shares of the paper's collisions and fuel."""
+NEAR = 2.0  # factor either way within which a number is called near the paper's
+FEWER, CHEAPER = 0.5, 0.1  # targets of the tuned networks: shares of the paper's numbers
 
 REPRODUCED: Rules = (((True, True), "Yes"), ((False, True), "In part"), ((False, False), "No"))
 """By whether all numbers of all networks are so, and any."""
@@ -150,7 +140,7 @@ REPRODUCED: Rules = (((True, True), "Yes"), ((False, True), "In part"), ((False,
 def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
     """Whether each group of networks that were flown at swarm size n plans safely and cheaply."""
     asked = f"plan safely and cheaply (n = {n})?"
-    return network_findings("Do the paper's networks", asked, trials, training, n)
+    return network_findings(asked, trials, training, n, papers="Do the paper's networks")
 
 
 def paper_findings(summary: pd.DataFrame) -> list[Finding]:
@@ -160,42 +150,28 @@ def paper_findings(summary: pd.DataFrame) -> list[Finding]:
         f"Own LP: {number(row[COLLISIONS.source])} collisions, fuel {number(row[FUEL.source])}"
         for row in here[here["planner"] == DECOUPLED].to_dict("records")
     )
+    quoted = paper.OBJECTIVES.drop("expert")[[COLLISIONS.source, FUEL.source]]
     found = []
-    if not (rows := _over_paper(here, "paper", PREDICTED)).empty:
-        near = (rows >= 1 / NEAR) & (rows <= NEAR)
-        listed = {column: ", ".join(rows.index[near[column]]) or "none" for column in rows}
-        numbers = (
-            f"as predicted, {_spans(rows)}; within a factor of {NEAR:g}: collisions "
-            f"{listed['collisions']}, fuel {listed['fuel']}"
-        )
-        question = "Does the paper's recipe give the paper's Table 2?"
-        found.append(Finding(question, _reproduced(near), numbers, beside))
-    if not (rows := _over_paper(here, "tuned", FLOWN)).empty:
-        good = rows <= pd.Series({"collisions": FEWER, "fuel": CHEAPER})
-        fewer, cheaper = good.sum()
-        numbers = f"flown, {_spans(rows)}; {fewer} and {cheaper} of {len(rows)} so good"
-        question = "Has the tuned recipe half of its collisions at a tenth of its fuel?"
-        found.append(Finding(question, _reproduced(good), numbers, beside))
+    for recipe, reading in (("paper", PREDICTED), ("tuned", FLOWN)):
+        rows = here[(here["recipe"] == recipe) & (here["reading"] == reading)]
+        rows = rows[rows["planner"].isin(quoted.index)].set_index("planner")
+        if rows.empty:
+            continue
+        over = rows[quoted.columns] / quoted.loc[rows.index]
+        collisions, fuel = (span(over[name]) for name in quoted)
+        spans = f"collisions {collisions} and fuel {fuel} times the paper's"
+        if recipe == "paper":
+            question = "Does the paper's recipe give the paper's Table 2?"
+            good = (over >= 1 / NEAR) & (over <= NEAR)
+            names = rows.index.map(labels.name_of)
+            collisions, fuel = (", ".join(names[good[name]]) or "none" for name in quoted)
+            near = f"within a factor of {NEAR:g}: collisions {collisions}, fuel {fuel}"
+            numbers = f"as predicted, {spans}; {near}"
+        else:
+            question = "Has the tuned recipe half of its collisions at a tenth of its fuel?"
+            good = over <= [FEWER, CHEAPER]
+            fewer, cheaper = good.sum()
+            numbers = f"flown, {spans}; {fewer} and {cheaper} of {len(rows)} so good"
+        verdict = decide(REPRODUCED, bool(good.all(axis=None)), bool(good.any(axis=None)))
+        found.append(Finding(question, verdict, numbers, beside))
     return found
-
-
-def _over_paper(summary: pd.DataFrame, recipe: str, reading: str) -> pd.DataFrame:
-    """Collisions and fuel of the paper's networks over the paper's, by name."""
-    known = summary["planner"].isin(
-        [planner for planner in paper.OBJECTIVES if labels.is_network(planner)]
-    )
-    rows = summary[known & (summary["recipe"] == recipe) & (summary["reading"] == reading)]
-    quoted = [paper.OBJECTIVES[planner] for planner in rows["planner"]]
-    over = {
-        "collisions": list(rows[COLLISIONS.source] / [row.collisions_mean for row in quoted]),
-        "fuel": list(rows[FUEL.source] / [row.fuel_mean for row in quoted]),
-    }
-    return pd.DataFrame(over, index=[labels.name_of(planner) for planner in rows["planner"]])
-
-
-def _spans(rows: pd.DataFrame) -> str:
-    return f"collisions {span(rows['collisions'])} and fuel {span(rows['fuel'])} times the paper's"
-
-
-def _reproduced(good: pd.DataFrame) -> str:
-    return decide(REPRODUCED, bool(good.all(axis=None)), bool(good.any(axis=None)))

@@ -1,11 +1,12 @@
 """Experiment 2: collisions, safety, fuel and time against swarm size (Figures 4 to 7)."""
 
 from collections.abc import Mapping
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -18,14 +19,13 @@ from pipeline.figures.labels import FEED_FORWARD, RECURRENT, in_order, is_networ
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
 
-PRINTED_SIZES = {2, 5, 10, 20, 30}
-"""Swarm sizes that the page shows where they were evaluated; the CSV files have all."""
+PRINTED_SIZES = {2, 5, 10, 20, 30}  # that the page shows where evaluated; the CSV files have all
 
 
 def section(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     """Figures and tables of the averages from ``summarize``, where several n up to 30 have some."""
     summary = averages.sizes_of_paper(summary)
-    sizes = _sizes(summary)
+    sizes = sorted(map(int, summary["n"].unique()))
     values: dict[str, Any] = {"sizes": sizes}
     if len(sizes) > 1:
         values |= {"paper": paper, "tables": sizes_tables(summary)}
@@ -39,15 +39,9 @@ def section(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 
 def sizes_tables(summary: pd.DataFrame) -> dict[str, Table]:
     """Collisions, share of safe trials and fuel: a column for each of a few swarm sizes."""
-    sizes = _sizes(summary)
-    if len(sizes) > len(PRINTED_SIZES) + 1:
-        sizes = sorted({*sizes} & PRINTED_SIZES | {sizes[0], sizes[-1]})
+    sizes = averages.printed_of(summary["n"], PRINTED_SIZES)
     rows = summary.assign(size=summary["n"].astype(str))
     return averages.tables_against(rows, "experiment2", "size", {str(n): f"n = {n}" for n in sizes})
-
-
-def _sizes(summary: pd.DataFrame) -> list[int]:
-    return sorted({int(n) for n in summary["n"]})
 
 
 class Quantity(NamedTuple):
@@ -67,11 +61,8 @@ QUANTITIES = {
     ),
 }
 
-DODGE = 0.4
-"""Spacecraft by which the paper's markers at one n are moved apart, to be told from each other."""
-
-HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white"}
-"""The paper's markers."""
+DODGE = 0.4  # spacecraft by which the paper's markers at one n are moved apart, to be told apart
+HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white"}  # the paper's markers
 
 
 @in_style
@@ -90,13 +81,16 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
     present = set(networks["reading"])
     readings = [r for r in what.readings if r in present] or sorted(present) or [FLOWN]
     recipes = sorted(set(networks["recipe"])) or [""]
-    grid: list[list[Panel]] = []
-    for reading in readings:
-        grid.append([])
-        for recipe in recipes:
-            mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
-            title = "" if mine.empty else _title(reading, recipe, what)
-            grid[-1].append(Panel(pd.concat([others, mine]), what.average, title))
+
+    def panel(reading: str, recipe: str) -> Panel:
+        mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
+        said = [f"{recipe} recipe"] if recipe else []
+        if len(what.readings) > 1 or not recipe:
+            said.append("as predicted" if reading == PREDICTED else "flown")
+        title = "" if mine.empty else ", ".join(said)
+        return Panel(pd.concat([others, mine]), what.average, title)
+
+    grid = [[panel(reading, recipe) for recipe in recipes] for reading in readings]
     width = PAGE_WIDTH if len(recipes) > 1 else 0.75 * PAGE_WIDTH
     label = "hollow: in the paper"
     papers = Line2D([], [], marker="o", markeredgecolor=GREY, label=label, **HOLLOW)
@@ -110,31 +104,14 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
         sharey=True,
     )
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
-    for ax, panel in zip(axes.flat, (panel for panels in grid for panel in panels), strict=True):
-        _paper_points(ax, what, in_order(panel.rows["planner"]), look)
+    for ax, drawn in zip(axes.flat, chain.from_iterable(grid), strict=True):
+        for n, quoted in what.paper.items():
+            shown = [p for p in in_order(quoted) if p in set(drawn.rows["planner"])]
+            for k, planner in enumerate(shown):
+                style = {"marker": look[planner].marker, "markeredgecolor": look[planner].colour}
+                at = n + DODGE * (k - (len(shown) - 1) / 2)
+                ax.plot(at, quoted[planner], markersize=4.8, zorder=4, **style, **HOLLOW)
     return figure
-
-
-def _paper_points(ax: Axes, what: Quantity, planners: list[str], look: Mapping[str, Style]) -> None:
-    for n, quoted in what.paper.items():
-        shown = [p for p in in_order(quoted) if p in planners]
-        for k, planner in enumerate(shown):
-            ax.plot(
-                n + DODGE * (k - (len(shown) - 1) / 2),
-                quoted[planner],
-                marker=look[planner].marker,
-                markeredgecolor=look[planner].colour,
-                markersize=4.8,
-                zorder=4,
-                **HOLLOW,
-            )
-
-
-def _title(reading: str, recipe: str, what: Quantity) -> str:
-    how = "as predicted" if reading == PREDICTED else "flown"
-    if len(what.readings) == 1 and recipe:
-        return f"{recipe} recipe"
-    return f"{recipe} recipe, {how}" if recipe else how
 
 
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
@@ -144,11 +121,10 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
     """
     trials = averages.sizes_of_paper(trials)
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
+    if largest == n:
+        return []
     asked = f"trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
-    papers = "Does a network of the paper's"
-    return (
-        [] if largest == n else verdicts.network_findings(papers, asked, trials, training, largest)
-    )
+    return verdicts.network_findings(asked, trials, training, largest)
 
 
 FAMILIES: Rules = (
@@ -179,35 +155,31 @@ def family_findings(summary: pd.DataFrame) -> list[Finding]:
 def _on_families(summary: pd.DataFrame, forward: pd.DataFrame, recurrent: pd.DataFrame) -> Finding:
     first = forward.iloc[0]
     n, how = int(first["n"]), "as predicted" if first["reading"] == PREDICTED else "flown"
-    free = summary[(summary["planner"] == verdicts.DECOUPLED) & (summary["n"] == n)][
-        COLLISIONS.source
-    ]
-    quoted = paper.COLLISIONS_AT_30
     recipe = f", {first['recipe']} recipe" if first["recipe"] else ""
     several = min(int(rows["seeds"].min()) for rows in (forward, recurrent)) > 1
     less, more = _all_below(forward, recurrent), _all_below(recurrent, forward)
+    quoted = paper.COLLISIONS[paper.LARGEST_SIZE]
+    free = summary[(summary["planner"] == verdicts.DECOUPLED) & (summary["n"] == n)]
     return Finding(
         "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?",
         verdicts.decide(FAMILIES, several, less, more),
         f"node collisions at n = {n}{recipe}, {how}: {_listed(forward)} against "
-        f"{_listed(recurrent)} (paper: {quoted['ff1']} at best against "
-        f"{quoted['lstm1']} at worst)",
-        f"Own LP: {number(float(free.iloc[0]))}" if len(free) else "",
+        f"{_listed(recurrent)} (paper: {quoted['ff1']} at best against {quoted['lstm1']} at worst)",
+        f"Own LP: {number(free[COLLISIONS.source].iloc[0])}" if len(free) else "",
     )
 
 
 def _all_below(these: pd.DataFrame, those: pd.DataFrame) -> bool:
     """Whether all of these collide less than all of those, by more than the seeds' spread."""
-    worst = these.sort_values(COLLISIONS.source).iloc[-1]
-    best = those.sort_values(COLLISIONS.source).iloc[0]
-    spreads = [float(row[COLLISIONS.spread]) for row in (worst, best)]
-    difference = float(best[COLLISIONS.source]) - float(worst[COLLISIONS.source])
-    return bool(difference > max([s for s in spreads if pd.notna(s)], default=0.0))
+    worst = these.nlargest(1, COLLISIONS.source).iloc[0]
+    best = those.nsmallest(1, COLLISIONS.source).iloc[0]
+    noise = np.nanmax([0.0, worst[COLLISIONS.spread], best[COLLISIONS.spread]])
+    return bool(best[COLLISIONS.source] - worst[COLLISIONS.source] > noise)
 
 
 def _listed(rows: pd.DataFrame) -> str:
+    columns = rows[["planner", COLLISIONS.source, COLLISIONS.spread]]
     return ", ".join(
-        f"{name_of(str(row['planner']))} {number(float(row[COLLISIONS.source]))}"
-        + ("" if pd.isna(row[COLLISIONS.spread]) else f" ± {number(row[COLLISIONS.spread])}")
-        for _, row in rows.iterrows()
+        f"{name_of(planner)} {number(mean)}" + ("" if pd.isna(spread) else f" ± {number(spread)}")
+        for planner, mean, spread in columns.itertuples(index=False)
     )

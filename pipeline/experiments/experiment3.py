@@ -1,6 +1,6 @@
 """Experiment 3: time of the expert and of a plain SCP from each seed (the paper's Figure 8)."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -9,27 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.experiments import averages, paper, verdicts
-from pipeline.experiments.averages import average, average_share
+from pipeline.experiments.averages import average
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, OPTIMIZERS, PLAIN
 from pipeline.experiments.verdicts import ANY, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import mean_interval
-from pipeline.figures.labels import (
-    in_order,
-    is_network,
-    label_name,
-    number,
-    planner_of,
-    ratio,
-    share,
-    span,
-)
+from pipeline.figures.labels import label_name, number, planner_of, ratio, share, span
 from pipeline.figures.style import GREY, PAGE_WIDTH, REFERENCE, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.plan import SOLVED
 
-GROUP = ["optimizer", "n", "rule", "seed"]
-"""What a row of the summary stands for."""
+GROUP = ["optimizer", "n", "rule", "seed"]  # what a row of the summary stands for
 
 
 def percent(gap: float) -> str:
@@ -44,9 +34,9 @@ MEAN = average("Time, av. (s)", "seconds_mean", number, "seconds")
 DEVIATION = average("Time, s.d. (s)", "seconds_deviation", number, "seconds", "std")
 GAP = average("Gap, av. (%)", "gap_mean", percent, "gap", spread=True)
 FUEL = average("Fuel, av. (m/s²)", "fuel_mean", number, "fuel")
-CLEAR = average_share("Clear at the nodes", "solved_share", "solved")
-SAFE = average_share("Safe at all times", "safe_share", "safe")
-ENDS = "time_ratio_low", "time_ratio_high"
+CLEAR = average("Clear at the nodes", "solved_share", share, "solved", wilson=True)
+SAFE = average("Safe at all times", "safe_share", share, "safe", wilson=True)
+LOW, HIGH = ENDS = "time_ratio_low", "time_ratio_high"
 TIME_RATIO = Column("Time / no seed", "time_ratio", ratio, interval=ENDS, bounds=labels.ratios)
 
 AVERAGES = (SOLVES, ONE_SOLVE, MEDIAN, MEAN, DEVIATION, GAP, FUEL, CLEAR, SAFE)
@@ -89,9 +79,8 @@ def warmstart_table(warmstarts: pd.DataFrame, optimizer: str, n: int) -> Table:
 def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
     """Averages over the runs of each optimizer, n, rule and seed.
 
-    Returns:
-        ``GROUP``, seeds, trials, the columns of ``AVERAGES`` and those of ``time_ratios``; gaps
-        are of those that are finite.
+    Rows have columns ``GROUP``, seeds, trials, those of ``AVERAGES`` and of ``time_ratios``; gaps
+    are of those that are finite.
     """
     gap = warmstarts["optimality_gap"].astype(float)
     rows = warmstarts.assign(
@@ -107,24 +96,24 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
 def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
     """Time from each seed over that without one, on the same trials.
 
-    Returns:
-        ``GROUP``, and the geometric mean over the trials as time_ratio, with Student's interval of
-        it, over the logarithms, as time_ratio_low and time_ratio_high; several trainings count as
-        their mean. No row where an optimizer did not run without a seed, whose ratio to itself has
-        no interval.
+    Rows have columns ``GROUP``, time_ratio, its geometric mean over the trials, and Student's
+    interval of it, over the logarithms, as time_ratio_low and time_ratio_high; several trainings
+    count as their mean. There is none where an optimizer did not run without a seed, whose ratio to
+    itself has no interval.
     """
-    among = [*GROUP[:-1], "trial"]
     logs = warmstarts.assign(log=np.log(warmstarts["seconds"].astype(float)))
     each = logs.groupby([*GROUP, "trial"], as_index=False)["log"].mean()
     unseeded = each[each["seed"] == NO_SEED].drop(columns="seed")
-    pairs = each.merge(unseeded, on=among, suffixes=("", "_unseeded"))
-    longer = (pairs["log"] - pairs["log_unseeded"]).groupby([pairs[name] for name in GROUP])
-    found = {
-        group: np.exp([values.mean(), *mean_interval(values.dropna().to_numpy(dtype=float))])
-        for group, values in longer
-    }
-    index = pd.MultiIndex.from_tuples(found, names=GROUP)
-    ratios = pd.DataFrame(list(found.values()), index, ["time_ratio", *ENDS]).reset_index()
+    pairs = each.merge(unseeded, on=[*GROUP[:-1], "trial"], suffixes=("", "_unseeded"))
+    pairs["longer"] = pairs["log"] - pairs["log_unseeded"]
+
+    def part(k: int) -> Callable[["pd.Series[float]"], float]:
+        """The mean, or an end of its interval."""
+        return lambda v: (v.mean(), *mean_interval(v.dropna().to_numpy(dtype=float)))[k]
+
+    parts = {name: part(k) for k, name in enumerate(("time_ratio", *ENDS))}
+    ratios = pairs.groupby(GROUP)["longer"].agg(**parts)
+    ratios = np.exp(ratios.astype(float)).reset_index()
     ratios.loc[ratios["seed"] == NO_SEED, list(ENDS)] = np.nan
     return ratios
 
@@ -132,12 +121,11 @@ def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
 def seeds_in_order(seeds: Iterable[str]) -> list[str]:
     """Distinct seeds: none first, then by planner and recipe."""
     known = set(seeds)
-    planners = in_order(map(planner_of, known))
+    planners = labels.in_order(map(planner_of, known))
     return sorted(known, key=lambda s: (s != NO_SEED, planners.index(planner_of(s)), s))
 
 
-WHISKERS = (5, 95)
-"""Percentiles that the whiskers reach to."""
+WHISKERS = (5, 95)  # percentiles that the whiskers reach to
 
 NAMES = {PLAIN: "Plain SCP", EXPERT: "Our expert"}
 UNTIL = {CONVERGED: "until converged", FIRST_SAFE: "until the first safe plan"}
@@ -222,27 +210,33 @@ def findings(warmstarts: pd.DataFrame) -> list[Finding]:
     beside = "; ".join(_beside(name, found) for name, found in ratios.items() if len(found))
     rows = []
     for group in verdicts.groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
-        mine = {
-            name: found[found.index.map(planner_of).isin(group.planners)]
-            for name, found in ratios.items()
-        }
+        mine = {name: found[_is_of(group, found.index)] for name, found in ratios.items()}
         if not any(map(len, mine.values())):
             continue
-        seeds = warmstarts[warmstarts["seed"].map(planner_of).isin(group.planners)]
+        seeds = warmstarts[_is_of(group, warmstarts["seed"])]
         several = len(seeds[["seed", "training_seed"]].drop_duplicates()) > 1
         said = []
         if len(plain := mine[PLAIN]):
-            said.append(decide(PAPERS, several, _all_above(plain), _all_below(plain)))
+            costly, saving = bool((plain[LOW] > 1).all()), bool((plain[HIGH] < 1).all())
+            said.append(decide(PAPERS, several, costly, saving))
         if len(ours := mine[EXPERT]):
-            saved = bool((ours[ENDS[1]] < 1).any())
-            said.append(f"with ours, {decide(OURS, _all_above(ours), saved)}")
-        question = group.question(
-            "Do the paper's networks'", "Do {}'s", "plans speed up the optimizer that they seed?"
+            costly, saving = bool((ours[LOW] > 1).all()), bool((ours[HIGH] < 1).any())
+            said.append(f"with ours, {decide(OURS, costly, saving)}")
+        asked = "plans speed up the optimizer that they seed?"
+        question = group.question(asked, "Do the paper's networks'", "Do {}'s")
+        numbers = "; ".join(
+            f"{NAMES[name]}: {span(found['time_ratio'])} of the time without a seed, "
+            f"{(found[HIGH] < 1).sum()} of {len(found)} networks faster beyond chance"
+            for name, found in mine.items()
+            if len(found)
         )
-        numbers = "; ".join(_faster(name, found) for name, found in mine.items() if len(found))
         text = "; ".join(said)
         rows.append(Finding(question, text[0].upper() + text[1:], numbers, beside))
     return rows
+
+
+def _is_of(group: verdicts.Group, seeds: "pd.Index[str] | pd.Series[str]") -> Any:
+    return seeds.map(planner_of).isin(group.planners)
 
 
 def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
@@ -253,27 +247,11 @@ def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
     return time_ratios(rows[rows["n"] == averages.reference_size(rows)]).set_index("seed")
 
 
-def _all_below(ratios: pd.DataFrame) -> bool:
-    return bool((ratios[ENDS[1]] < 1).all())
-
-
-def _all_above(ratios: pd.DataFrame) -> bool:
-    return bool((ratios[ENDS[0]] > 1).all())
-
-
-def _faster(optimizer: str, found: pd.DataFrame) -> str:
-    faster = int((found[ENDS[1]] < 1).sum())
-    return (
-        f"{NAMES[optimizer]}: {span(found['time_ratio'])} of the time without a seed, {faster} of "
-        f"{len(found)} networks faster beyond chance"
-    )
-
-
 def _beside(optimizer: str, ratios: pd.DataFrame) -> str:
     """The seeds that cost nothing."""
     listed = [
         f"{label_name(str(seed))} {ratio(value)}"
         for seed, value in ratios["time_ratio"].items()
-        if seed != NO_SEED and not is_network(planner_of(str(seed)))
+        if seed != NO_SEED and not labels.is_network(planner_of(str(seed)))
     ]
     return f"{NAMES[optimizer]}: {', '.join(listed)}"

@@ -1,7 +1,6 @@
 """Experiment 4: networks at transfer times that they were not trained for."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -10,8 +9,8 @@ from matplotlib.ticker import MaxNLocator
 
 from pipeline.experiments import averages, verdicts
 from pipeline.experiments.averages import SHOWN, Panel
-from pipeline.experiments.records import NODES, PREDICTED, VARIED
-from pipeline.experiments.verdicts import DECOUPLED, Finding, Group, Measured, measured
+from pipeline.experiments.records import NODES, PREDICTED, TIME_STEP, VARIED
+from pipeline.experiments.verdicts import Finding, Measured, measured
 from pipeline.figures.labels import REFINERS, is_network, percents, ratio, ratios, share
 from pipeline.figures.style import PAGE_WIDTH, REFERENCE, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
@@ -27,35 +26,21 @@ def with_minutes(times: pd.DataFrame) -> pd.DataFrame:
     return times.assign(minutes=((times["nodes"] - 1) * times["time_step"] / 60).round(6))
 
 
-@dataclass(frozen=True)
-class TimeGrid:
-    """Nodes T and step Δt of a transfer, s."""
-
-    nodes: int
-    time_step: float
-
-    @property
-    def minutes(self) -> float:
-        """The transfer time."""
-        return (self.nodes - 1) * self.time_step / 60
-
-
-def trained_on(times: pd.DataFrame) -> TimeGrid:
-    """The training's time grid: the Δt that goes with other T, and the T with other Δt."""
+def trained_on(times: pd.DataFrame) -> tuple[int, float]:
+    """T and Δt of the training, s: the T with other Δt, and the Δt that goes with other T."""
     other_nodes, other_steps = (times[times["varied"] == one] for one in VARIED)
-    return TimeGrid(int(other_steps["nodes"].iloc[0]), float(other_nodes["time_step"].iloc[0]))
+    return int(other_steps["nodes"].iloc[0]), float(other_nodes["time_step"].iloc[0])
 
 
 def rows_varying(summary: pd.DataFrame, varied: str) -> pd.DataFrame:
     """The rows of other T or other Δt, with those at the training's own time, wherever they are."""
-    trained, mine = trained_on(summary), summary[summary["varied"] == varied]
-    home = (summary["nodes"] == trained.nodes) & (summary["time_step"] == trained.time_step)
-    here = (home & (summary["varied"] == varied)).any()
-    return mine if here else pd.concat([mine, summary[home]])
+    nodes, time_step = trained_on(summary)
+    home = (summary["nodes"] == nodes) & (summary["time_step"] == time_step)
+    mine = summary["varied"] == varied
+    return summary[mine] if (home & mine).any() else pd.concat([summary[mine], summary[home]])
 
 
-PRINTED_MINUTES = {10, 14, 20, 30, 40}
-"""Transfer times that the page shows where they were tried; the CSV files have all."""
+PRINTED_MINUTES = {10, 14, 20, 30, 40}  # that the page shows where tried; the CSV files have all
 
 
 def section(times: pd.DataFrame, look: Mapping[str, Style]) -> Section:
@@ -69,10 +54,8 @@ def section(times: pd.DataFrame, look: Mapping[str, Style]) -> Section:
             "trials": summary["trials"].max(),
             "trainings": summary["seeds"].max(),
             "pictures": {
-                recipe: Picture(
-                    f"experiment4-{recipe}".strip("-"), times_figure(summary, recipe, look)
-                )
-                for recipe in recipes_of(summary)
+                one: Picture(f"experiment4-{one}".strip("-"), times_figure(summary, one, look))
+                for one in recipes_of(summary)
             },
             "tables": times_tables(summary),
         }
@@ -85,10 +68,8 @@ def times_tables(summary: pd.DataFrame) -> dict[str, Table]:
     printed: list[str] = []
     for varied in VARIED:
         mine = rows[rows["varied"] == varied].sort_values("minutes", kind="stable")
-        minutes = sorted(set(mine["minutes"]))
-        if len(minutes) > len(PRINTED_MINUTES) + 1:
-            mine = mine[mine["minutes"].isin({*PRINTED_MINUTES, minutes[0], minutes[-1]})]
-        printed += dict.fromkeys(mine["grid"])
+        shown = averages.printed_of(mine["minutes"], PRINTED_MINUTES)
+        printed += dict.fromkeys(mine.loc[mine["minutes"].isin(shown), "grid"])
     return averages.tables_against(rows, "experiment4", "grid", {title: title for title in printed})
 
 
@@ -111,19 +92,16 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
     """
     mine = ~summary["planner"].map(is_network) | (summary["recipe"] == recipe)
     shown = summary[mine & (summary["reading"] != PREDICTED)]
-    trained = trained_on(summary)
-    titles = f"other T, Δt = {trained.time_step:g} s", f"other Δt, T = {trained.nodes}"
+    nodes, time_step = trained_on(summary)
+    titles = {NODES: f"other T, Δt = {time_step:g} s", TIME_STEP: f"other Δt, T = {nodes}"}
     grid = [
-        [
-            Panel(rows_varying(shown, varied), one, "" if k else title)
-            for varied, title in zip(VARIED, titles, strict=True)
-        ]
+        [Panel(rows_varying(shown, varied), one, "" if k else titles[varied]) for varied in VARIED]
         for k, one in enumerate(SHOWN.values())
     ]
     against = "minutes", "transfer time (min)"
     figure, axes = averages.lines_figure(grid, against, look, (PAGE_WIDTH, 8.2), sharey="row")
     for ax in axes.flat:
-        ax.axvline(trained.minutes, **REFERENCE)
+        ax.axvline((nodes - 1) * time_step / 60, **REFERENCE)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 2, 5, 10]))
     return figure
 
@@ -136,35 +114,30 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     if times.empty:
         return []
     trials = averages.prepared(with_minutes(times[times["reading"] != PREDICTED]))
+    nodes, time_step = trained_on(times)
     found = []
     for varied, called in zip(VARIED, ("nodes T", "time steps Δt"), strict=True):
         rows = rows_varying(trials, varied).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
         )
+        asked = f"trained for {(nodes - 1) * time_step / 60:g} min serve other {called}?"
+        everywhere = rows["minutes"].nunique()
+        free = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
+        beside = f"Own LP: {_worst(free)}" if free else ""
         for group in verdicts.groups(rows["planner"]):
-            found += _finding(rows, group, trained_on(times).minutes, training, called)
+            networks = group.of(rows)
+            times_of = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique")
+            fits = networks[times_of == everywhere]
+            name = verdicts.representative(fits, training)
+            if name is None or everywhere < 2:
+                continue
+            at = _by_time(verdicts.rows_of(networks, name))
+            several, fit = (len(verdicts.names_in(some)) > 1 for some in (networks, fits))
+            how = ", best on validation of those that fit" if fit else ", the only one that fits"
+            numbers = f"{next(iter(at.values())).name}{how if several else ''}: {_worst(at)}"
+            question = group.question(asked)
+            found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, beside))
     return found
-
-
-def _finding(
-    rows: pd.DataFrame, group: Group, trained: float, training: pd.DataFrame, called: str
-) -> list[Finding]:
-    everywhere, networks = rows["minutes"].nunique(), group.of(rows)
-    fits = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique") == everywhere
-    name = verdicts.representative(networks[fits], training)
-    if name is None or everywhere < 2:
-        return []
-    at, free = (
-        _by_time(verdicts.rows_of(networks, name)),
-        _by_time(rows[rows["planner"] == DECOUPLED]),
-    )
-    several, fit = (len(verdicts.names_in(some)) > 1 for some in (networks, networks[fits]))
-    how = ", best on validation of those that fit" if fit else ", the only one that fits"
-    asked = f"trained for {trained:g} min serve other {called}?"
-    question = group.question("Does a network of the paper's", "Does {}", asked)
-    numbers = f"{next(iter(at.values())).name}{how if several else ''}: {_worst(at)}"
-    beside = f"Own LP: {_worst(free)}" if free else ""
-    return [Finding(question, verdicts.where_safe_and_cheap(at), numbers, beside)]
 
 
 def _by_time(rows: pd.DataFrame) -> dict[str, Measured]:

@@ -9,31 +9,29 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
 from pipeline.experiments import averages, records
-from pipeline.experiments.averages import average, average_share
+from pipeline.experiments.averages import average
 from pipeline.experiments.records import LOOPS, NO_ERRORS, OPEN, TYPICAL, WITH_ERRORS, WORLDS
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
-from pipeline.figures.labels import error, name_of, number, ratio, share
+from pipeline.figures.labels import called, error, number, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.flight.trials import SIZE
 
-CONDITION = ["world", "errors", "loop"]
-"""Columns that say how a plan was flown."""
-
-HIGH = 0.95
-"""The quantile that stands beside the median."""
+CONDITION = ["world", "errors", "loop"]  # columns that say how a plan was flown
 
 
-def _high(values: "pd.Series[float]") -> float:
-    return float(values.quantile(HIGH))
+def upper(values: "pd.Series[float]") -> float:
+    """The quantile that stands beside the median."""
+    return float(values.quantile(0.95))
 
 
-WITHIN_RADIUS = average_share("Within r_col", "within_radius_share", "within_radius")
-WITHIN_SIZE = average_share("Within size", "within_size_share", "within_size")
+LOW, HIGH = "within_radius_low", "within_radius_high"
+WITHIN_RADIUS = average("Within r_col", "within_radius_share", share, "within_radius", wilson=True)
+WITHIN_SIZE = average("Within size", "within_size_share", share, "within_size", wilson=True)
 GOAL = average("Off goal, median (m)", "goal_error_median", error, "goal_error", "median")
-GOAL_HIGH = average("95 % (m)", "goal_error_high", error, "goal_error", _high)
+GOAL_HIGH = average("95 % (m)", "goal_error_high", error, "goal_error", upper)
 VELOCITY = average(
     "Velocity off, median (m/s)", "goal_velocity_median", number, "goal_velocity_error", "median"
 )
@@ -80,11 +78,9 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 
 def within_table(summary: pd.DataFrame) -> Table:
     """Flights in which a pair comes within r_col: a row a condition, a column a planner."""
-    names = zip(summary["planner"], summary["recipe"], strict=True)
-    rows = summary.assign(label=[f"{name_of(who)} {recipe}".strip() for who, recipe in names])
-    frame = averages.wide(rows, CONDITION, "label", WITHIN_RADIUS)
-    planners = rows["label"].drop_duplicates()
-    columns = [averages.wide_column(frame, one, one, WITHIN_RADIUS) for one in planners]
+    names = list(map(called, summary["planner"], summary["recipe"]))
+    rows, printed = summary.assign(label=names), {name: name for name in names}
+    frame, columns = averages.wide(rows, CONDITION, "label", WITHIN_RADIUS, printed)
     return Table("experiment5-within", frame, [*CONDITIONS, *columns])
 
 
@@ -97,9 +93,8 @@ def conditions_table(summary: pd.DataFrame) -> Table:
 def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     """Averages over the flights of each planner and recipe in each condition, in reading order.
 
-    Returns:
-        planner, recipe, ``CONDITION``, seeds, trials (scenarios) and the columns of ``AVERAGES``;
-        intervals of shares are ``clustered_interval``'s, since flights of one scenario are alike.
+    Rows have columns planner, recipe, ``CONDITION``, seeds, trials (scenarios) and those of
+    ``AVERAGES``. Intervals are ``clustered_interval``'s, since flights of one scenario are alike.
     """
     group = ["planner", "recipe", *CONDITION]
     bound, unsafe = (flights[name].astype(float) for name in ("delta_v_bound", "unsafe_replans"))
@@ -113,21 +108,18 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     order = dict(zip(CONDITION, (WORLDS, records.ERRORS, LOOPS), strict=True))
     summary = averages.averaged(rows, group, AVERAGES, order)
     for one in SHARES:
-        found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).reset_index()
+        found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).groupby(group)
         intervals = {
             key: clustered_interval(part["mean"].to_numpy(), int(part["size"].max()))
-            for key, part in found.groupby(group)
+            for key, part in found
         }
         keys = summary[group].itertuples(index=False, name=None)
         summary[list(one.interval or ())] = [intervals[key] for key in keys]
     return summary
 
 
-WIDTH = 0.62
-"""Of the room that the planners of one loop share, where loops are 1 apart."""
-
-BOTTOM = 0.003
-"""Least error at the goal that is shown, m; the linear world without errors has none."""
+WIDTH = 0.62  # of the room that the planners of one loop share, where loops are 1 apart
+BOTTOM = 0.003  # least error at the goal that is shown, m; the linear world without errors has none
 
 
 @in_style
@@ -136,9 +128,8 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     worlds = [world for world in WORLDS if world in set(summary["world"])]
     figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
     panels = figure.subplots(3, len(worlds), sharex=True, sharey="row", squeeze=False)
-    low, high = WITHIN_RADIUS.interval or ("", "")
     drawn = {
-        WITHIN_RADIUS.title: (WITHIN_RADIUS.source, low, high),
+        WITHIN_RADIUS.title: (WITHIN_RADIUS.source, LOW, HIGH),
         "off goal, median to 95 % (m)": (GOAL.source, GOAL.source, GOAL_HIGH.source),
         DELTA_V.title: (DELTA_V.source,),
     }
@@ -150,7 +141,7 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     for ax, world in zip(panels[0], worlds, strict=True):
         ax.set_title(f"{world} world" if world == WORLDS[0] else f"nonlinear, {world}")
     near, goal, dear = panels[:, 0]
-    near.set_ylim(-0.03, max(0.1, 1.1 * float(summary[high].max())))
+    near.set_ylim(-0.03, max(0.1, 1.1 * float(summary[HIGH].max())))
     near.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     fit_scale(goal, "y", [v for v in summary[GOAL_HIGH.source] if v > BOTTOM], log=True)
     goal.set_ylim(bottom=BOTTOM)
@@ -171,9 +162,7 @@ def _markers(
     ax: Axes, rows: pd.DataFrame, look: Mapping[str, Style], source: str, *ends: str
 ) -> None:
     """A marker for each row at its loop, planners side by side; with errors also its interval."""
-    order = labels.in_order(rows["planner"])
-    names = set(zip(rows["planner"], rows["recipe"], strict=True))
-    shown = sorted(names, key=lambda one: (order.index(one[0]), one[1]))
+    shown = list(dict.fromkeys(zip(rows["planner"], rows["recipe"], strict=True)))
     step = WIDTH / max(1, len(shown))
     for row in rows.to_dict("records"):
         planner, hollow = str(row["planner"]), row["errors"] == NO_ERRORS
@@ -215,48 +204,31 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
     if flights.empty:
         return []
     summary = summarize_flights(flights)
-    free = _typical(summary[summary["planner"] == DECOUPLED])
+    typical = summary[summary["world"] == TYPICAL]
+    rough = typical[typical["errors"] == WITH_ERRORS]
+    undisturbed = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
+    free = rough[rough["planner"] == DECOUPLED]
     beside = f"Own LP: {_shares(free)}" if len(free) else ""
     found = []
-    for name, rows in _coordinated(summary).items():
-        alone = _coordinated(summary, NO_ERRORS)[name]
-        called = labels.in_sentence(str(rows["planner"].iloc[0]))
-        found.append(
-            Finding(
-                f"Do {called}'s plans hold outside the linear model, with errors?",
-                decide(HOLDS, *_holds(rows).values()),
-                f"{name}, within r_col: {_shares(rows)}; without errors "
-                f"{_shares(alone[alone['loop'] == OPEN])}",
-                beside,
-            )
-        )
+    for (planner, recipe), rows in rough.groupby(["planner", "recipe"], sort=False):
+        if planner in labels.BASELINES:
+            continue
+        same = (undisturbed["planner"] == planner) & (undisturbed["recipe"] == recipe)
+        ends = rows.set_index("loop")[[LOW, HIGH]].reindex(list(LOOPS))  # open where not flown
+        holds = [at_most(interval, 1 - SAFE) for interval in ends.itertuples(index=False)]
+        who = labels.in_sentence(str(planner))
+        question = f"Do {who}'s plans hold outside the linear model, with errors?"
+        shares = f"{_shares(rows)}; without errors {_shares(undisturbed[same])}"
+        numbers = f"{called(str(planner), str(recipe))}, within r_col: {shares}"
+        found.append(Finding(question, decide(HOLDS, *holds), numbers, beside))
     return found
-
-
-def _coordinated(summary: pd.DataFrame, errors: str = WITH_ERRORS) -> dict[str, pd.DataFrame]:
-    """The rows that decide, of each planner that keeps craft apart, by its name and recipe."""
-    rows = _typical(summary[~summary["planner"].isin(list(labels.BASELINES))], errors)
-    found = rows.groupby(["planner", "recipe"], sort=False)
-    return {f"{name_of(str(who))} {recipe}".strip(): rows for (who, recipe), rows in found}
-
-
-def _typical(summary: pd.DataFrame, errors: str = WITH_ERRORS) -> pd.DataFrame:
-    return summary[(summary["world"] == TYPICAL) & (summary["errors"] == errors)]
-
-
-def _holds(rows: pd.DataFrame) -> dict[str, bool | None]:
-    """By loop, whether plans hold, or None where intervals leave that open."""
-    ends = rows.set_index("loop")[list(WITHIN_RADIUS.interval or ())]
-    return {
-        loop: at_most(tuple(ends.loc[loop]), 1 - SAFE) if loop in ends.index else None
-        for loop in LOOPS
-    }
 
 
 def _shares(rows: pd.DataFrame) -> str:
     """In each loop, the share of flights in which a pair came within the collision radius."""
-    columns = ["loop", WITHIN_RADIUS.source, *(WITHIN_RADIUS.interval or ())]
     return ", ".join(
         f"{share(value)} {labels.percents(low, high)} {'in ' if loop == OPEN else ''}{loop}"
-        for loop, value, low, high in rows[columns].itertuples(index=False)
+        for loop, value, low, high in rows[["loop", WITHIN_RADIUS.source, LOW, HIGH]].itertuples(
+            index=False
+        )
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import islice, product
 
 import numpy as np
@@ -10,12 +10,12 @@ import pandas as pd
 
 from pipeline.errors import InputError, check_range
 from pipeline.experiments import records
-from pipeline.experiments.records import LINEAR, MARGIN, NO_ERRORS, Flight
+from pipeline.experiments.records import LINEAR, MARGIN, NO_ERRORS
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.errors import COLD_GAS, Errors
-from pipeline.flight.loops import Loop, flight_loops
+from pipeline.flight.loops import flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import LinearWorld, World
 from pipeline.parallel.workers import Workers
@@ -23,12 +23,9 @@ from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS
 
-MEASURED = ("goal_error", "goal_velocity_error", "delta_v", "missed_burns")
-MAGNITUDES = {NO_ERRORS: Errors(), records.WITH_ERRORS: COLD_GAS}
-"""Errors of thrust and navigation by name."""
-
-MOST_FLIGHTS = 10_000
-"""Of one scenario, side by side."""
+MEASURED = ["min_separation", "goal_error", "goal_velocity_error", "delta_v", "missed_burns"]
+MAGNITUDES = {NO_ERRORS: Errors(), records.WITH_ERRORS: COLD_GAS}  # of errors, by name
+MOST_FLIGHTS = 10_000  # of one scenario, side by side
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +52,10 @@ def run_flights(
 
     A planner plans anew for itself. Baselines know no separation, so none has a loop with margin.
 
-    Args:
-        planners: who plans.
-        scenarios: of one problem and one n.
-        flights: draws of errors for each scenario; without errors one flight says all.
-        seed: root seed of errors, and of where on their orbits references begin.
-        workers: what to fly with; all cores of this machine by default.
-        progress: told of each scenario.
-
-    Returns:
-        A row a flight, columns of Flight; the same for any number of workers.
+    Scenarios are of one problem and one n. So many flights are draws of errors for each of them;
+    without errors one says all. The seed is the root of errors, and of where on their orbits
+    references begin. A row a flight, columns of Flight; the same for any number of workers, by
+    default all cores of this machine. Progress is told of each scenario.
 
     Raises:
         InputError: for no flights, or a seed that is none.
@@ -98,48 +89,35 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, World]:
 
 
 def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
-    """The rows of a scenario."""
-    worlds = worlds_of(asked.scenario, asked.seed, asked.trial)
+    """The rows of a scenario; the flights of a loop in a world side by side."""
+    scenario, problem, first = asked.scenario, asked.scenario.problem, asked.trial * asked.flights
+    worlds = worlds_of(scenario, asked.seed, asked.trial)
     tables = []
     for one in asked.planners:
-        loops, bound = _loops(one, asked.scenario)
+        (plan,) = one.planner.plan([scenario])
+        every = flight_loops(scenario, plan.controls, COLD_GAS, one.planner)
+        loops = list(islice(every, 2) if one.planner.name in BASELINES else every)
         for world, errors, loop in product(records.WORLDS, MAGNITUDES, loops):
             if errors == NO_ERRORS and loop.name == MARGIN:
                 continue
-            rows = _fly(asked, worlds[world], MAGNITUDES[errors], loop)
-            rows = rows.assign(world=world, errors=errors, loop=loop.name, delta_v_bound=bound)
-            tables.append(
-                rows.assign(
-                    planner=one.planner.name, recipe=one.recipe, training_seed=one.training_seed
-                )
+            count = 1 if errors == NO_ERRORS else asked.flights
+            draws = range(first, first + count)
+            flown = loop.fly(scenario, worlds[world], MAGNITUDES[errors], draws, asked.seed)
+            unsafe = flown["unsafe_replans"].astype(float)
+            rows = pd.DataFrame({name: flown[name] for name in MEASURED}).assign(
+                world=world,
+                errors=errors,
+                loop=loop.name,
+                margin=loop.margin,
+                flight=range(count),
+                within_radius=flown["min_separation"] <= problem.collision_radius,
+                within_size=flown["min_separation"] <= SIZE,
+                unsafe_replans=unsafe if loop.planner else np.nan,
+                planner=one.planner.name,
+                recipe=one.recipe,
+                training_seed=one.training_seed,
+                delta_v_bound=plan.certificate.fuel_lower_bound * problem.time_step,
             )
-    columns = [field.name for field in fields(Flight)]
-    return pd.concat(tables).assign(n=asked.scenario.n, trial=asked.trial)[columns]
-
-
-def _loops(one: EvaluatedPlanner, scenario: Scenario) -> tuple[list[Loop], float]:
-    """The loops that a planner flies in, and the least Δv of any plan, m/s."""
-    planner = one.planner
-    (plan,) = planner.plan([scenario])
-    loops = flight_loops(scenario, plan.controls, COLD_GAS, planner)
-    some = islice(loops, 2) if planner.name in BASELINES else loops
-    return list(some), plan.certificate.fuel_lower_bound * scenario.problem.time_step
-
-
-def _fly(asked: ScenarioFlights, world: World, errors: Errors, loop: Loop) -> pd.DataFrame:
-    """The flights of one loop in one world, side by side."""
-    scenario, count = asked.scenario, 1 if errors == Errors() else asked.flights
-    problem, first = scenario.problem, asked.trial * asked.flights
-    flown = loop.fly(scenario, world, errors, range(first, first + count), asked.seed)
-    apart, unsafe = flown["min_separation"], flown["unsafe_replans"].astype(float)
-    return pd.DataFrame(
-        {
-            "flight": np.arange(count),
-            "min_separation": apart,
-            "within_radius": apart <= problem.collision_radius,
-            "within_size": apart <= SIZE,
-            **{name: flown[name] for name in MEASURED},
-            "unsafe_replans": unsafe if loop.planner else np.nan,
-            "margin": loop.margin,
-        }
-    )
+            tables.append(rows)
+    columns = list(records.TABLES["flights"])
+    return pd.concat(tables).assign(n=scenario.n, trial=asked.trial)[columns]

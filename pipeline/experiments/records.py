@@ -4,14 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
-PREDICTED = "predicted"
-"""Reading of a network's raw output, as in the paper: neither dynamics nor ends need hold."""
-
-FLOWN = "flown"
-"""Reading after projection onto the trajectories that obey the dynamics and both ends."""
-
-PLAN = "plan"
-"""Reading of a planner whose output is a flyable plan as it stands."""
+# How a plan is read: a network's raw output, as in the paper, of which neither dynamics nor ends
+# need hold; its projection onto the trajectories that do; or a planner's flyable plan as it stands
+PREDICTED, FLOWN, PLAN = "predicted", "flown", "plan"
 
 
 @dataclass(frozen=True)
@@ -36,15 +31,10 @@ class Trial:
     convex_solves: int  # joint convex programs
 
 
-EXPERT, PLAIN = "expert", "plain"
-OPTIMIZERS = (EXPERT, PLAIN)
-"""Optimizers of experiment 3: our expert, or a plain SCP over all pairs, the paper's kind."""
-
-CONVERGED, FIRST_SAFE = "converged", "first safe"
-"""Stopping rules; the plain SCP knows the first alone."""
-
-NO_SEED = "none"
-"""Name, among seeds, of the optimizer's own start."""
+# Optimizers of experiment 3: our expert, or a plain SCP over all pairs, the paper's kind
+OPTIMIZERS = EXPERT, PLAIN = "expert", "plain"
+CONVERGED, FIRST_SAFE = "converged", "first safe"  # stopping rules; the plain SCP has the first
+NO_SEED = "none"  # name, among seeds, of the optimizer's own start
 
 
 @dataclass(frozen=True)
@@ -65,21 +55,15 @@ class WarmStart:
     status: str  # of the plan; the plain SCP's is solved where it is clear at the nodes
 
 
-VARIED = NODES, TIME_STEP = "nodes", "time_step"
-"""What experiment 4 varies: T at the Δt of the training, or Δt at its T."""
+VARIED = NODES, TIME_STEP = "nodes", "time_step"  # in experiment 4: T or Δt of the training
 
 LINEAR, TYPICAL = "linear", "e = 0.001"
+# Of the reference orbits of the nonlinear worlds: a usual low orbit's, and ten times that
 ECCENTRICITIES = {TYPICAL: 0.001, "e = 0.01": 0.01}
-"""Of the reference orbits of the nonlinear worlds: a usual low orbit's, and ten times that."""
-
-WORLDS = (LINEAR, *ECCENTRICITIES)
-"""In which plans are flown."""
-
-ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"
-"""With which they are flown."""
-
+WORLDS = (LINEAR, *ECCENTRICITIES)  # in which plans are flown
+ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"  # with which they are flown
+# As planned; planned anew at every node; anew, with more separation asked for than r_col
 LOOPS = OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
-"""As planned; planned anew at every node; anew, with more separation asked for than r_col."""
 
 
 @dataclass(frozen=True)

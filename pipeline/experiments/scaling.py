@@ -7,18 +7,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from pipeline.experiments import averages, paper, verdicts
-from pipeline.experiments.averages import COLLISIONS, FUEL_RATIO, SAFE, SECONDS, Panel
+from pipeline.experiments.averages import COLLISIONS, FUEL_RATIO, SECONDS, Panel, average
 from pipeline.experiments.records import PREDICTED
 from pipeline.experiments.verdicts import DECOUPLED, Finding, measured
 from pipeline.figures.labels import count, in_order, is_papers, number, share
 from pipeline.figures.style import PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
-SHOWN = ("expert", "minimum energy", DECOUPLED)
-"""Planners that are shown beside networks."""
+SHOWN = ("expert", "minimum energy", DECOUPLED)  # planners that are shown beside networks
 
-UNSAFE = averages.average_share("Unsafe at any time", "unsafe_share", spread=True)
-EXCESS = averages.average("Fuel above the bound, av. (%)", "excess", number, spread=True)
+UNSAFE = average("Unsafe at any time", "unsafe_share", share, spread=True, wilson=True)
+EXCESS = average("Fuel above the bound, av. (%)", "excess", number, spread=True)
 
 DRAWN = (COLLISIONS, UNSAFE, EXCESS, SECONDS)
 """What is drawn against n; of fuel over the bound hundredths count, which a ratio hides."""
@@ -72,15 +71,14 @@ def larger_swarms(trials: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
 def summarize_larger(trials: pd.DataFrame) -> pd.DataFrame:
     """The columns of ``summarize`` and those of UNSAFE and EXCESS, size by size."""
     summary = averages.summarize(trials)
-    low, high = (1 - summary[end] for end in reversed(SAFE.interval or ()))
-    excess = 100 * (summary[FUEL_RATIO.source] - 1)
     found = summary.assign(
-        unsafe_share=1 - summary[SAFE.source],
-        unsafe_spread=summary[SAFE.spread],
-        unsafe_low=low,
-        unsafe_high=high,
-        excess=excess.round(9),  # what decoupled optima need more than the bound is rounding
-        excess_spread=100 * summary[FUEL_RATIO.spread],
+        unsafe_share=1 - summary["safe_share"],
+        unsafe_spread=summary["safe_spread"],
+        unsafe_low=1 - summary["safe_high"],
+        unsafe_high=1 - summary["safe_low"],
+        # What decoupled optima need more than the bound is rounding.
+        excess=(100 * (summary["fuel_ratio"] - 1)).round(9),
+        excess_spread=100 * summary["fuel_ratio_spread"],
     )
     return found.sort_values("n", kind="stable", ignore_index=True)
 
@@ -90,8 +88,7 @@ def scaling_table(summary: pd.DataFrame) -> Table:
     return Table("beyond", averages.named(summary), COLUMNS)
 
 
-DODGE = 1.025
-"""Factor in n by which intervals at one size are moved apart."""
+DODGE = 1.025  # factor in n by which intervals at one size are moved apart
 
 
 @in_style
@@ -126,7 +123,7 @@ def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
             continue
         at = {f"n = {n}": measured(part) for n, part in verdicts.rows_of(rows, name).groupby("n")}
         asked = f"plan safely and cheaply beyond n = {paper.LARGEST_SIZE}?"
-        question = group.question("Does a network of the paper's", "Does {}", asked)
+        question = group.question(asked)
         each = "; ".join(f"at {size} {one.text}" for size, one in at.items())
         numbers = f"{next(iter(at.values())).name}: {each}"
         found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, beside))

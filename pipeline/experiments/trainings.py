@@ -1,6 +1,5 @@
 """Trainings of the networks: the paper's Tables 1 and 3, and loss curves."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,15 +11,8 @@ from matplotlib.ticker import MaxNLocator
 
 from pipeline.experiments import paper
 from pipeline.experiments.averages import Average, average, over_trainings
-from pipeline.figures.labels import (
-    FEED_FORWARD,
-    RECURRENT,
-    REFINERS,
-    count,
-    in_order,
-    name_of,
-    number,
-)
+from pipeline.figures import labels
+from pipeline.figures.labels import REFINERS, count, in_order, name_of, number
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -52,7 +44,10 @@ COLUMNS = [
     *(Column("paper (s)", "paper_seconds", number), *AVERAGES[8:]),
 ]
 
-FAMILIES = {"Feed-forward": FEED_FORWARD, "LSTM": RECURRENT, "Refiner": REFINERS, "Other": {}}
+FAMILIES = {
+    **{"Feed-forward": labels.FEED_FORWARD, "LSTM": labels.RECURRENT},
+    **{"Refiner": REFINERS, "Other": {}},
+}
 """Architectures that share a column of the figure; what is in no other is in the last."""
 
 
@@ -68,20 +63,11 @@ def section(training: pd.DataFrame, curves: pd.DataFrame, look: Mapping[str, Sty
 
 def training_table(training: pd.DataFrame) -> Table:
     """The paper's Tables 1 and 3 for the models that were trained, averaged over their seeds."""
-    order = in_order(training["arch"])
+    order = {"arch": in_order(training["arch"])}
     rows = training.assign(recipe=training["recipe"].fillna(""), versions=training["version"])
-    frame = over_trainings(rows, ["arch", "recipe"], AVERAGES).sort_values(
-        ["arch", "recipe"],
-        key=lambda c: c.map(order.index) if c.name == "arch" else c,
-        ignore_index=True,
-    )
-    neurons = [", ".join(map(str, paper.NEURONS.get(arch, ()))) or "–" for arch in frame["arch"]]
-    frame = frame.assign(
-        name=frame["arch"].map(name_of),
-        paper_neurons=neurons,
-        paper_seconds=[paper.TRAIN_SECONDS.get(arch, math.nan) for arch in frame["arch"]],
-    )
-    return Table("training", frame, COLUMNS)
+    frame = over_trainings(rows, ["arch", "recipe"], AVERAGES, order)
+    frame = frame.assign(name=frame["arch"].map(name_of)).join(paper.TRAININGS, on="arch")
+    return Table("training", frame.fillna({"paper_neurons": "–"}), COLUMNS)
 
 
 @in_style

@@ -1,6 +1,6 @@
 """Runs of experiments 1, 2 and 4, every planner on the same scenarios, and example transfers."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -13,7 +13,9 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, VARIED, Trial
+from pipeline.experiments import records
+from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
+from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls, track
@@ -33,7 +35,6 @@ class Predictor(Protocol):
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
     ) -> Float[Array, "N n T 6"]:
         """Node states, m and m/s."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,8 @@ def run_trials(
 ) -> pd.DataFrame:
     """All planners on scenarios of one problem and one size: a row a trial, columns of Trial.
 
-    Args:
-        planners: who plans.
-        scenarios: of one problem and one n.
-        timed: how many of the scenarios are planned once more one at a time, the planners in
-            turn so that the machine's noise falls on all alike, to take the time.
-        progress: told of each planner.
+    So many of the scenarios as are ``timed`` are planned once more one at a time, the planners in
+    turn so that the machine's noise falls on all alike. Progress is told of each planner.
     """
     seconds = _times(planners, scenarios[:timed])
     rows: list[Trial] = []
@@ -110,7 +107,7 @@ def _trial(
         trial=trial,
         node_collisions=certificate.node_collisions,
         pair_conflicts=float(pair_conflicts(plan.states, plan.controls, scenario.problem)),
-        safe=plan.status == SOLVED and is_safe(certificate, scenario.problem),
+        safe=flies_safely(plan),
         min_separation=NAN if certificate.min_separation is None else certificate.min_separation,
         fuel=certificate.fuel,
         fuel_lower_bound=certificate.fuel_lower_bound,
@@ -119,6 +116,11 @@ def _trial(
         seconds=seconds,
         convex_solves=plan.convex_solves,
     )
+
+
+def flies_safely(plan: Plan) -> bool:
+    """Whether a plan is solved and keeps craft apart at all times, whatever it was asked for."""
+    return plan.status == SOLVED and is_safe(plan.certificate, plan.scenario.problem)
 
 
 def _predicted(
@@ -153,86 +155,51 @@ PlannersFor = Callable[[Problem], Sequence[EvaluatedPlanner]]
 """Who can take part in a problem: experts and baselines always, networks where they fit."""
 
 
-@dataclass(frozen=True)
-class Variation:
-    """A problem that differs from the training's in T or in Δt, which is one of VARIED."""
-
-    varied: str
-    problem: Problem
-
-
 def variations(
     problem: Problem, nodes: Sequence[int], time_steps: Sequence[float] | None = None
-) -> list[Variation]:
-    """Every T at the Δt of a problem, and every Δt at its T.
+) -> list[tuple[str, Problem]]:
+    """Every T at the Δt of a training's problem, and every Δt (s) at its T, with which it varies.
 
-    Args:
-        problem: that of the training.
-        nodes: numbers of nodes T.
-        time_steps: Δt in s, or None for those that take as long as the numbers of nodes.
+    By default those Δt that take as long as the numbers of nodes.
 
     Raises:
         InputError: for fewer than 3 nodes, or a step that is no positive number.
     """
     if time_steps is None:
         time_steps = [problem.time_step * (T - 1) / problem.intervals for T in nodes]
-    return [Variation(NODES, replace(problem, nodes=T)) for T in nodes] + [
-        Variation(TIME_STEP, replace(problem, time_step=step)) for step in time_steps
+    return [(NODES, replace(problem, nodes=T)) for T in nodes] + [
+        (TIME_STEP, replace(problem, time_step=step)) for step in time_steps
     ]
 
 
 def run_transfer_times(
     planners_for: PlannersFor,
     scenarios: Sequence[Scenario],
-    varied: Sequence[Variation],
+    varied: Sequence[tuple[str, Problem]],
     *,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """All planners that fit, in every variation, on the same initial and goal states.
 
-    The ends stay what they are, since passive formations depend on the orbit alone.
-
-    Args:
-        planners_for: who can take part in a problem.
-        scenarios: of one problem and one n.
-        varied: the problems.
-        progress: told of each of them.
-
-    Returns:
-        A row a trial: varied, nodes, time_step and the columns of Trial.
+    The ends of scenarios, which are of one problem and one n, stay what they are, since passive
+    formations depend on the orbit alone. A row a trial: varied, nodes, time_step and the columns of
+    Trial. Progress is told of each problem.
     """
     tables = []
-    for variation in varied:
-        problem = variation.problem
+    for what, problem in varied:
         moved = [replace(scenario, problem=problem) for scenario in scenarios]
-        table = run_trials(planners_for(problem), moved)
-        for place, name in enumerate(VARIED):
-            table.insert(place, name, getattr(problem, name))
-        table.insert(0, "varied", variation.varied)
-        tables.append(table)
+        taken = {"varied": what} | {name: getattr(problem, name) for name in records.VARIED}
+        table = run_trials(planners_for(problem), moved).assign(**taken)
+        tables.append(table[list(records.TABLES["transfer_times"])])
         progress.done(note=f"T = {problem.nodes}, Δt = {problem.time_step:g} s")
     return pd.concat(tables, ignore_index=True)
 
 
-TRACK_STEPS = 12
-"""Points an interval in the example transfers."""
-
-PREFIX = "track:"
-"""Beginning of the names of tracks in a file."""
+TRACK_STEPS = 12  # points an interval in the example transfers
+PREFIX = "track:"  # beginning of the names of tracks in a file
 
 MOST_BYTES = 250 * 10**6
 """Size in memory of the largest file that is read; a usual one takes some hundred kB."""
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """One transfer as several planners fly it."""
-
-    title: str
-    initial: Float[Array, "n 6"]  # m and m/s
-    goal: Float[Array, "n 6"]
-    tracks: Mapping[str, Float[Array, "n _ 3"]]  # positions dense in time, m, by planner's label
-    collision_radius: float  # m
 
 
 def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:

@@ -17,14 +17,8 @@ from pipeline.figures.labels import in_order, is_network, is_papers, percents, r
 DECOUPLED = "own LP"
 """The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
 
-SAFE = 0.95
-"""Share of trials, by the whole of its interval, from which a planner is called safe."""
-
-CHEAP = 1.1
-"""Fuel over its bound, by the whole of its interval, up to which a planner is called cheap."""
-
-CHANCE = 1 - intervals.CONFIDENCE
-"""Probability under which a difference is no longer put down to chance."""
+SAFE = 0.95  # share of trials, by the whole of its interval, from which a planner is called safe
+CHEAP = 1.1  # fuel over its bound, by the whole of its interval, up to which one is called cheap
 
 ANY, MIXED = "any", "mixed"
 """In a rule: a claim that does not matter; one that holds for some and fails for others."""
@@ -82,14 +76,14 @@ def measured(rows: pd.DataFrame) -> Measured:
     """The numbers of one planner's trials from ``prepared``, of one or several trainings."""
     first = rows.iloc[0]
     each = rows.groupby("trial")[["safe", "fuel_ratio"]].mean()
-    safe = float(each["safe"].mean())
+    safe, fuel = each["safe"].mean(), each["fuel_ratio"]
     return Measured(
-        name=f"{labels.name_of(first['planner'])} {first['recipe']}".strip(),
+        name=labels.called(first["planner"], first["recipe"]),
         trainings=int(rows["training_seed"].nunique()),
-        safe=safe,
-        safe_interval=intervals.wilson(safe, len(each)),
-        fuel=float(each["fuel_ratio"].mean()),
-        fuel_interval=intervals.mean_interval(each["fuel_ratio"].dropna().to_numpy(dtype=float)),
+        safe=float(safe),
+        safe_interval=intervals.wilson(float(safe), len(each)),
+        fuel=float(fuel.mean()),
+        fuel_interval=intervals.mean_interval(fuel.dropna().to_numpy(dtype=float)),
     )
 
 
@@ -105,7 +99,6 @@ SAFE_AND_CHEAP: Rules = (
     ((MIXED, ANY), "In part: some are safe"),
 )
 """By whether planners are safe, and cheap."""
-
 
 WHERE: Rules = (
     ((True, ANY, ANY), "Yes, wherever tried: {yes}"),
@@ -153,23 +146,13 @@ class Compared:
     @property
     def better(self) -> bool:
         """Whether the first is safer, or, where that may be chance, cheaper."""
-        return self.safe > 0 if self.safe_by_chance <= CHANCE else self.fuel < 0
-
-    @property
-    def safe_text(self) -> str:
-        """The difference in safe trials with its interval."""
-        low, high = self.safe_interval
-        return f"{100 * self.safe:+.1f} % safe [{100 * low:+.1f}, {100 * high:+.1f}]"
+        return self.safe > 0 if self.safe_by_chance <= 1 - intervals.CONFIDENCE else self.fuel < 0
 
 
 def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio") -> Compared:
-    """Compare two planners on the trials that both have flown.
+    """Compare two planners on the trials that both have flown, by columns safe and ``fuel``.
 
-    Args:
-        first: rows of trials with columns trial, safe and the one of ``fuel``; several rows of a
-            trial, as of several trainings, count as their mean.
-        second: the same of the other planner.
-        fuel: column to compare fuel by.
+    Several rows of a trial, as of several trainings, count as their mean.
     """
     one, other = (
         rows.assign(safe=rows["safe"].astype(float)).groupby("trial")[["safe", fuel]].mean()
@@ -190,8 +173,8 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
     )
 
 
-Name = tuple[str, str]
-"""A network: planner and recipe."""
+Name = tuple[str, str]  # of a network: planner and recipe
+PAPERS = "Does a network of the paper's"  # begins most questions on them
 
 
 @dataclass(frozen=True)
@@ -205,7 +188,7 @@ class Group:
         """Whether they are the paper's."""
         return is_papers(self.planners[0])
 
-    def question(self, papers: str, other: str, asked: str) -> str:
+    def question(self, asked: str, papers: str = PAPERS, other: str = "Does {}") -> str:
         """A question that begins with the paper's networks, or with another's name put in."""
         begun = papers if self.papers else other.format(labels.in_sentence(self.planners[0]))
         return f"{begun} {asked}"
@@ -236,18 +219,16 @@ def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     names = names_in(rows)
     if len(names) == 1:
         return names.pop()
-    known = training.dropna(subset=VALIDATED)
-    known = known.assign(recipe=known["recipe"].fillna(""))
-    means = {
-        (str(arch), str(recipe)): [float(x) for x in group[VALIDATED].mean()]
-        for (arch, recipe), group in known.groupby(["arch", "recipe"])
-        if (arch, recipe) in names
-    }
-    if not means:
+    known = training.dropna(subset=VALIDATED).fillna({"recipe": ""}).groupby(["arch", "recipe"])
+    means = known[VALIDATED].mean().astype(float)
+    means = means[means.index.isin(names)]
+    if means.empty:
         return None
-    safest, _, trials = max(means.values())
-    low, _ = intervals.wilson(safest, int(trials))
-    return min((fuel, name) for name, (safe, fuel, _) in means.items() if safe >= low)[1]
+    shares, fuel, trials = (means[name] for name in VALIDATED)
+    safest = shares.max()
+    low, _ = intervals.wilson(safest, int(trials[shares == safest].max()))
+    cheapest = fuel[shares >= low]
+    return sorted(cheapest.index[cheapest == cheapest.min()])[0]
 
 
 def names_in(rows: pd.DataFrame) -> set[Name]:
@@ -266,12 +247,13 @@ def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def network_findings(
-    papers: str, asked: str, trials: pd.DataFrame, training: pd.DataFrame, n: int
+    asked: str,
+    trials: pd.DataFrame,
+    training: pd.DataFrame,
+    n: int,
+    papers: str = PAPERS,
 ) -> list[Finding]:
-    """A row for each group of networks of which any was flown at one swarm size.
-
-    ``papers`` begins the question on the paper's networks, ``asked`` is the rest of any.
-    """
+    """A row for each group of networks of which any was flown at one swarm size."""
     flown = flown_networks(trials)
     free = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]
     found = []
@@ -286,21 +268,17 @@ def network_findings(
         low, high = share(min(safe)), share(max(safe))
         spread = low if low == high else f"{low} to {high}"
         numbers = [] if alone else [f"all {len(every)}: safe in {spread}"]
+        beside = "" if free.empty else f"Own LP: {measured(free).text}"
         if not mine.empty:
             chosen = measured(mine)
             how = "" if alone else ", best on validation"
             numbers.insert(0, f"{chosen.name}{how}: {chosen.text}")
             by_itself = chosen.trainings == 1 and said[:2] != verdict_on(chosen)[:2]
             said = verdict_on(chosen) + (", for one training" if by_itself else "")
-        question = group.question(papers, "Does {}", asked)
-        found.append(Finding(question, said, "; ".join(numbers), _baseline(free, mine)))
+            if beside:
+                held = compare(mine, free)
+                more, low, high = (f"{100 * x:+.1f}" for x in (held.safe, *held.safe_interval))
+                beside += f"; the network on the same trials: {more} % safe [{low}, {high}]"
+        question = group.question(asked, papers)
+        found.append(Finding(question, said, "; ".join(numbers), beside))
     return found
-
-
-def _baseline(free: pd.DataFrame, mine: pd.DataFrame) -> str:
-    if free.empty:
-        return ""
-    text = f"Own LP: {measured(free).text}"
-    if mine.empty:
-        return text
-    return f"{text}; the network on the same trials: {compare(mine, free).safe_text}"

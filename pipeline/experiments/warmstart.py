@@ -8,10 +8,10 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
-from pipeline.experiments.trials import Predictor
+from pipeline.experiments.trials import Predictor, flies_safely
 from pipeline.expert import EFFORTS, SEEDS, solve
 from pipeline.expert.seeds import Seed, decoupled_seed
-from pipeline.plan import SOLVED, Plan, is_safe
+from pipeline.plan import Plan
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
@@ -37,12 +37,8 @@ def run_warmstarts(
     The seeds of a scenario follow each other directly, begun with another one each time, so
     that the machine's noise falls on all alike.
 
-    Args:
-        predictors: networks by name and training seed; their raw predictions are seeds beside
-            those of SEEDS.
-        scenarios: of one problem and one n.
-        optimizer: of OPTIMIZERS.
-        progress: told of each scenario.
+    The raw predictions of networks, by name and training seed, are seeds beside those of SEEDS.
+    Scenarios are of one problem and one n; progress is told of each.
     """
     if not scenarios:
         return pd.DataFrame()
@@ -73,8 +69,7 @@ def run_warmstarts(
                             seconds=seconds,
                             optimality_gap=plan.certificate.optimality_gap,
                             fuel=plan.certificate.fuel,
-                            safe=plan.status == SOLVED
-                            and is_safe(plan.certificate, scenario.problem),
+                            safe=flies_safely(plan),
                             status=plan.status,
                         )
                     )
@@ -91,10 +86,6 @@ def _rules(optimizer: str, scenario: Scenario) -> dict[str, Optimize]:
     return {rule: partial(solve, settings=settings) for rule, settings in RULES.items()}
 
 
-def _network_seed(predictor: Predictor, scenario: Scenario) -> Seed:
-    return predictor.predict(scenario.initial[None], scenario.goal[None])[0]
-
-
 def _run(scenario: Scenario, make: SeedMaker, optimize: Optimize) -> tuple[Plan, float]:
     """A plan, and the time to make the seed and to plan, s."""
     started = perf_counter()
@@ -102,3 +93,7 @@ def _run(scenario: Scenario, make: SeedMaker, optimize: Optimize) -> tuple[Plan,
     seeding = perf_counter() - started
     plan = optimize(scenario, seed)
     return plan, seeding + plan.timing["plan"]
+
+
+def _network_seed(predictor: Predictor, scenario: Scenario) -> Seed:
+    return predictor.predict(scenario.initial[None], scenario.goal[None])[0]

@@ -4,16 +4,13 @@ A claim about a threshold holds where the whole interval meets it, fails where t
 misses it, and is open (None) where the threshold lies within.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
 from pipeline.arrays import Array
 
-CONFIDENCE = 0.95
-"""Of every interval."""
+CONFIDENCE = 0.95  # of every interval
 
 NORMAL = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
 """Standard deviations that a normal variable keeps within with that probability."""
@@ -33,12 +30,6 @@ def at_most(interval: Interval, threshold: float) -> bool | None:
     return True if high <= threshold else False if low > threshold else None
 
 
-def all_hold(claims: Iterable[bool | None]) -> bool | None:
-    """Whether all of some claims hold; open where there are none."""
-    found = list(claims)
-    return False if False in found else None if None in found or not found else True
-
-
 def wilson(share: float, trials: int | float) -> Interval:
     """Wilson's interval of a share of so many trials, which need not be a whole number.
 
@@ -54,17 +45,13 @@ def wilson(share: float, trials: int | float) -> Interval:
 
 
 def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
-    """Wilson's interval of a share counted in clusters, such as the flights of one scenario.
+    """Wilson's interval of the shares of clusters of so many trials each, as of one scenario.
 
     The independent trials that k clusters are worth are p(1 - p) over the variance of p as the
     clusters show it, corrected for how few they are (E. Korn, B. Graubard, "Confidence intervals
     for proportions with small expected number of positive counts estimated from survey data",
     Survey Methodology 24, 1998): at least one a cluster, which is all that is known where p is 0
     or 1, and at most all.
-
-    Args:
-        shares: of each cluster.
-        each: trials of a cluster.
     """
     k = len(shares)
     if k == 0:
@@ -90,12 +77,9 @@ def mean_interval(values: Float[Array, "k"]) -> Interval:
 def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:
     """Newcombe's interval of the difference of two shares on the same trials, within -1 and 1.
 
-    Method 10 of R. Newcombe, "Improved confidence intervals for the difference between binomial
-    proportions based on paired data", Statistics in Medicine 17, 1998.
-
-    Args:
-        first: of each trial 0 or 1, or a share between, as of several trainings.
-        second: the same, of the same trials.
+    Trials are 0 or 1, or a share between, as of several trainings. Method 10 of R. Newcombe,
+    "Improved confidence intervals for the difference between binomial proportions based on paired
+    data", Statistics in Medicine 17, 1998.
     """
     k = len(first)
     p, q = (float(x.mean()) if k else float("nan") for x in (first, second))

@@ -5,11 +5,8 @@ from collections.abc import Iterable
 
 from pipeline.text import visible
 
-MISSING = "–"
-"""What stands for a number that does not exist."""
-
-NEGLIGIBLE = 1e-6
-"""Errors below this are rounding of the arithmetic, m."""
+MISSING = "–"  # what stands for a number that does not exist
+NEGLIGIBLE = 1e-6  # errors below this are rounding of the arithmetic, m
 
 
 def number(value: float) -> str:
@@ -78,26 +75,25 @@ EXPERTS = {"expert": "Expert", "expert (nodes only)": "Expert (nodes only)"}
 """Centralized convex optimization: names in tables by the planner's name."""
 
 BASELINES = {
-    "straight line": "Straight line",
-    "minimum energy": "Minimum energy",
+    **{"straight line": "Straight line", "minimum energy": "Minimum energy"},
     "own LP": "Own LP",
 }
 """Planners that look at one craft at a time."""
 
 FEED_FORWARD = {"ff1": "FF1", "ff2": "FF2", "ffcol": "FFcol"}
-RECURRENT = {"lstm1": "LSTM1", "lstm2": "LSTM2", "lstmcol": "LSTMcol"}
-"""The paper's networks."""
-
-REFINERS = {"refiner": "Refiner"}
-"""Networks of craft that pass messages; the paper has none."""
-
-KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT | REFINERS
-"""All of them, in reading order."""
+RECURRENT = {"lstm1": "LSTM1", "lstm2": "LSTM2", "lstmcol": "LSTMcol"}  # with those, the paper's
+REFINERS = {"refiner": "Refiner"}  # networks of craft that pass messages; the paper has none
+KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT | REFINERS  # all of them, in reading order
 
 
 def name_of(planner: str) -> str:
     """The name of a planner or a seed in tables and figures."""
     return "No seed" if planner == "none" else KNOWN.get(planner, visible(planner))
+
+
+def called(planner: str, recipe: str) -> str:
+    """The name of a planner with the recipe of its training."""
+    return f"{name_of(planner)} {recipe}".strip()
 
 
 def planner_of(label: str) -> str:

@@ -1,10 +1,9 @@
 """One look for all figures: planners' colours and markers, fonts, axes, and files."""
 
-import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
@@ -17,11 +16,7 @@ from pipeline.figures.labels import in_order
 from pipeline.files import published
 from pipeline.text import visible
 
-P = ParamSpec("P")
-R = TypeVar("R")
-
-PAGE_WIDTH = 7.2
-"""Width of a figure across a page, inches."""
+PAGE_WIDTH = 7.2  # width of a figure across a page, inches
 
 INITIAL_COLOUR, GOAL_COLOUR, CONFLICT_COLOUR = "#0072B2", "#009E73", "#D55E00"
 """Blue, green and vermillion of the Okabe-Ito palette."""
@@ -106,15 +101,8 @@ def styles(planners: Iterable[str]) -> dict[str, Style]:
     return KNOWN | further
 
 
-def in_style(draw: Callable[P, R]) -> Callable[P, R]:
-    """A drawing function run under ``RC``; the caller's matplotlib settings stay as they are."""
-
-    @functools.wraps(draw)
-    def styled(*args: P.args, **kwargs: P.kwargs) -> R:
-        with matplotlib.rc_context(RC):
-            return draw(*args, **kwargs)
-
-    return styled
+in_style = matplotlib.rc_context(RC)
+"""Decorates what draws; the caller's matplotlib settings stay as they are."""
 
 
 @in_style
@@ -131,14 +119,9 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
             figure.savefig(temporary, format=suffix[1:], metadata=facts[suffix])
 
 
-SPREAD = 20.0
-"""Values whose largest exceeds the smallest positive one by this factor get a log scale."""
-
-FINEST = 1e-3
-"""Averages below this are shown on the linear part of a symmetric log scale."""
-
-CROWDED = 1.7
-"""Decades from which only powers of ten carry a number."""
+SPREAD = 20.0  # values whose largest is so many times the smallest positive one get a log scale
+FINEST = 1e-3  # averages below this are shown on the linear part of a symmetric log scale
+CROWDED = 1.7  # decades from which only powers of ten carry a number
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 """Digits of exponents; figures have no formulas, which names would be taken for."""
@@ -147,13 +130,9 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def fit_scale(
     ax: Axes, side: Literal["x", "y"], values: Iterable[float], log: bool = False
 ) -> None:
-    """Scale one axis for values that are not negative: linear, log, or symlog where some are 0.
+    """Scale one axis for all values shown on it, none negative: linear, log, or symlog for zeros.
 
-    Args:
-        ax: the axes; those that share the axis follow.
-        side: which axis.
-        values: all that is shown on it.
-        log: whether a narrow range of positive values is logarithmic too.
+    Axes that share it follow. With ``log`` a narrow range of positive values is logarithmic, too.
     """
     array = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
     positive = array[array > 0]

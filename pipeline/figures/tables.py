@@ -18,8 +18,7 @@ from pipeline.text import visible
 
 INTERVALS = "Brackets are 95 % intervals: Wilson's of a share, Student's of a mean."
 
-LONGEST = 80
-"""Characters of a file's name that a table or figure keeps of its own."""
+LONGEST = 80  # characters of a file's name that a table or figure keeps of its own
 
 
 @dataclass(frozen=True)
@@ -42,11 +41,6 @@ class Table:
     frame: pd.DataFrame
     columns: Sequence[Column]  # that the page shows
     printed: "pd.Series[bool] | None" = None  # whether the page shows a row; all by default
-
-    @property
-    def file(self) -> str:
-        """Name of the CSV file, without suffix."""
-        return file_name(self.name)
 
     @property
     def markdown(self) -> Markdown:
@@ -77,11 +71,6 @@ class Picture:
 
     name: str
     figure: Figure
-
-    @property
-    def file(self) -> str:
-        """Name of the figure files, without suffix."""
-        return file_name(self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +109,7 @@ class Writer:
     def _figure(self, picture: Picture, caller: Callable[[], str]) -> str:
         self.pictures.append(picture)
         k, caption = len(self.pictures), " ".join(caller().split())
-        return f"![Figure {k}](figures/{picture.file}.svg)\n*Figure {k}. {caption}*\n\n"
+        return f"![Figure {k}](figures/{file_name(picture.name)}.svg)\n*Figure {k}. {caption}*\n\n"
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:

@@ -1,6 +1,7 @@
 """A transfer in three dimensions, as several planners fly it (the paper's Figures 1 and 9)."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,32 +17,34 @@ from pipeline.orbit.rings import revolution
 
 COLUMNS = 3
 ORBIT_POINTS = 121
-ELEVATION, AZIMUTH = 26.0, -50.0
-"""Where the viewer stands, deg."""
-
-ZOOM = 1.02
-"""Of a small panel, in which the box of the axes and its labels just fit."""
+ELEVATION, AZIMUTH = 26.0, -50.0  # where the viewer stands, deg
+ZOOM = 1.02  # of a small panel, in which the box of the axes and its labels just fit
 
 TRACK: dict[str, Any] = {"color": "#333333", "linewidth": 0.7}
 CONFLICT: dict[str, Any] = {"color": style.CONFLICT_COLOUR, "linewidth": 2.2}
 ORBIT: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.45}
 
 
+@dataclass(frozen=True, eq=False)
+class Example:
+    """One transfer as several planners fly it, in the LVLH frame."""
+
+    title: str
+    initial: Float[Array, "n 6"]  # m and m/s
+    goal: Float[Array, "n 6"]
+    tracks: Mapping[str, Float[Array, "n _ 3"]]  # positions dense in time, m, by planner's label
+    collision_radius: float  # m
+
+
 @style.in_style
-def transfer_figure(
-    title: str,
-    initial: Float[Array, "n 6"],
-    goal: Float[Array, "n 6"],
-    tracks: Mapping[str, Float[Array, "n _ 3"]],
-    collision_radius: float,
-) -> Figure:
-    """Tracks of some planners, m, a panel each, all at one equal scale, in the LVLH frame.
+def transfer_figure(example: Example) -> Figure:
+    """The tracks of an example, a panel for each planner, all at one equal scale.
 
     Initial states are blue and goal states green, with the passive relative orbits through them;
     stretches where a pair is within the collision radius are vermillion.
     """
-    colours = {"initial": style.INITIAL_COLOUR, "goal": style.GOAL_COLOUR}
-    ends = zip((initial, goal), colours.values(), strict=True)
+    tracks, colours = example.tracks, {"initial": style.INITIAL_COLOUR, "goal": style.GOAL_COLOUR}
+    ends = zip((example.initial, example.goal), colours.values(), strict=True)
     drawn = [(states, colour, _orbits(states)) for states, colour in ends]
     low, high = _limits([*tracks.values(), *(orbits for *_, orbits in drawn)])
     columns = max(1, min(COLUMNS, len(tracks)))
@@ -54,18 +57,24 @@ def transfer_figure(
     for ax in axes.flat[len(tracks) :]:
         ax.remove()
     for ax, (label, path) in zip(axes.flat, tracks.items(), strict=False):
-        _draw(ax, path, drawn, within(path, collision_radius))
+        for states, colour, orbits in drawn:
+            ax.plot(*_strands(orbits), color=colour, **ORBIT)
+            ax.plot(*states[:, :3].T, color=colour, linestyle="none", marker="o", markersize=3.2)
+        ax.plot(*_strands(path), **TRACK)
+        close = within(path, example.collision_radius)
+        if close.any():
+            conflicts = np.where(close[..., None], path, np.nan)
+            ax.plot(*_strands(conflicts), marker=".", markersize=2.5, **CONFLICT)
         _frame(ax, low, high, large)
         ax.set_title(label_name(label), loc="center", y=0.92)
-    figure.suptitle(title)
+    figure.suptitle(example.title)
     handles = [
         Line2D([], [], color=colour, linestyle="none", marker="o", label=end)
         for end, colour in colours.items()
     ]
-    handles += [
-        Line2D([], [], label="trajectory", **TRACK),
-        Line2D([], [], label=f"pair within {collision_radius:g} m", **CONFLICT),
-    ]
+    handles.append(Line2D([], [], label="trajectory", **TRACK))
+    label = f"pair within {example.collision_radius:g} m"
+    handles.append(Line2D([], [], label=label, **CONFLICT))
     figure.legend(handles=handles, loc="lower center", ncols=4)
     return figure
 
@@ -84,21 +93,6 @@ def _orbits(states: Float[Array, "n 6"]) -> Float[Array, "n _ 3"]:
     """One revolution of free drift through each state; just the states where Eq. 3 fails."""
     found = revolution(states, ORBIT_POINTS)
     return states[:, None, :3] if found is None else found
-
-
-def _draw(
-    ax: Any,
-    track: Float[Array, "n K 3"],
-    ends: list[tuple[Array, str, Array]],
-    conflicts: Bool[Array, "n K"],
-) -> None:
-    for states, colour, orbits in ends:
-        ax.plot(*_strands(orbits), color=colour, **ORBIT)
-        ax.plot(*states[:, :3].T, color=colour, linestyle="none", marker="o", markersize=3.2)
-    ax.plot(*_strands(track), **TRACK)
-    if conflicts.any():
-        close = np.where(conflicts[..., None], track, np.nan)
-        ax.plot(*_strands(close), marker=".", markersize=2.5, **CONFLICT)
 
 
 def _strands(tracks: Float[Array, "n K 3"]) -> Float[Array, "3 _"]:

@@ -28,16 +28,13 @@ from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
-DETERMINED = 2
-"""Intervals left in which the goal determines all controls, so that no planner is asked."""
-
+DETERMINED = 2  # intervals left in which the goal determines all controls; no planner is asked
+# Share of r_col to which separations asked for are rounded down, so that many trials share one
 GRAIN = 1 / 60
-"""Share of r_col to which separations asked for are rounded down, so that many trials share one."""
-
-LESS = (0.02, 0.1, 0.3)
-"""Shares of r_col by which less is asked for, in turn, where no safe plan is found."""
+LESS = (0.02, 0.1, 0.3)  # of r_col, by which less is asked for where no safe plan is found
 
 SomeControls = Float[Array, "K n left 3"]
+EachTrial = Float[Array, "K"]
 
 
 class ClosedLoop:
@@ -96,9 +93,8 @@ class ClosedLoop:
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
                 which = np.flatnonzero(choice.open & (asked == radius))
                 wider = replace(problem, collision_radius=radius)
-                plans = self._planner.plan(
-                    [replace(self._scenario, problem=wider, initial=estimate[k]) for k in which]
-                )
+                asks = replace(self._scenario, problem=wider)
+                plans = self._planner.plan([replace(asks, initial=estimate[k]) for k in which])
                 choice.offer(which, plans, radius)
                 spent = [[p.timing.get(k, 0.0) for k in ("plan", "certificate")] for p in plans]
                 self.seconds[which, node] += np.sum(spent, axis=1)
@@ -116,9 +112,7 @@ class ClosedLoop:
         self.unsafe += choice.separation <= problem.collision_radius
 
 
-def _asked(
-    problem: Problem, apart: Float[Array, "K"], margin: float
-) -> Iterator[Float[Array, "K"]]:
+def _asked(problem: Problem, apart: EachTrial, margin: float) -> Iterator[EachTrial]:
     """Separations to ask for in turn, m, of each trial; 0 where there is nothing more to ask.
 
     No more than craft have already; then r_col alone; then less.
@@ -133,7 +127,7 @@ def _asked(
         yield least * (1 - share)
 
 
-def apart_at(states: Float[Array, "K n 6"]) -> Float[Array, "K"]:
+def apart_at(states: Float[Array, "K n 6"]) -> EachTrial:
     """Least distance of any pair, m; infinite without a pair."""
     i, j = pairs(states.shape[1])
     return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
@@ -157,14 +151,9 @@ class Choice:
         allowance: float = np.inf,
         requirements: Requirements = AT_ALL_TIMES,
     ) -> None:
-        """Begin with what is under way, corrected for the goal.
+        """Begin with the controls under way, m/s², corrected for the goal, for what is left.
 
-        Args:
-            problem: of what is left.
-            estimate: of states, m and m/s.
-            under_way: controls, m/s².
-            allowance: fuel beyond theirs that more separation than r_col may cost, m/s².
-            requirements: of separation.
+        The allowance, m/s², is fuel beyond theirs that more separation than r_col may cost.
         """
         self._problem, self._estimate, self._requirements = problem, estimate, requirements
         self.controls = self._within_limit(under_way)
@@ -178,12 +167,8 @@ class Choice:
 
         Where neither is, the one remains that keeps craft further apart; but one that misses the
         goal does not replace one that meets it. Where a margin costs too much, as where all craft
-        must turn round for it, the plan counts as none.
-
-        Args:
-            which: open trials.
-            plans: for each of them.
-            radius: separation that was asked for, m.
+        must turn round for it, the plan counts as none. Plans are for ``which`` trials, all open,
+        and were asked for separation by a radius, m.
         """
         controls = self._within_limit(np.stack([plan.controls for plan in plans]))
         separation = self._separation(which, controls)
@@ -252,5 +237,5 @@ def _is_at_goal(plan: Plan, problem: Problem) -> bool:
     return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
 
 
-def _fuel(controls: SomeControls) -> Float[Array, "K"]:
+def _fuel(controls: SomeControls) -> EachTrial:
     return np.abs(controls).sum(axis=(1, 2, 3))

@@ -11,9 +11,7 @@ from pipeline.orbit.inertial import Elements
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, Reference, radius_at
 
-MOST_ECCENTRIC = 0.01
-"""Up to which a plan for a circular orbit is flown, and bounds on separation hold."""
-
+MOST_ECCENTRIC = 0.01  # for which plans for a circular orbit are flown, and separation is bounded
 MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
 
 

@@ -13,6 +13,7 @@ from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import LinearWorld, World
+from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
@@ -23,8 +24,7 @@ from pipeline.scenario import Scenario
 
 PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
 
-FURTHEST = 0.01
-"""Distance from the origin in radii of the reference orbit, within which plans are flown."""
+FURTHEST = 0.01  # distance from the origin, in radii of the reference orbit, that a plan may reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,19 +36,16 @@ class Effect:
     """
 
     name: str  # "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag"
-    states: Float[Array, "n T 6"]  # at the nodes, LVLH, m and m/s
+    states: States  # at the nodes, LVLH, m and m/s
     nearest: Separation  # the least separation of any pair at any time
-    errors: Float[Array, "n 6"]  # state at the end minus goal, m and m/s
-    added: Float[Array, "n 6"]  # to the errors by this effect; their sum is the last errors
+    errors: Formation  # state at the end minus goal, m and m/s
+    added: Formation  # to the errors by this effect; their sum is the last errors
     share: float
 
 
 def fly_controls(
-    world: World,
-    initial: Float[Array, "n 6"],
-    controls: Float[Array, "n intervals 3"],
-    problem: Problem,
-) -> tuple[Float[Array, "n T 6"], Separation]:
+    world: World, initial: Formation, controls: Controls, problem: Problem
+) -> tuple[States, Separation]:
     """Node states and least separation at any time of controls (m/s²), flown open loop."""
     e, step = problem.mean_motion, problem.time_step
     pieces, nodes, closest = pieces_for(step, e), [initial], []
@@ -59,9 +56,7 @@ def fly_controls(
     return np.stack(nodes, axis=1), reduce(nearer, closest).separation()
 
 
-def effects(
-    scenario: Scenario, controls: Float[Array, "n intervals 3"], conditions: Conditions
-) -> list[Effect]:
+def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> list[Effect]:
     """Fly a plan's controls (m/s²) with one effect more each time, up to all of the conditions.
 
     Effects are added in this order: curvature, two bodies on a circular orbit instead of the
@@ -80,31 +75,28 @@ def effects(
     worst = int(norm(errors[-1, :, :3]).argmax())
     last = errors[-1, worst, :3]
     shares = np.vecdot(added[:, worst, :3], last) / max(float(last @ last), np.finfo(float).tiny)
-    return [
-        Effect(name, *flight, *rest)
-        for (name, _), flight, *rest in zip(
-            worlds, flights, errors, added, shares.tolist(), strict=True
-        )
-    ]
+    rows = zip(worlds, flights, errors, added, shares.tolist(), strict=True)
+    return [Effect(name, *flight, *rest) for (name, _), flight, *rest in rows]
 
 
 def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, World]]:
     """Worlds by the effect that is new in each."""
     bare = replace(conditions, eccentricity=0.0, j2=False, ballistic=None)
     eccentric = replace(bare, eccentricity=conditions.eccentricity)
-    oblate = replace(eccentric, j2=conditions.j2)
-    steps = (
-        ("curvature", bare, True),
-        ("eccentricity", eccentric, conditions.eccentricity > 0),
-        ("J2", oblate, conditions.j2),
-        ("drag", conditions, conditions.ballistic is not None),
-    )
-    for name, one, present in steps:
-        if present:
+    steps = {
+        "curvature": bare,
+        "eccentricity": eccentric,
+        "J2": replace(eccentric, j2=conditions.j2),
+        "drag": conditions,
+    }
+    before = None
+    for name, one in steps.items():
+        if one != before:
             yield name, one.world(scenario.problem, scenario.n)
+        before = one
 
 
-def refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"]) -> None:
+def refuse_distance(scenario: Scenario, controls: Controls) -> None:
     """Raise InputError for controls (m/s²) that lead a craft too far away, or are NaN."""
     problem = scenario.problem
     with np.errstate(over="ignore", invalid="ignore"):

@@ -62,8 +62,7 @@ COLD_GAS = Errors(
   7 kg; 0.1 s of timing; biases of 2 cm and 0.1 mm/s; one burn in a thousand missed.
 """
 
-PRESETS: Mapping[str, Errors] = {"none": Errors(), "cold-gas": COLD_GAS}
-"""By name."""
+PRESETS: Mapping[str, Errors] = {"none": Errors(), "cold-gas": COLD_GAS}  # by name
 
 
 @dataclass(frozen=True, eq=False)

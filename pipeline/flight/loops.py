@@ -3,16 +3,15 @@
 The margin is separation asked for beyond r_col, so that errors use it up before craft are at risk.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.flight.closed_loop import ClosedLoop, apart_at
 from pipeline.flight.errors import Errors, draws
-from pipeline.flight.trials import fly_trials, open_loop
+from pipeline.flight.trials import Trials, fly_trials, open_loop
 from pipeline.flight.world import World
 from pipeline.orbit.approaches import MOST_PAIRS, TOLERANCE
 from pipeline.orbit.arrays import Controls
@@ -27,13 +26,8 @@ PORTION = 50  # most trials that are flown side by side
 MOST_TRIALS = 10_000_000  # of one Monte Carlo
 SIGMAS = 3.0  # standard deviations of a relative position that the default margin covers
 
+# Shares of a margin that are tried in turn at the first node, until there is a safe plan
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
-"""Shares of a margin that are tried in turn at the first node, until there is a safe plan."""
-
-
-Trials = Mapping[str, Array]
-"""Trials of a loop by column, a value a trial, SI units. A craft alone has a ``first_craft`` of -1
-and no separation; ``replan_seconds`` has a row of times a trial, NaN where nobody planned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,25 +48,14 @@ class Loop:
         """Fly some trials side by side, as in ``fly_trials``."""
         drawn = draws(seed, trials, scenario.n, scenario.problem.intervals)
         if self.planner is None:
-            closed, guidance = None, open_loop(self.controls)
+            flown = fly_trials(scenario, world, open_loop(self.controls), drawn, errors)
+            unsafe, seconds = np.zeros(len(trials), dtype=int), np.zeros((len(trials), 0))
         else:
             closed = ClosedLoop(scenario, self.controls, self.planner, len(trials), self.margin)
-            guidance = closed
-        flown = fly_trials(scenario, world, guidance, drawn, errors)
-        least = flown.nearest
-        return {
-            "trial": np.array(trials),
-            "min_separation": least.distance,
-            "first_craft": least.first,
-            "second_craft": least.second,
-            "min_separation_time": least.time,
-            "goal_error": flown.goal_error,
-            "goal_velocity_error": flown.goal_velocity_error,
-            "delta_v": flown.delta_v,
-            "missed_burns": flown.missed,
-            "unsafe_replans": closed.unsafe if closed else np.zeros(len(trials), dtype=int),
-            "replan_seconds": closed.seconds if closed else np.zeros((len(trials), 0)),
-        }
+            flown = fly_trials(scenario, world, closed, drawn, errors)
+            unsafe, seconds = closed.unsafe, closed.seconds
+        replanning = {"unsafe_replans": unsafe, "replan_seconds": seconds}
+        return {"trial": np.array(trials), **flown, **replanning}
 
 
 def flight_loops(

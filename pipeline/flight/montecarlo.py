@@ -21,7 +21,8 @@ import pyarrow as pa
 
 from pipeline.errors import InputError
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import PORTION, Loop, Trials, refuse_trials
+from pipeline.flight.loops import PORTION, Loop, refuse_trials
+from pipeline.flight.trials import Trials
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.planners.planner import identity
@@ -29,21 +30,10 @@ from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS
-from pipeline.storage import COPY, MANIFEST, TIMINGS
+from pipeline.storage import COPY, MANIFEST, TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, NewShard, open_ledger, read_checked, write_shards
-from pipeline.storage.shards import (
-    METADATA_KEY,
-    TIMED_KEY,
-    Size,
-    decode,
-    digest_of,
-    encode,
-    has_metadata,
-    metadata_of,
-    read_metadata,
-    read_shard,
-)
+from pipeline.storage.shards import Size, decode, digest_of, encode
 
 SCHEMA = "prolearn.flight/2"
 
@@ -72,7 +62,7 @@ FIELDS = [
 """Columns; those of the closest pair are null for a single craft."""
 
 TIMING_FIELDS = [
-    pa.field("trial", pa.int64(), nullable=False),
+    FIELDS[0],
     pa.field("replan_seconds", pa.list_(pa.field("element", pa.float64(), nullable=False))),
 ]
 
@@ -129,7 +119,7 @@ class Portion:
         ends = of.scenario.initial, of.scenario.goal, loop.controls
         plan = hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in ends))
         world: Any = of.world
-        return metadata_of(
+        return shards.metadata_of(
             {
                 "schema": SCHEMA,
                 **asdict(of.scenario.problem),
@@ -204,7 +194,7 @@ def _is_done(ledger: Ledger[TrialsManifest], portion: Portion) -> bool:
         timings = digest_of(folder.read(TIMINGS + name))
     except (OSError, InputError):
         return False
-    if not has_metadata(table, portion.metadata):
+    if not shards.has_metadata(table, portion.metadata):
         _refuse_change(folder, table, portion)
         return False  # it is another part of the same
     if name not in listed and not ledger.adopt(name, portion.most, lambda _: True):
@@ -215,7 +205,7 @@ def _is_done(ledger: Ledger[TrialsManifest], portion: Portion) -> bool:
 
 
 def _refuse_change(folder: Folder, table: pa.Table, portion: Portion) -> None:
-    was, now = read_metadata(table), json.loads(portion.metadata[METADATA_KEY])
+    was, now = shards.read_metadata(table), json.loads(portion.metadata[shards.METADATA_KEY])
     was["part"] = now["part"]
     versions = was.pop("made_with", {}), now.pop("made_with")
     refuse_change(f"{portion.path} in {folder}", was, now)
@@ -235,7 +225,7 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     seconds = [row[np.isfinite(row)] for row in flown["replan_seconds"]]
     timings = pa.table(
         {"trial": np.array(trials), "replan_seconds": seconds},
-        schema=pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest_of(content)}),
+        schema=pa.schema(TIMING_FIELDS, metadata={shards.TIMED_KEY: digest_of(content)}),
     )
     return NewShard(portion.path, content, encode(timings))
 
@@ -243,19 +233,18 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
 def _read(ledger: Ledger[TrialsManifest], of: MonteCarlo, loop: Loop, trials: int) -> Trials:
     """The first so many trials of a loop, with the times of all their plans."""
 
+    def sound(name: str, digest: str, most: Size) -> pa.Table:
+        try:
+            return shards.read_shard(ledger.folder, name, digest, most)
+        except InputError as error:
+            wrong = f"{name} in {ledger.folder} {error}; give the same command again."
+            raise InputError(wrong) from error
+
     def read(digests: Mapping[str, str], top: str = "") -> pa.Table:
-        shards = ((top + one.path, digests[one.path], one.most) for one in portions)
-        parts = [_sound(ledger.folder, *shard) for shard in shards]
+        parts = [sound(top + one.path, digests[one.path], one.most) for one in portions]
         return pa.concat_tables(parts).slice(0, trials).combine_chunks()
 
     portions = list(_portions(of, loop, trials))
     rows, seconds = read(ledger.manifest.shards), read(ledger.timed, TIMINGS)["replan_seconds"]
     columns = {name: rows[name].to_numpy() for name in rows.column_names}
     return {**columns, "replan_seconds": seconds.combine_chunks().flatten().to_numpy()}
-
-
-def _sound(folder: Folder, name: str, digest: str, most: Size) -> pa.Table:
-    try:
-        return read_shard(folder, name, digest, most)
-    except InputError as error:
-        raise InputError(f"{name} in {folder} {error}; give the same command again.") from error

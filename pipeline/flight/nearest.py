@@ -57,11 +57,8 @@ def nearest(
     only say which pairs and pieces cannot matter. Memory is some 50 bytes for each trial, pair and
     piece.
 
-    Args:
-        states: LVLH, at equally spaced times from the arc's start to its end, m and m/s.
-        start: of the arc, s since the plan's first node.
-        duration: of the arc, s.
-        mean_motion: of the reference orbit, rad/s.
+    States are at equally spaced times from the arc's start (s since the plan's first node) to its
+    end, a duration (s) later, LVLH, m and m/s; the mean motion is the reference orbit's, rad/s.
 
     Raises:
         InputError: where pieces are too long for the bound on what cubics leave out.
@@ -80,7 +77,7 @@ def nearest(
     i, j = (one[pair] for one in pairs(n))
     begin = states[trial, i, piece] - states[trial, j, piece]
     end = states[trial, i, piece + 1] - states[trial, j, piece + 1]
-    remainder = h**4 / 384 * _most_fourth_derivative(begin, end, h, mean_motion)
+    remainder = h**4 / 384 * _most_derivatives(begin, end, h, mean_motion)[1]
     curve, reach = hermite_bezier(begin, end, h), within[trial]
     near = np.flatnonzero(chord_bound(curve) - remainder <= reach)
     curve, remainder, reach = curve[near], remainder[near], reach[near]
@@ -97,10 +94,9 @@ def nearest(
 
 def nearer(one: Nearest, other: Nearest) -> Nearest:
     """Each trial's least separation over two times."""
-    first = one.distance <= other.distance
-    names = ("distance", "first", "second", "time")
-    least = {k: np.where(first, getattr(one, k), getattr(other, k)) for k in names}
-    return Nearest(bound=np.minimum(one.bound, other.bound), **least)
+    first, beside = one.distance <= other.distance, vars(other)
+    least = {name: np.where(first, value, beside[name]) for name, value in vars(one).items()}
+    return Nearest(**least | {"bound": np.minimum(one.bound, other.bound)})
 
 
 def _candidates(
@@ -116,45 +112,26 @@ def _candidates(
     position, begin, end = states[..., :3], states[:, :, :-1], states[:, :, 1:]
     apart = norm(position[:, i] - position[:, j])
     within: Float[Array, trials] = apart.min(axis=(1, 2))
-    deviation = h**2 / 8 * _most_acceleration(begin, end, h, mean_motion)
+    deviation = h**2 / 8 * _most_derivatives(begin, end, h, mean_motion)[0]
     path = norm(end[..., :3] - begin[..., :3]) + 2 * deviation
     least = (apart[..., :-1] + apart[..., 1:] - path[:, i] - path[:, j]) / 2
     trial, pair, piece = np.nonzero(least <= within[:, None, None])
     return within, trial, pair, piece
 
 
-def _most_acceleration(
+def _most_derivatives(
     begin: Float[Array, "*k 6"], end: Float[Array, "*k 6"], h: float, mean_motion: float
-) -> Float[Array, "*k"]:
-    """A bound on ‖p̈‖ under constant thrust in a piece of h seconds, e h ≤ 0.05, m/s².
+) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
+    """Bounds on ‖p̈‖, m/s², and ‖p⁗‖, m/s⁴, under constant thrust in a piece of h s, e h ≤ 0.05.
 
     By Eq. 1, p̈ = K p + G ṗ + u with K = e² diag(3, 0, -1) and ‖G‖ = 2e. So the third derivative is
     at most 3e² ‖ṗ‖ + 2e ‖p̈‖, and p̈ is off its mean, Δṗ/h, by no more than that times h/2. The
-    terms of e² p are for what the reference orbit's eccentricity, up to 0.01, and J2 add.
+    fourth, (K + G²) p̈ + G K ṗ, is at most 4e² ‖p̈‖ + 6e³ ‖ṗ‖. Eccentricities up to 0.01, J2 and
+    distances up to 1 % of the radius change its coefficients by less than a quarter and add less
+    than e⁴ ‖p‖; to p̈ they add the terms of e² p.
     """
     e = mean_motion
-    far, fast = _most(begin, end)
-    return 1.1 * norm(end[..., 3:] - begin[..., 3:]) / h + 0.1 * e * fast + 0.01 * e**2 * far
-
-
-def _most_fourth_derivative(
-    begin: Float[Array, "*k 6"], end: Float[Array, "*k 6"], h: float, mean_motion: float
-) -> Float[Array, "*k"]:
-    """A bound on ‖p⁗‖ there, m/s⁴.
-
-    By Eq. 1, p⁗ = (K + G²) p̈ + G K ṗ, at most 4e² ‖p̈‖ + 6e³ ‖ṗ‖. Eccentricities up to 0.01, J2 and
-    distances up to 1 % of the radius change these coefficients by less than a quarter and add less
-    than e⁴ ‖p‖.
-    """
-    e = mean_motion
-    far, fast = _most(begin, end)
-    most = _most_acceleration(begin, end, h, e)
-    return 5 * e**2 * most + 8 * e**3 * fast + e**4 * far
-
-
-def _most(
-    begin: Float[Array, "*k 6"], end: Float[Array, "*k 6"]
-) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
-    """Distance and speed at the end of a piece where they are larger, m and m/s."""
-    position = np.maximum(norm(begin[..., :3]), norm(end[..., :3]))
-    return position, np.maximum(norm(begin[..., 3:]), norm(end[..., 3:]))
+    far = np.maximum(norm(begin[..., :3]), norm(end[..., :3]))
+    fast = np.maximum(norm(begin[..., 3:]), norm(end[..., 3:]))
+    most = 1.1 * norm(end[..., 3:] - begin[..., 3:]) / h + 0.1 * e * fast + 0.01 * e**2 * far
+    return most, 5 * e**2 * most + 8 * e**3 * fast + e**4 * far

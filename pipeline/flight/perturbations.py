@@ -80,10 +80,8 @@ def drag(
 ) -> Float[Array, "*batch 3"]:
     """Drag, -½ ρ B |v| v with v against the turning air, m/s².
 
-    Args:
-        states: inertial, m and m/s.
-        ballistic: B = C_D A/m, m²/kg.
-        air: its density by height above a sphere of the Earth's equatorial radius.
+    States are inertial, m and m/s, B = C_D A/m is the ballistic coefficient, m²/kg; the air's
+    density is by height above a sphere of the Earth's equatorial radius.
     """
     position, velocity = states[..., :3], states[..., 3:].copy()
     velocity[..., 0] += EARTH_RATE * position[..., 1]

@@ -11,27 +11,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Array
+from pipeline.figures import style
 from pipeline.figures.intervals import Interval, wilson
-from pipeline.figures.style import (
-    CONFLICT_COLOUR,
-    GOAL_COLOUR,
-    GREY,
-    INITIAL_COLOUR,
-    PAGE_WIDTH,
-    fit_scale,
-    in_style,
-)
-from pipeline.flight.loops import Loop, Trials
+from pipeline.flight.loops import Loop
+from pipeline.flight.trials import Trials
 
 HIGH = 0.95  # the quantile of fields whose names end in ``high``
 
-
-HEIGHT = 3.1  # of the figure, inches
-
 LINES: Sequence[Mapping[str, Any]] = (
-    {"color": CONFLICT_COLOUR, "linestyle": "--", "zorder": 3},
-    {"color": INITIAL_COLOUR, "linestyle": "-.", "zorder": 4},
-    {"color": GOAL_COLOUR, "linewidth": 3.0, "alpha": 0.5, "zorder": 2},
+    {"color": style.CONFLICT_COLOUR, "linestyle": "--", "zorder": 3},
+    {"color": style.INITIAL_COLOUR, "linestyle": "-.", "zorder": 4},
+    {"color": style.GOAL_COLOUR, "linewidth": 3.0, "alpha": 0.5, "zorder": 2},
 )
 """Of loops, in their order; the last is wide and below, since the one before may run along it."""
 
@@ -73,16 +63,11 @@ class Summary:
 
 
 def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary:
-    """The trials of a loop in numbers.
-
-    The collision radius and the physical size, at which the centres of two craft are when they may
-    touch, are in m.
-    """
+    """The trials of a loop in numbers, by the collision radius and the physical size, m."""
     apart = _separations(trials)
-    alone = len(apart) == 0
     found: dict[str, Any] = {}
     for name, distance in (("within_radius", radius), ("within_size", size)):
-        share = None if alone else float((apart <= distance).mean())
+        share = float((apart <= distance).mean()) if len(apart) else None
         found[name] = share
         found[f"{name}_interval"] = None if share is None else wilson(share, len(apart))
     for name in ("goal_error", "goal_velocity_error", "delta_v"):
@@ -90,27 +75,28 @@ def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary
         found |= {f"{name}_median": median, f"{name}_high": high}
     taken = trials["replan_seconds"]
     taken = taken[np.isfinite(taken)]
+    planner = loop.planner
     return Summary(
         loop=loop.name,
-        planner=None if loop.planner is None else loop.planner.name,
-        margin=None if loop.planner is None else loop.margin,
+        planner=planner.name if planner else None,
+        margin=loop.margin if planner else None,
         trials=len(trials["trial"]),
-        least_separation=None if alone else float(apart.min()),
-        separation_median=None if alone else float(np.median(apart)),
+        least_separation=float(apart.min()) if len(apart) else None,
+        separation_median=float(np.median(apart)) if len(apart) else None,
         missed_burns=float(trials["missed_burns"].mean()),
-        unsafe_replans=float(trials["unsafe_replans"].mean()) if loop.planner else None,
+        unsafe_replans=float(trials["unsafe_replans"].mean()) if planner else None,
         replan_seconds=float(np.median(taken)) if len(taken) else None,
         **found,
     )
 
 
-@in_style
+@style.in_style
 def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, title: str) -> Figure:
     """For each quantity the share of trials at or below a value, a line a loop.
 
     The collision radius, m, is marked, and the physical size, m, where trials come near it.
     """
-    figure = Figure(figsize=(PAGE_WIDTH, HEIGHT), layout="constrained")
+    figure = Figure(figsize=(style.PAGE_WIDTH, 3.1), layout="constrained")
     panels = figure.subplots(1, len(PANELS), sharey=True)
     for ax, (column, label) in zip(panels, PANELS.items(), strict=True):
         read = _separations if column == "min_separation" else itemgetter(column)
@@ -118,7 +104,7 @@ def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, titl
         for loop, found, line in zip(tables, values, LINES, strict=False):
             if len(found):
                 ax.ecdf(found, label=loop, **line)
-        fit_scale(ax, "x", np.concatenate(values).tolist())
+        style.fit_scale(ax, "x", np.concatenate(values).tolist())
         ax.set_ylim(-0.02, 1.02)
         ax.set_xlabel(label)
     panels[0].set_ylabel("share of trials at or below")
@@ -140,13 +126,6 @@ def _separations(trials: Trials) -> Float[Array, "_"]:
 
 def _mark(ax: Axes, distance: float, label: str) -> None:
     """A line at a distance, with its name at the top."""
-    ax.axvline(distance, color=GREY, linewidth=0.9)
-    ax.annotate(
-        label,
-        (distance, 1.0),
-        xycoords=ax.get_xaxis_transform(),
-        xytext=(2, 1),
-        textcoords="offset points",
-        color=GREY,
-        fontsize=7.5,
-    )
+    ax.axvline(distance, color=style.GREY, linewidth=0.9)
+    at: dict[str, Any] = {"xycoords": ax.get_xaxis_transform(), "textcoords": "offset points"}
+    ax.annotate(label, (distance, 1.0), xytext=(2, 1), color=style.GREY, fontsize=7.5, **at)

@@ -1,21 +1,25 @@
 """Trials of one transfer with errors, flown side by side under some guidance."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import reduce
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.flight.errors import Draws, Errors, burns_made, navigation_error
-from pipeline.flight.nearest import Nearest, nearer, nearest, pieces_for
+from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.scenario import Scenario
 
-SIZE = 0.35
-"""Distance of two craft's centres at which two cubes of 20 cm can touch, m."""
+SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
+
+Trials = Mapping[str, Array]
+"""Trials of a loop by column, a value a trial, SI units. Errors at the goal are those of the craft
+furthest from it, separations the least of any pair at any time, Δv that of all craft. A craft alone
+has a ``first_craft`` of -1 and no separation; ``replan_seconds`` has a row of times a trial, NaN
+where nobody planned."""
 
 Guidance = Callable[[int, Float[Array, "K n 6"]], Float[Array, "K n 3"]]
 """Controls, m/s², for the interval that begins at a node, from the number of that node and the
@@ -27,21 +31,10 @@ def open_loop(controls: Float[Array, "n intervals 3"]) -> Guidance:
     return lambda node, estimate: np.broadcast_to(controls[:, node], (*estimate.shape[:2], 3))
 
 
-@dataclass(frozen=True, eq=False)
-class TrialResults:
-    """Results of K trials."""
-
-    nearest: Nearest  # the least separation of any pair of each trial at any time
-    goal_error: Float[Array, "K"]  # of the craft furthest from its goal, m
-    goal_velocity_error: Float[Array, "K"]  # likewise of velocities, m/s
-    delta_v: Float[Array, "K"]  # of all craft, Σ‖u‖₁Δt of what was burnt, m/s
-    missed: Int[Array, "K"]  # number of burns that were not made
-
-
 def fly_trials(
     scenario: Scenario, world: World, guidance: Guidance, drawn: Draws, errors: Errors
-) -> TrialResults:
-    """Fly some trials side by side.
+) -> dict[str, Array]:
+    """Fly some trials side by side; all columns of ``Trials`` but those of replanning.
 
     The scenario's initial states are the estimates at the first node; craft are where those and
     the navigation errors put them. At a node the rest of a late burn is still to come; the ends of
@@ -64,9 +57,17 @@ def fly_trials(
         state, late = arcs[:, :, -1], burns.late
         used += np.abs(burns.held).sum(axis=(1, 2)) * h
         missed += burns.missed
-    miss = _pushed(state, late) - scenario.goal
-    position, velocity = norm(miss[..., :3]).max(axis=1), norm(miss[..., 3:]).max(axis=1)
-    return TrialResults(reduce(nearer, closest), position, velocity, used, missed)
+    least, miss = reduce(nearer, closest), _pushed(state, late) - scenario.goal
+    return {
+        "min_separation": least.distance,
+        "first_craft": least.first,
+        "second_craft": least.second,
+        "min_separation_time": least.time,
+        "goal_error": norm(miss[..., :3]).max(axis=1),
+        "goal_velocity_error": norm(miss[..., 3:]).max(axis=1),
+        "delta_v": used,
+        "missed_burns": missed,
+    }
 
 
 def _pushed(state: Float[Array, "K n 6"], impulse: Float[Array, "K n 3"]) -> Float[Array, "K n 6"]:

@@ -17,11 +17,13 @@ from pipeline.orbit.inertial import Elements, lvlh_axes, lvlh_frame
 TOLERANCE = 1e-6
 """Of a step of the integrator for each craft, m; of velocities, in m/s, this times TURN."""
 
+# About the mean motion of a low orbit, 1/s: an error in velocity counts like one in position
 TURN = 1e-3
-"""About the mean motion of a low orbit, 1/s: an error in velocity counts like one in position."""
+RELATIVE = 2.3e-14  # tolerance: the least that scipy accepts; it matters to the reference alone
 
-RELATIVE = 2.3e-14
-"""Relative tolerance: the least that scipy accepts. It matters to the reference orbit alone."""
+States = Float[Array, "N 6"]
+Held = Float[Array, "N 3"]  # controls
+Arcs = Float[Array, "N _ 6"]
 
 
 @runtime_checkable
@@ -33,21 +35,12 @@ class World(Protocol):
     """
 
     def arc(
-        self,
-        states: Float[Array, "N 6"],
-        controls: Float[Array, "N 3"],
-        start: float,
-        duration: float,
-        pieces: int,
-    ) -> Float[Array, "N _ 6"]:
+        self, states: States, controls: Held, start: float, duration: float, pieces: int
+    ) -> Arcs:
         """States at ``pieces`` + 1 equally spaced times of one arc, both ends included.
 
-        Args:
-            states: at its start.
-            controls: held over all of it.
-            start: of the arc, s since the plan's first node.
-            duration: of the arc, s.
-            pieces: into which it is cut.
+        From states at its start, by controls held over all of it; it begins at ``start``, s since
+        the plan's first node, and takes ``duration``, s.
         """
 
 
@@ -58,18 +51,11 @@ class LinearWorld:
     dynamics: Dynamics
 
     def arc(
-        self,
-        states: Float[Array, "N 6"],
-        controls: Float[Array, "N 3"],
-        start: float,
-        duration: float,
-        pieces: int,
-    ) -> Float[Array, "N _ 6"]:
+        self, states: States, controls: Held, start: float, duration: float, pieces: int
+    ) -> Arcs:
         """As ``World.arc``; when the arc starts makes no difference."""
         A, B = self.dynamics.step(np.linspace(0.0, duration, pieces + 1))
-        flown: Float[Array, "N _ 6"] = np.matvec(A, states[:, None])
-        flown += np.matvec(B, controls[:, None])
-        return flown
+        return np.matvec(A, states[:, None]) + np.matvec(B, controls[:, None])
 
 
 @dataclass(frozen=True)
@@ -114,13 +100,8 @@ class NonlinearWorld:
     tolerance: float = TOLERANCE  # of a step, m
 
     def arc(
-        self,
-        states: Float[Array, "N 6"],
-        controls: Float[Array, "N 3"],
-        start: float,
-        duration: float,
-        pieces: int,
-    ) -> Float[Array, "N _ 6"]:
+        self, states: States, controls: Held, start: float, duration: float, pieces: int
+    ) -> Arcs:
         """As ``World.arc``; ProlearnError where the integrator fails, since a state is NaN."""
         if duration == 0:
             return np.repeat(states[:, None], pieces + 1, axis=1)
@@ -136,11 +117,7 @@ class NonlinearWorld:
         return _reference(self, time)
 
     def _integrate(
-        self,
-        begin: Float[Array, "_ 6"],
-        controls: Float[Array, "N 3"],
-        duration: float,
-        pieces: int,
+        self, begin: Float[Array, "_ 6"], controls: Held, duration: float, pieces: int
     ) -> Float[Array, "_ _ 6"]:
         """The reference's state and the others' differences from it, by time and craft."""
         count = len(begin)
@@ -148,14 +125,12 @@ class NonlinearWorld:
 
         def motion(_: float, flat: Float[Array, "_"]) -> Float[Array, "_"]:
             now = flat.reshape(count, 6)
-            rate = np.concatenate([now[:, 3:], np.zeros((count, 3))], axis=1)
             absolute = now.copy()
             absolute[1:] += now[0]
             accelerations = self._accelerations(absolute, ballistic)
-            rate[0, 3:] = accelerations[0]
-            rate[1:, 3:] = accelerations[1:] - accelerations[0]
-            rate[1:, 3:] += controls @ lvlh_axes(now[0]).T
-            return rate.ravel()
+            accelerations[1:] -= accelerations[0]
+            accelerations[1:] += controls @ lvlh_axes(now[0]).T
+            return np.concatenate([now[:, 3:], accelerations], axis=1).ravel()
 
         each = np.repeat([1.0, TURN], 3) * self.tolerance / np.sqrt(count)
         solved = solve_ivp(

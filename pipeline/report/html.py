@@ -22,12 +22,8 @@ FIGURE = re.compile(r"!\[(?P<label>[^]]*)\]\((?P<src>[^)]*)\)")
 def html_page(title: str, markdown: str, pictures: Mapping[str, bytes]) -> str:
     """The page, with its figures inlined; it refers to nothing outside itself.
 
-    Raw HTML and links in the text stay text, and so do all images but the figures.
-
-    Args:
-        title: of the page.
-        markdown: its text.
-        pictures: the figures, SVG, by what the Markdown calls them.
+    Raw HTML and links in the text stay text, and so do all images but the figures: the pictures,
+    SVG, by what the Markdown calls them.
     """
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     parser.disable(["link", "autolink", "reference"])

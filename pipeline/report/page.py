@@ -1,5 +1,6 @@
 """The report written out: Markdown, one self-contained HTML page, tables and figures."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -7,7 +8,6 @@ import pandas as pd
 
 from pipeline.experiments import (
     ablations,
-    examples,
     experiment1,
     experiment2,
     experiment3,
@@ -20,7 +20,8 @@ from pipeline.experiments.averages import prepared, reference_size, summarize
 from pipeline.experiments.verdicts import CHEAP, SAFE
 from pipeline.figures.labels import share
 from pipeline.figures.style import save, styles
-from pipeline.figures.tables import Column, Section, Table, Writer, write_csv
+from pipeline.figures.tables import Column, Picture, Section, Table, Writer, file_name, write_csv
+from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
 from pipeline.report.html import html_page
 from pipeline.report.results import Results
@@ -28,24 +29,16 @@ from pipeline.report.results import Results
 TITLE = "Learned swarm transfers between passive relative orbits"
 
 QUESTIONS = [
-    Column("Question", "question"),
-    Column("Verdict", "verdict"),
-    Column("Numbers", "numbers"),
-    Column("Best free baseline", "baseline"),
+    *(Column("Question", "question"), Column("Verdict", "verdict")),
+    *(Column("Numbers", "numbers"), Column("Best free baseline", "baseline")),
 ]
 
 PROVENANCE = [
-    Column("Part", "part"),
-    Column("Run", "run_short"),
-    Column("Made", "made"),
-    Column("Data", "data"),
-    Column("Digest", "digest_short"),
-    Column("Code", "code_short"),
+    *(Column("Part", "part"), Column("Run", "run_short"), Column("Made", "made")),
+    *(Column("Data", "data"), Column("Digest", "digest_short"), Column("Code", "code_short")),
     Column("Machine", "machine"),
 ]
-
-DIGITS = 12
-"""Digits of ids and digests that the page shows; the CSV file has them in full."""
+DIGITS = 12  # digits of ids and digests that the page shows; the CSV file has them in full
 
 
 @dataclass(frozen=True)
@@ -61,12 +54,8 @@ class ReportFiles:
 def build_report(results: Results, out: Path) -> ReportFiles:
     """Write the report of some results; the same results give the same bytes.
 
-    Args:
-        results: tables and facts of the experiments.
-        out: folder for report.md, report.html, tables/ and figures/; made where it is missing.
-
-    Returns:
-        The files written, each of which appears whole.
+    The folder, which is made where it is missing, gets report.md, report.html, tables/ and
+    figures/; each file appears whole.
     """
     summary, n = summarize(results.trials), reference_size(results.trials)
     # One style for each planner of any table, so that it looks the same in every figure.
@@ -81,20 +70,20 @@ def build_report(results: Results, out: Path) -> ReportFiles:
         experiment4.section(results.transfer_times, look),
         experiment5.section(results.flights, look),
         ablations.section(results.ablations, look),
-        examples.section(results.examples),
+        examples(results.examples),
         provenance(results.provenance),
     ]
     writer = Writer()
     markdown = "\n\n".join([f"# {TITLE}", *map(writer.write, sections)]) + "\n"
     tables, figures, drawn = [], [], {}
     for table in [*writer.tables, Table("summary", summary, [])]:
-        tables.append(out / "tables" / f"{table.file}.csv")
+        tables.append(out / "tables" / f"{file_name(table.name)}.csv")
         write_csv(table.frame, tables[-1])
     for picture in writer.pictures:
-        path = out / "figures" / picture.file
+        path = out / "figures" / file_name(picture.name)
         save(picture.figure, path)
         figures += [path.with_name(path.name + suffix) for suffix in (".svg", ".png")]
-        drawn[f"figures/{picture.file}.svg"] = figures[-2].read_bytes()
+        drawn[f"figures/{path.name}.svg"] = figures[-2].read_bytes()
     page = html_page(TITLE, markdown, drawn)
     files = ReportFiles(out / "report.md", out / "report.html", tuple(tables), tuple(figures))
     write_text(files.markdown, markdown)
@@ -119,6 +108,15 @@ def questions(results: Results, summary: pd.DataFrame, n: int) -> Section:
     table = Table("questions", pd.DataFrame(map(asdict, found)), QUESTIONS) if found else None
     values = {"findings": table, "notes": results.notes, "safe": share(SAFE), "cheap": CHEAP}
     return Section("pipeline/report/questions.md.jinja", values)
+
+
+def examples(shown: Sequence[Example]) -> Section:
+    """A figure for each example transfer (the paper's Figures 1 and 9)."""
+    pictures = [
+        (one.title, Picture(f"transfer-{k}", transfer_figure(one)))
+        for k, one in enumerate(shown, start=1)
+    ]
+    return Section("pipeline/experiments/examples.md.jinja", {"pictures": pictures})
 
 
 def provenance(runs: pd.DataFrame) -> Section:

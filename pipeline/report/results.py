@@ -8,8 +8,8 @@ import pandas as pd
 
 from pipeline.errors import InputError
 from pipeline.experiments.records import NO_SEED, TABLES
-from pipeline.experiments.trials import Example
 from pipeline.figures.labels import planner_of
+from pipeline.figures.transfer import Example
 
 
 def no_rows(table: str) -> pd.DataFrame:

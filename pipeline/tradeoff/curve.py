@@ -26,18 +26,10 @@ Goal = Literal["fixed", "moving"]
 """What the goal is at another time: the states given, whenever they are reached, or slots that go
 on along their passive orbits and are at the states given after the scenario's own duration."""
 
-FEWEST = 2
-"""Arcs of the shortest transfer that reaches a goal state in all six components."""
-
-ROUNDING = 1e-9
-"""Share of an arc by which a duration may miss a whole number of them."""
-
-
-BENT = 0.1
-"""Least distance of a knee below the chord of the normalised curve."""
-
-LESS = 0.5
-"""Most that a unit of time saves after a knee, of what one saves before it."""
+FEWEST = 2  # arcs of the shortest transfer that reaches a goal state in all six components
+ROUNDING = 1e-9  # share of an arc by which a duration may miss a whole number of them
+BENT = 0.1  # least distance of a knee below the chord of the normalised curve
+LESS = 0.5  # most that a unit of time saves after a knee, of what one saves before it
 
 
 @dataclass(frozen=True, eq=False)

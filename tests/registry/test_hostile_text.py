@@ -15,7 +15,8 @@ from planted import one_size, planted
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.experiments.trials import Example, write_example
+from pipeline.experiments.trials import write_example
+from pipeline.figures.transfer import Example
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw

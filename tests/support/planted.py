@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.experiments.trials import Example
 from pipeline.figures.tables import Table
+from pipeline.figures.transfer import Example
 from pipeline.report import Results
 
 Row = dict[str, Any]

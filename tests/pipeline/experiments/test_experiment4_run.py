@@ -32,7 +32,7 @@ def table():
 
 def test_either_way_has_the_same_transfer_times_unless_steps_are_given():
     found = variations(PROBLEM, GRIDS)
-    assert [(v.varied, v.problem.nodes, v.problem.time_step) for v in found] == [
+    assert [(varied, one.nodes, one.time_step) for varied, one in found] == [
         (NODES, 6, 120.0),
         (NODES, 11, 120.0),
         (NODES, 21, 120.0),
@@ -40,9 +40,9 @@ def test_either_way_has_the_same_transfer_times_unless_steps_are_given():
         (TIME_STEP, 11, 120.0),
         (TIME_STEP, 11, 240.0),
     ]
-    assert [v.problem.duration for v in found] == [600.0, 1200.0, 2400.0] * 2
+    assert [one.duration for _, one in found] == [600.0, 1200.0, 2400.0] * 2
     given = variations(PROBLEM, (5,), (30.0,))
-    assert [(v.problem.nodes, v.problem.time_step) for v in given] == [(5, 120.0), (11, 30.0)]
+    assert [(one.nodes, one.time_step) for _, one in given] == [(5, 120.0), (11, 30.0)]
 
 
 @pytest.mark.parametrize(

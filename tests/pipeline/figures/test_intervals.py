@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.figures.intervals import all_hold, at_least, at_most, newcombe
+from pipeline.figures.intervals import at_least, at_most, newcombe
 
 
 def pairs(both, first, second, neither):
@@ -45,6 +45,3 @@ def test_a_claim_is_open_where_its_threshold_lies_within_the_interval():
     ]
     assert [at_most(x, 1.1) for x in ((1.0, 1.1), (1.0, 1.2), (1.11, 1.2))] == [True, None, False]
     assert at_least((float("nan"),) * 2, 0.5) is None
-    assert [all_hold(x) for x in ([True, True], [True, None], [None, False], [])] == [
-        *(True, None, False, None)
-    ]

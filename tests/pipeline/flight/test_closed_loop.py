@@ -50,10 +50,10 @@ def test_an_undisturbed_swarm_pays_no_more_than_its_plan_and_meets_the_goal(tigh
     scenario, plan = tight
     guide = closed(scenario, plan, named_planner(name), trials=2)
     found = flown(scenario, guide, Errors(), trials=2)
-    assert (found.delta_v <= plan.certificate.delta_v * (1 + 1e-9)).all()
-    assert found.goal_error.max() < 1e-6
-    assert found.goal_velocity_error.max() < 1e-9
-    assert (found.nearest.distance > 15.0).all()
+    assert (found["delta_v"] <= plan.certificate.delta_v * (1 + 1e-9)).all()
+    assert found["goal_error"].max() < 1e-6
+    assert found["goal_velocity_error"].max() < 1e-9
+    assert (found["min_separation"] > 15.0).all()
     assert not guide.unsafe.any()
 
 
@@ -63,7 +63,7 @@ def test_replanning_takes_most_of_the_error_at_the_goal_away(tight):
     as_planned = flown(scenario, open_loop(plan.controls), errors)
     guide = closed(scenario, plan)
     replanned = flown(scenario, guide, errors)
-    assert replanned.goal_error.max() < np.median(as_planned.goal_error) / 5
+    assert replanned["goal_error"].max() < np.median(as_planned["goal_error"]) / 5
     assert np.isfinite(guide.seconds[:, 1:-2]).all()
     assert np.isnan(guide.seconds[:, [0, -2, -1]]).all()
 
@@ -78,8 +78,8 @@ def test_a_missed_burn_is_made_up_for(tight):
     missed = flown(scenario, first_is_missed(open_loop(plan.controls)), Errors(), trials=1)
     guide = closed(scenario, plan, trials=1)
     mended = flown(scenario, first_is_missed(guide), Errors(), trials=1)
-    assert missed.goal_error > 50
-    assert mended.goal_error < 1e-6
+    assert missed["goal_error"] > 50
+    assert mended["goal_error"] < 1e-6
 
 
 def test_a_margin_keeps_craft_apart_that_come_too_close_without(tight):
@@ -90,9 +90,9 @@ def test_a_margin_keeps_craft_apart_that_come_too_close_without(tight):
     without = flown(scenario, closed(scenario, plan))
     guide = ClosedLoop(scenario, controls, Expert(), TRIALS, allowed)
     wider = flown(scenario, guide)
-    assert (without.nearest.distance <= 15).mean() > 0.15
-    assert (wider.nearest.distance <= 15).mean() < 0.05
-    assert np.median(wider.nearest.distance) > 15 + allowed / 2
+    assert (without["min_separation"] <= 15).mean() > 0.15
+    assert (wider["min_separation"] <= 15).mean() < 0.05
+    assert np.median(wider["min_separation"]) > 15 + allowed / 2
 
 
 def test_a_margin_is_not_had_at_any_price():
@@ -105,8 +105,8 @@ def test_a_margin_is_not_had_at_any_price():
     drawn = draws(0, range(97, 98), scenario.n, scenario.problem.intervals)
     world = LinearWorld(scenario.problem.dynamics)
     found = fly_trials(scenario, world, guide, drawn, COLD_GAS)
-    assert found.delta_v[0] < 1.2 * plan.certificate.delta_v
-    assert found.nearest.distance[0] > 15
+    assert found["delta_v"][0] < 1.2 * plan.certificate.delta_v
+    assert found["min_separation"][0] > 15
 
 
 def test_the_default_margin_is_three_standard_deviations_of_what_trials_show(tight):
@@ -148,7 +148,7 @@ def test_no_more_margin_is_asked_for_than_formations_allow(tight):
             draws(0, range(1), 12, 10),
             Errors(),
         )
-        assert wider.nearest.distance > 15 + allowed
+        assert wider["min_separation"] > 15 + allowed
     touching = replace(scenario, problem=replace(scenario.problem, collision_radius=float(nearest)))
     controls, allowed = with_margin(touching, plan.controls, Expert(), 1.0)
     assert allowed == 0
@@ -167,10 +167,10 @@ def test_where_craft_are_too_close_already_the_least_unsafe_plan_flies_and_is_co
     assert (guide.unsafe >= 1).all()
     assert (guide.unsafe < problem.intervals).all()  # they do part
 
-    crossing = flown(scenario, open_loop(own.controls), Errors(), trials=1).nearest.distance
+    crossing = flown(scenario, open_loop(own.controls), Errors(), trials=1)["min_separation"]
     replanned = flown(scenario, closed(scenario, own, trials=1), Errors(), trials=1)
-    assert replanned.goal_error < 1e-6
-    assert replanned.nearest.distance >= crossing
+    assert replanned["goal_error"] < 1e-6
+    assert replanned["min_separation"] >= crossing
 
 
 def test_controls_keep_to_the_thrust_limit(tight):
@@ -200,7 +200,7 @@ def flown_undisturbed(scenario, plan, requirements):
 
     found = flown(scenario, noted, Errors(), trials=1)
     assert not guide.unsafe.any()
-    return np.stack([one[0] for one in commanded], axis=1), found.delta_v[0]
+    return np.stack([one[0] for one in commanded], axis=1), found["delta_v"][0]
 
 
 def test_craft_that_are_planned_anew_stay_passively_safe_where_the_planner_must():

@@ -66,12 +66,12 @@ def test_a_row_is_what_its_trial_flown_alone_comes_to(undisturbed):
     drawn = draws(5, range(7, 8), 3, 5)
     alone = fly_trials(SCENARIO, WORLD, open_loop(PLAN.controls), drawn, COLD_GAS)
     assert row["trial"] == 7
-    assert row["goal_error"] == alone.goal_error[0]
-    assert row["delta_v"] == alone.delta_v[0]
-    assert row["min_separation"] == alone.nearest.distance[0]
+    assert row["goal_error"] == alone["goal_error"][0]
+    assert row["delta_v"] == alone["delta_v"][0]
+    assert row["min_separation"] == alone["min_separation"][0]
     assert (row["first_craft"], row["second_craft"]) == (
-        alone.nearest.first[0],
-        alone.nearest.second[0],
+        alone["first_craft"][0],
+        alone["second_craft"][0],
     )
 
 
