@@ -16,6 +16,17 @@ os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
 
 shapes.check_once()
 
+LONG = {
+    *("test_torture.py", "test_pages.py", "test_line.py", "test_full_disk.py", "test_browser.py"),
+    *("test_files.py", "test_kill.py", "test_risk.py", "test_report.py", "test_page.py"),
+}
+"""Files with the longest tests, which come first: one that came last would have a worker alone."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONG)
+
+
 # How long an example takes says nothing on a machine that others use as well.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
