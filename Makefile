@@ -15,7 +15,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # Eight processes more of the UI, for evaluations of language models.
 export MLFLOW_SERVER_ENABLE_JOB_EXECUTION := false
 
-.PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test torture lint bench docs lock clean
+.PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test coverage torture lint bench docs lock release clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -122,10 +122,15 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 MARKS ?= system or not system
 # What tests import is compiled once, not in every process that one starts.
 test: export PYTHONDONTWRITEBYTECODE :=
-TEST = --numprocesses 2 --dist worksteal -m "$(MARKS)"
+TEST = --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 test: $(BIN)/pytest ## the tests; MARKS="not system" without those that need a browser, servers or kills
 	$(BIN)/python -m pytest $(TEST) tests/pipeline tests/judge tests/benchmarks --jaxtyping-packages=pipeline,beartype.beartype
 	$(BIN)/python -m pytest $(TEST) --ignore tests/pipeline --ignore tests/judge --ignore tests/benchmarks tests
+
+coverage: $(BIN)/pytest ## the tests, and the lines of each file that none of them runs
+	rm -f .coverage .coverage.*
+	$(MAKE) test COVER="--cov --cov-append --cov-report="
+	$(BIN)/coverage report
 
 KILLS ?= 100
 FLIPS ?= 500
@@ -143,7 +148,6 @@ bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside t
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
 	$(BIN)/python -m benchmarks.fallback --out reports/bench
-	$(BIN)/python -m benchmarks.card --out reports/bench
 
 docs: $(BIN)/sphinx-build ## the documentation as pages, in build/docs
 	$(BIN)/typer cli.main utils docs --name prolearn --title Commands --output docs/commands.md
@@ -155,10 +159,25 @@ UNIVERSAL = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-ve
 lock: $(BIN)/prolearn ## exact versions for every Python and platform; UPGRADE=--upgrade takes the newest
 	$(BIN)/python -m pip install --quiet uv
 	$(UNIVERSAL) --all-extras --output-file constraints.txt
-	$(UNIVERSAL) --constraint constraints.txt --output-file requirements/run.txt
+	$(UNIVERSAL) --constraint constraints.txt --output-file requirements/light.txt
+	$(UNIVERSAL) --constraint constraints.txt --extra learn --output-file requirements/run.txt
 	$(UNIVERSAL) --constraint constraints.txt --extra dev --output-file requirements/test.txt
 	$(UNIVERSAL) --constraint constraints.txt --extra docs --output-file requirements/docs.txt
 
+TRY := build/release
+release: $(BIN)/prolearn ## sdist and wheel in dist/, checked, and the wheel tried in a fresh environment
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt build twine
+	rm -rf $(TRY) dist
+	$(BIN)/python -m build --no-isolation
+	$(BIN)/twine check --strict dist/*
+	! $(BIN)/python -m zipfile -l dist/*.whl | grep -E '^(tests|benchmarks|docs)/'
+	$(PYTHON) -m venv $(TRY)
+	$(TRY)/bin/python -m pip install --quiet --no-compile --constraint constraints.txt torch
+	$(TRY)/bin/python -m pip install --quiet --no-compile --no-deps --requirement requirements/run.txt
+	$(TRY)/bin/python -m pip install --quiet --no-index --no-deps --find-links dist prolearn
+	cd $(TRY) && bin/prolearn --help > help.txt && bin/prolearn scenario new swarm.json --from craft=3,size=150 --to craft=3,size=100
+	cd $(TRY) && bin/prolearn plan swarm.json --out plan.json && bin/prolearn plan swarm.json --planner refiner --out plan.json
+
 clean: ## remove what make made, datasets and results included
-	rm -rf $(VENV) data reports mlruns mlflow.db* optuna.db* unregistered *.egg-info build
+	rm -rf $(VENV) data reports mlruns mlflow.db* optuna.db* unregistered *.egg-info build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -9,14 +9,14 @@ one. Recipes are trained by ``prolearn train --arch refiner --recipe short`` and
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import pandas as pd
 import typer
 
-from benchmarks.rule import Rule, own_rounds, with_rounds
-from cli.jobs.held_out import HeldOut, held_out, listed
+from benchmarks.rule import rule, with_rounds
+from cli.jobs.experiments import HeldOut, held_out, listed
 from cli.jobs.networks import EvaluatedNetwork, newest_on
 from cli.options import int_list, with_settings
 from cli.progress import progress as shown_progress
@@ -27,14 +27,13 @@ from pipeline.experiments.records import TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.planners.classical import BASELINES
-from pipeline.planners.network import NetworkPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario, draw
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
+from registry.models import ModelVersion
 from registry.results import Done
 from registry.store import ABLATIONS
-from registry.version import ModelVersion
 
 DENSE, DENSE_CRAFT = "dense", 10
 """The family that is tried beside the data's, and spacecraft of each such swarm."""
@@ -102,15 +101,13 @@ def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> lis
     """The refiners and the rule; without a round all of them give the decoupled optima."""
     if count == 0:
         return [EvaluatedPlanner(OWN_LP)]
-    rules = [Rule(count), Rule(count, null_space=True)]
+    rules = [rule(count), rule(count, null_space=True)]
     if count != own:  # the others are of interest as an answer alone
-        networks, rules = (
-            [one for one in networks if one.recipe in (TUNED, SHORT)],
-            rules[:1],
-        )
+        networks = [one for one in networks if one.recipe in (TUNED, SHORT)]
+        rules = rules[:1]
     refiners = [
         EvaluatedPlanner(
-            NetworkPlanner(with_rounds(one.predictor, count), one.planner.name),
+            replace(one.planner, model=with_rounds(one.predictor, count)),
             one.recipe,
             one.training_seed,
         )
@@ -140,7 +137,7 @@ def refiners_on(data: Where) -> list[ModelVersion]:
 
 def _common_rounds(networks: Sequence[EvaluatedNetwork]) -> int:
     """The rounds that the answers of all take."""
-    counts = {network.label: own_rounds(network.predictor) for network in networks}
+    counts = {network.label: network.predictor.config.get("rounds") for network in networks}
     found = set(counts.values())
     if len(found) == 1 and (own := found.pop()) is not None:
         return own

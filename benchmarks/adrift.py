@@ -12,9 +12,10 @@ came of it.
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
 from threadpoolctl import threadpool_limits
 
@@ -41,53 +42,48 @@ def main(
 ) -> None:
     """Run all and print a table."""
     sizes = [(family, 10, count) for family in FAMILIES] + [("rings", 30, large)]
+    every = [draw(family, SEED, n, k, Problem(), split) for family, n, m in sizes for k in range(m)]
     with threadpool_limits(1):
-        rows = [
-            _line([draw(family, SEED, n, k, Problem(), split) for k in range(many)], orbits)
-            for family, n, many in sizes
-            if many
-        ]
-    show(f"Passive safety over {orbits:g} orbits", rows)
-    write_json(out / "adrift.json", rows)
+        solve(every[0], requirements=Requirements(passive_safety=orbits))  # makes what is made once
+        trials = pd.DataFrame([_trial(scenario, orbits) for scenario in every])
+    rows = trials.groupby(["family", "n"], sort=False).agg(
+        scenarios=("solved", "size"),
+        unasked=("unasked", "sum"),
+        forbidden=("forbidden", "sum"),
+        solved=("solved", "sum"),
+        fuel_median=("fuel", "median"),
+        fuel_mean=("fuel", "mean"),
+        fuel_most=("fuel", "max"),
+        rounds=("rounds", "mean"),
+        ms=("ms", "mean"),
+        between=("between", "sum"),
+        between_m=("between_m", "median"),
+    )
+    lines = rows.reset_index().to_dict("records")
+    show(f"Passive safety over {orbits:g} orbits", lines)
+    write_json(out / "adrift.json", lines)
 
 
-def _line(scenarios: list[Scenario], orbits: float) -> Row:
-    """One line of the table."""
-    safe, radius = Requirements(passive_safety=orbits), scenarios[0].problem.collision_radius
-    solve(scenarios[0], requirements=safe)  # what is made once is no part of the time
-    unasked = forbidden = 0
-    solved: list[tuple[float, ...]] = []  # cost in fuel, seconds, rounds, separation between nodes
-    for scenario in scenarios:
-        plain = solve(scenario)
-        unasked += plain.status == SOLVED and _least(plain, scenario, orbits) > radius
-        started = process_time()
-        plan = solve(scenario, requirements=safe)
-        taken = process_time() - started
-        forbidden += plan.status == INFEASIBLE
-        if plan.status == SOLVED:
-            cost = plan.certificate.fuel / plain.certificate.fuel - 1
-            between = _least(plan, scenario, orbits, BETWEEN)
-            solved.append((cost, taken, plan.convex_solves, between))
-    costs, seconds, rounds, apart = np.array(solved or [(np.nan,) * 4], dtype=float).T
-    numbers: dict[str, Any] = {
-        "fuel_median": np.median(costs),
-        "fuel_mean": costs.mean(),
-        "fuel_most": costs.max(),
-        "rounds": rounds.mean(),
-        "ms": 1e3 * seconds.mean(),
+def _trial(scenario: Scenario, orbits: float) -> Row:
+    """One scenario planned without and with passive safety; numbers of the latter if solved."""
+    plain, radius = solve(scenario), scenario.problem.collision_radius
+    started = process_time()
+    plan = solve(scenario, requirements=Requirements(passive_safety=orbits))
+    taken = process_time() - started
+    row: Row = {
+        "family": scenario.family,
+        "n": scenario.n,
+        "unasked": plain.status == SOLVED and _least(plain, scenario, orbits) > radius,
+        "forbidden": plan.status == INFEASIBLE,
+        "solved": plan.status == SOLVED,
+        "between": False,
     }
-    return {
-        "family": scenarios[0].family,
-        "n": scenarios[0].n,
-        "scenarios": len(scenarios),
-        "unasked": int(unasked),
-        "forbidden": forbidden,
-        "solved": len(solved),
-        "not_solved": len(scenarios) - len(solved) - forbidden,
-        **{name: float(value) for name, value in numbers.items()},
-        "between": int((apart > radius).sum()),
-        "between_m": float(np.median(apart)),
-    }
+    if plan.status == SOLVED:
+        row["fuel"] = plan.certificate.fuel / plain.certificate.fuel - 1
+        row["rounds"], row["ms"] = plan.convex_solves, 1e3 * taken
+        row["between_m"] = apart = _least(plan, scenario, orbits, BETWEEN)
+        row["between"] = apart > radius
+    return row
 
 
 def _least(plan: Plan, scenario: Scenario, orbits: float, parts: int = 1) -> float:

@@ -3,37 +3,27 @@
     python -m benchmarks.expert --out reports/bench
 
 Planners take turns on each instance, so that the machine's noise falls on all alike; times are
-CPU times of one core. Prints tables, and writes expert.json and growth.svg.
+CPU times of one core. Prints tables, and writes expert.json.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
-from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
 from benchmarks.peers import solve_dccp
 from benchmarks.tables import Row, quartiles, show, write_json
-from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve as solve_dataset
 from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import decoupled_seed
-from pipeline.expert.solvers import SOLVERS
-from pipeline.expert.subproblem import Optimum, Subproblem
-from pipeline.figures.style import PAGE_WIDTH, save
 from pipeline.orbit.problem import Problem
-from pipeline.parallel.workers import Workers
 from pipeline.plan import SOLVED, Requirements, Separation
 from pipeline.scenario import Scenario, draw
 
@@ -41,31 +31,22 @@ SEED = 2022
 GROWTH = {2: 60, 5: 60, 10: 60, 20: 40, 30: 40, 60: 20, 100: 12, 200: 6, 300: 6, 1000: 1}
 """Instances by swarm size; above 30 craft the rings grow, so that the density stays."""
 
-BATCHES = {10: 250, 30: 40, 100: 8}
-"""Instances by swarm size that are planned together."""
+FITTED_FROM = 30  # swarm size from which the exponent of growth is fitted
+BATCHES = {10: 250, 30: 40, 100: 8}  # instances by swarm size that are planned together
+CROWDS = {10: 40, 20: 10, 30: 10, 80: 4}  # instances of the family dense by swarm size
 
-CROWDS = {10: 40, 20: 10, 30: 10, 80: 4}
-"""Instances of the family ``dense`` by swarm size."""
+MANY_STARTS, SEARCHED = 32, 30
+"""Searches that show what further ones could still win, for swarms of at most so many craft."""
 
-MANY_STARTS = 32
-"""Searches that show what further ones could still win, for swarms of at most ``SEARCHED``."""
-
-SEARCHED = 30
-
-STORED = 1000
-"""Instances of n = 10 that are solved into Parquet."""
-
-FITTED_FROM = 30
+DEFAULT = Settings()
 NODES = (6, 11, 21, 41, 61)
 ORBITS = (0.25, 0.5, 1.0, 2.0)
 
-Work = Callable[[Scenario], object]
+Work = Callable[[Any], object]
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Folder for expert.json and growth.svg.")] = Path(
-        "reports/bench"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for expert.json.")] = Path("reports/bench"),
     instances: Annotated[int, typer.Option(help="Instances for the ratios.")] = 20,
     dccp: Annotated[int, typer.Option(help="Instances that DCCP solves.")] = 3,
 ) -> None:
@@ -73,20 +54,25 @@ def main(
     with threadpool_limits(1):
         ratios = _ratios(10, instances, dccp) + _ratios(30, max(3, instances // 4), 0)
         show("Time of each peer over the expert's", ratios)
-        growth, exponent = _growth()
+        growth = [_measured(_drawn(n, k), {"n": n}) for n, k in GROWTH.items()]
+        large = [(n, row["mean_ms"]) for n, row in zip(GROWTH, growth, strict=True)]
+        exponent = _exponent([one for one in large if one[0] >= FITTED_FROM])
         show(f"Growth with n: time ~ n^{exponent:.2f} from n = {FITTED_FROM}", growth)
         grids = _grids()
         show("n = 10 on other grids and durations", grids)
         batches = [_batch(n, count) for n, count in BATCHES.items()]
-        show("Alone and in a batch, and how much of that the convex programs take", batches)
-        stored = [_stored(STORED)]
-        show("Into Parquet, by one process", stored)
+        show("Alone and in a batch", batches)
         crowds = [row for n, count in CROWDS.items() for row in _crowd(n, count)]
         show("Dense swarms", crowds)
     result = {"ratios": ratios, "growth": growth, "exponent": exponent, "grids": grids}
-    result |= {"batches": batches, "stored": stored, "crowds": crowds}
+    result |= {"batches": batches, "crowds": crowds}
     write_json(out / "expert.json", result)
-    save(_figure(growth, exponent), out / "growth")
+
+
+def _drawn(
+    n: int, count: int, family: str = "rings", problem: Problem | None = None
+) -> list[Scenario]:
+    return [draw(family, SEED, n, index, problem or Problem()) for index in range(count)]
 
 
 def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
@@ -103,19 +89,14 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
     peers: list[tuple[str, Separation, int, Work]] = [
         ("plain SCP", "continuous", instances, by_plain),
         ("plain SCP", "nodes", instances, by_plain),
+        ("DCCP", "continuous", dccp, solve_dccp),
     ]
-    if dccp:
-        peers.append(("DCCP", "continuous", dccp, solve_dccp))
-    return [_ratio(n, *peer) for peer in peers]
+    return [_ratio(n, *peer) for peer in peers if peer[2]]
 
 
 def _ratio(n: int, name: str, separation: Separation, count: int, peer: Work) -> Row:
-    asked = Requirements(separation)
-    pairs = []
-    for index in range(count):
-        scenario = draw("rings", SEED, n, index, Problem())
-        expert = _time(lambda s: solve(s, requirements=asked), scenario)
-        pairs.append((_time(peer, scenario), expert))
+    expert = partial(solve, requirements=Requirements(separation))
+    pairs = [(_time(peer, one), _time(expert, one)) for one in _drawn(n, count)]
     theirs, ours = np.array(pairs).T
     return {
         "peer": name,
@@ -130,78 +111,42 @@ def _ratio(n: int, name: str, separation: Separation, count: int, peer: Work) ->
     }
 
 
-def _growth() -> tuple[list[Row], float]:
-    rows = [_sample(n, count, Problem(), {"n": n}) for n, count in GROWTH.items()]
-    large = [(row["n"], row["mean_ms"]) for row in rows if row["n"] >= FITTED_FROM]  # type: ignore[operator]
-    n, mean = np.log(np.array(large, dtype=float)).T
-    return rows, float(np.polyfit(n, mean, 1)[0])
+def _exponent(times: Sequence[tuple[Any, Any]]) -> float:
+    """The exponent by which times grow, from pairs of n and time."""
+    n, mean = np.log(np.array(times, dtype=float)).T
+    return float(np.polyfit(n, mean, 1)[0])
 
 
 def _grids() -> list[Row]:
     reference = Problem()
-    rows = [
-        _sample(10, 20, Problem(nodes=T, time_step=1200 / (T - 1)), {"T": T, "orbits": ""})
-        for T in NODES
-    ]
     period = 2 * np.pi / reference.mean_motion
-    for orbits in ORBITS:
-        problem = Problem(time_step=orbits * period / reference.intervals)
-        rows.append(_sample(10, 20, problem, {"T": problem.nodes, "orbits": orbits}))
-    return rows
+    grids: list[tuple[Problem, float | str]] = [
+        *((Problem(nodes=T, time_step=1200 / (T - 1)), "") for T in NODES),
+        *((Problem(time_step=o * period / reference.intervals), o) for o in ORBITS),
+    ]
+    return [
+        _measured(_drawn(10, 20, problem=grid), {"T": grid.nodes, "orbits": orbits})
+        for grid, orbits in grids
+    ]
 
 
 def _batch(n: int, count: int) -> Row:
-    """Time an instance, with its certificate, and the share of it inside the solver."""
-    scenarios = [draw("rings", SEED, n, index, Problem()) for index in range(count)]
-    first_safe: Work = lambda s: solve(s, settings=FIRST_SAFE)  # noqa: E731
+    """Time an instance, with its certificate, alone and in a batch."""
+    scenarios = _drawn(n, count)
     solve_many(scenarios)
     row: Row = {"n": n, "instances": count}
-    at_once = partial(solve_many, settings=FIRST_SAFE)
-    row["first_safe_batch_ms"] = 1e3 * _time(at_once, scenarios) / count
-    for name, work in (("alone", solve), ("first_safe", first_safe)):
-        row[f"{name}_ms"] = 1e3 * float(np.mean([_time(work, s) for s in scenarios]))
-    with _inside_solver() as inside:
-        alone = sum(_time(solve, s) for s in scenarios)
-        row["alone_in_solver"] = f"{inside[0] / alone:.0%}"
-    with _inside_solver() as inside:
-        together = _time(solve_many, scenarios)
-        row["batch_ms"] = 1e3 * together / count
-        row["batch_in_solver"] = f"{inside[0] / together:.0%}"
+    for name, settings in (("", DEFAULT), ("first_safe_", FIRST_SAFE)):
+        alone = sum(_time(partial(solve, settings=settings), one) for one in scenarios)
+        together = _time(partial(solve_many, settings=settings), scenarios)
+        row |= {f"{name}ms": 1e3 * alone / count, f"{name}batch_ms": 1e3 * together / count}
     return row
 
 
-@contextmanager
-def _inside_solver() -> Iterator[list[float]]:
-    """CPU time of the convex programs that are solved in the block, s."""
-    spent, real = [0.0], SOLVERS["simplex"]
-
-    def timed(sub: Subproblem) -> Optimum:
-        started = process_time()
-        found = real(sub)
-        spent[0] += process_time() - started
-        return found
-
-    SOLVERS["simplex"] = timed
-    try:
-        yield spent
-    finally:
-        SOLVERS["simplex"] = real
-
-
-def _stored(count: int) -> Row:
-    """CPU time of a dataset, from scenarios to Parquet."""
-    with TemporaryDirectory() as folder:
-        sample(folder, {10: Sample(seed=SEED, count=count)}, Problem(), jobs=1)
-        settings, workers = Settings(), Workers(jobs=1)
-        seconds = _time(lambda where: solve_dataset(where, settings, workers=workers), folder)
-    return {"n": 10, "instances": count, "s": seconds, "s_for_10000": seconds * 10_000 / count}
-
-
 def _crowd(n: int, count: int) -> list[Row]:
-    scenarios = [draw("dense", SEED, n, index, Problem()) for index in range(count)]
+    scenarios = _drawn(n, count, "dense")
     size = np.mean([np.abs(s.initial[:, :3]).max() for s in scenarios])
     head: Row = {"n": n, "half_extent_m": float(size)}
-    efforts = {"default": Settings(), "best": BEST}
+    efforts = {"default": DEFAULT, "best": BEST}
     if n <= SEARCHED:
         efforts[f"{MANY_STARTS} starts"] = replace(BEST, starts=MANY_STARTS)
     return [
@@ -210,15 +155,9 @@ def _crowd(n: int, count: int) -> list[Row]:
     ]
 
 
-def _sample(n: int, count: int, problem: Problem, head: Row) -> Row:
-    """Time and quality of the expert on some instances."""
-    scenarios = [draw("rings", SEED, n, index, problem) for index in range(count)]
-    solve(scenarios[0])
-    return _measured(scenarios, head, Settings())
-
-
-def _measured(scenarios: Sequence[Scenario], head: Row, settings: Settings) -> Row:
+def _measured(scenarios: Sequence[Scenario], head: Row, settings: Settings = DEFAULT) -> Row:
     """Time and quality of the expert on some instances, and the most memory so far."""
+    solve(scenarios[0])
     count, work = len(scenarios), partial(solve, settings=settings)
     times = np.array([_time(work, s) for s in scenarios]) * 1e3
     plans = solve_many(scenarios, settings=settings)
@@ -235,28 +174,10 @@ def _measured(scenarios: Sequence[Scenario], head: Row, settings: Settings) -> R
     }
 
 
-def _time(work: Callable[[Any], object], what: Any) -> float:
+def _time(work: Work, what: Any) -> float:
     started = process_time()
     work(what)
     return process_time() - started
-
-
-def _figure(rows: Sequence[Row], exponent: float) -> Figure:
-    n = np.array([row["n"] for row in rows], dtype=float)
-    mean = np.array([row["mean_ms"] for row in rows], dtype=float)
-    fitted = n >= FITTED_FROM
-    level = np.exp(np.mean(np.log(mean[fitted]) - exponent * np.log(n[fitted])))
-    figure = Figure(figsize=(PAGE_WIDTH / 2, 3), layout="constrained")
-    axes = figure.add_subplot(xscale="log", yscale="log")
-    axes.plot(n, mean, "o", color="black", label="expert, mean")
-    line = level * n[fitted] ** exponent
-    axes.plot(n[fitted], line, "--", color="#0072B2", label=f"n^{exponent:.2f}")
-    axes.set_xticks(n[::2], [f"{k:.0f}" for k in n[::2]])
-    axes.minorticks_off()
-    axes.set_xlabel("spacecraft n")
-    axes.set_ylabel("time per instance (ms)")
-    axes.legend()
-    return figure
 
 
 if __name__ == "__main__":

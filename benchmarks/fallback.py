@@ -2,14 +2,15 @@
 
     python -m benchmarks.fallback --out reports/bench
 
-Planners take turns on batches of the same scenarios, so that the machine's noise falls on all
-alike; times are CPU times of one core, certificates included but where it says "answers". Prints
-a table, and writes fallback.json.
+Planners take turns on the same scenarios, planned in batches, so that the machine's noise falls on
+all alike; times are CPU times of one core, certificates included but where it says "answers".
+Prints that table and one of other time grids, which are the figures of the packaged refiner's card
+too, and writes fallback.json.
 """
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import Annotated
@@ -17,26 +18,29 @@ from typing import Annotated
 import numpy as np
 import torch
 import typer
+from rich.progress import track
 from threadpoolctl import threadpool_limits
 
-from benchmarks.rule import Rule
+from benchmarks.rule import rule
 from benchmarks.tables import Row, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
-from pipeline.networks.model import Model, load
-from pipeline.networks.refiner.packaged import TrainedRefiner, packaged
+from pipeline.networks.model import load
+from pipeline.networks.refiner.packaged import FOLDER, packaged
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Plan
+from pipeline.plan import SOLVED, Plan
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import ONE_SOLVE, FallbackPlanner, NetworkPlanner
 from pipeline.scenario import Scenario, draw
 
-Trained = Model | TrainedRefiner
+COUNTS = (("rings", 10, 1000), ("rings", 30, 200), ("rings", 100, 50), ("dense", 10, 300))
+"""Family, swarm size and number of scenarios."""
 
-SEED = 2022
-BATCHES = {"rings": {10: 500, 30: 150, 100: 16}, "dense": {10: 150}}
-"""Scenarios by family and swarm size, planned together."""
-
+TOGETHER = 5000  # craft of the scenarios that are planned together
 TURNS = 3
+
+GRIDS = [replace(Problem(), nodes=T) for T in (6, 8, 11, 16, 21)]
+GRIDS += [replace(Problem(), time_step=step) for step in (60.0, 90.0, 180.0, 240.0)]
+"""Other time grids."""
 
 Plans = Callable[[Sequence[Scenario]], list[Plan]]
 
@@ -48,48 +52,61 @@ def main(
     ] = None,
     split: Annotated[str, typer.Option(help="Of the scenarios.")] = "test",
 ) -> None:
-    """Run all and print a table."""
-    network = packaged() if model is None else load(model)
+    """Run all and print the tables."""
+    flown = NetworkPlanner(packaged() if model is None else load(model), "network")
+    rounds = load(model or FOLDER).config["rounds"]
     torch.set_num_threads(1)
     with threadpool_limits(1):
-        rows = [
-            row
-            for family, sizes in BATCHES.items()
-            for n, count in sizes.items()
-            for row in _compared(network, family, n, count, split)
-        ]
+        compared = [_compared(flown, rounds, *count, split) for count in COUNTS]
+    rows = [row for some in compared for row in some]
     show("From the network to the expert", rows)
-    write_json(out / "fallback.json", rows)
+    grids = [_grid(flown, grid) for grid in track(GRIDS, "other time grids")]
+    show("100 validation scenarios of other time grids, n = 10", grids)
+    write_json(out / "fallback.json", {"reference": rows, "grids": grids})
 
 
-def _compared(network: Trained, family: str, n: int, count: int, split: str) -> list[Row]:
+def _compared(
+    flown: NetworkPlanner, rounds: int, family: str, n: int, count: int, split: str
+) -> list[Row]:
     """A line for each planner, on scenarios of one size."""
-    scenarios = [draw(family, SEED, n, k, Problem(), split) for k in range(count)]
-    flown = NetworkPlanner(network, "network")
-    rounds = network.rounds if isinstance(network, TrainedRefiner) else network.config["rounds"]
+    scenarios = [draw(family, 0, n, k, Problem(), split) for k in range(count)]
     own = next(baseline for baseline in BASELINES if baseline.name == "own LP")
     planners: dict[str, Plans] = {
+        "network answers": lambda some: _answer(flown, some),
         "decoupled optima": own.plan,
-        "rule, no learning": Rule(rounds).plan,
+        "rule, no learning": rule(rounds).plan,
         "network": flown.plan,
         "network + one solve": lambda some: _one_solve(flown, some),
         "fallback": FallbackPlanner(flown).plan,
         "expert, first safe": lambda some: solve_many(some, settings=FIRST_SAFE),
         "expert": lambda some: solve_many(some, settings=Settings()),
     }
-    times: dict[str, list[float]] = {name: [] for name in ("network answers", *planners)}
+    times: dict[str, list[float]] = {name: [] for name in planners}
     plans: dict[str, list[Plan]] = {}
     for _ in range(TURNS):
-        times["network answers"].append(_time(lambda: _answer(network, scenarios))[0])
         for name, plan in planners.items():
-            seconds, plans[name] = _time(partial(plan, scenarios))
-            times[name].append(seconds)
-    rows: list[Row] = []
-    for name, taken in times.items():
-        who: Row = {"family": family, "n": n, "planner": name}
-        worth = _worth(plans.get(name, plans["network"]))
-        rows.append(who | _speed(np.array(taken) / count) | worth)
-    return rows
+            started = process_time()
+            plans[name] = _in_parts(plan, scenarios)
+            times[name].append((process_time() - started) / count)
+    plans["network answers"] = plans["network"]
+    return [
+        {
+            **{"family": family, "n": n, "scenarios": count, "planner": name},
+            **_speed(np.array(taken)),
+            **quality(plans[name]),
+            "fuel/expert": _over(plans[name], plans["expert"]),
+            "made_by": " ".join(
+                str(k) for _, k in Counter(plan.planner for plan in plans[name]).most_common()
+            ),
+        }
+        for name, taken in times.items()
+    ]
+
+
+def _in_parts(plan: Plans, scenarios: Sequence[Scenario]) -> list[Plan]:
+    step = TOGETHER // scenarios[0].n
+    parts = (scenarios[k : k + step] for k in range(0, len(scenarios), step))
+    return [made for part in parts for made in plan(part)]
 
 
 def _one_solve(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:
@@ -98,33 +115,36 @@ def _one_solve(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Pla
     return solve_many(scenarios, seeds, ONE_SOLVE)
 
 
-def _answer(network: Trained, scenarios: Sequence[Scenario]) -> list[Plan]:
+def _answer(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:
     """What the network alone takes, without a certificate."""
     initial, goal = (np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal"))
-    network.answer(initial, goal, scenarios[0].problem.collision_radius)
+    flown.model.answer(initial, goal, scenarios[0].problem.collision_radius)
     return []
-
-
-def _time(work: Callable[[], list[Plan]]) -> tuple[float, list[Plan]]:
-    started = process_time()
-    made = work()
-    return process_time() - started, made
 
 
 def _speed(seconds: np.ndarray) -> Row:
     """Time an instance, and instances a second."""
     median = float(np.median(seconds))
+    return {"ms": 1e3 * median, "quartiles_ms": quartiles(1e3 * seconds), "a_second": 1 / median}
+
+
+def _over(plans: Sequence[Plan], others: Sequence[Plan]) -> str:
+    """Mean ratio of fuel where both are safe."""
+    pairs = zip(plans, others, strict=True)
+    safe = [(a.certificate, b.certificate) for a, b in pairs if a.status == b.status == SOLVED]
+    return f"{np.mean([one.fuel / other.fuel for one, other in safe] or [np.nan]):.4f}"
+
+
+def _grid(flown: NetworkPlanner, problem: Problem) -> Row:
+    """The network alone beside the expert."""
+    scenarios = [draw("rings", 0, 10, k, problem, "valid") for k in range(100)]
+    plans, expert = flown.plan(scenarios), solve_many(scenarios, settings=Settings())
     return {
-        "ms": 1e3 * median,
-        "quartiles_ms": quartiles(1e3 * seconds),
-        "a_second": 1 / median,
+        "T": problem.nodes,
+        "time_step_s": problem.time_step,
+        **quality(plans),
+        "expert": quality(expert)["fuel/bound"],
     }
-
-
-def _worth(plans: Sequence[Plan]) -> Row:
-    """What plans are worth, and how many are by whom."""
-    by = Counter(plan.planner for plan in plans)
-    return {**quality(plans), "made_by": " ".join(str(count) for _, count in by.most_common())}
 
 
 if __name__ == "__main__":

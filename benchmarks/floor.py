@@ -23,21 +23,23 @@ reports.
 
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
+from itertools import product
 from time import process_time
 from typing import Annotated
 
 import numpy as np
 import typer
 from jaxtyping import Float, Int
-from rich.console import Console
 from threadpoolctl import threadpool_limits
 
+from benchmarks.tables import show
+from cli.output import echo
 from pipeline.arrays import Array
 from pipeline.expert import BEST, decoupled_optima, solve
 from pipeline.expert.conflicts import ConflictDetection, Trajectory
 from pipeline.expert.cuts import NO_CUTS, Cuts, gaps, half_spaces
 from pipeline.expert.decoupled import control_units, goal_miss
-from pipeline.expert.scp import PENALTY, Cluster, cluster_labels
+from pipeline.expert.scp import PENALTY, cluster_labels
 from pipeline.expert.solvers import clarabel_solver
 from pipeline.expert.subproblem import LENGTH, Subproblem
 from pipeline.orbit.problem import Problem
@@ -45,17 +47,10 @@ from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario, draw
 
-TIGHT = 0.1
-"""Pairs that a plan brings within this of the collision radius belong together, m."""
-
-ENOUGH = 0.99
-"""A cluster is done once this share of the plan's extra fuel is proven to be needed."""
-
-OPEN = 0.01
-"""Instances whose gap is further above their floor count as open, in percent."""
-
-OLD_TIMES_FIRST = 0.8
-"""A triangle is split rather than a time added where its gap lacks this share of the worst."""
+TIGHT = 0.1  # pairs that a plan brings within this of the collision radius belong together, m
+ENOUGH = 0.99  # share of the plan's extra fuel whose proof is enough for a cluster
+OPEN = 0.01  # instances whose gap is further above their floor count as open, in percent
+OLD_TIMES_FIRST = 0.8  # share of the worst gap at which a triangle is split, not a time added
 
 Corners = Float[Array, "k 3 3"]
 
@@ -70,22 +65,27 @@ def main(
     """Compare the gap of the expert's best plans with the floor under any safe plan's."""
     started = process_time()
     with threadpool_limits(1):
-        rows = [
+        found = [
             floor_and_gaps(draw(family, seed, n, index, Problem()), programs)
             for index in range(instances)
         ]
-    floor, gap, default = 100 * np.array(rows).T
-    write = Console().print
+    floor, gap, default = 100 * np.array(found).T
     took = process_time() - started
-    write(f"{family}, seed {seed}, n = {n}, {instances} instances, {took:.0f} s")
-    write(f"gap of the expert's usual plans   {_mean(default)} %")
-    write(f"gap of the expert's best plans    {_mean(gap)} %")
-    write(f"proven floor of any safe plan's   {_mean(floor)} %")
-    write(f"difference: can be gained at most {_mean(gap - floor)} %")
-    write(f"instances open by over {OPEN} %     {int((gap - floor > OPEN).sum())}")
+    measured = {
+        "gap of the expert's usual plans": default,
+        "gap of the expert's best plans": gap,
+        "proven floor of any safe plan's": floor,
+        "difference: can be gained at most": gap - floor,
+    }
+    rows = [
+        {"": what, "%": f"{k.mean():.4f}", "±": f"{k.std(ddof=1) / len(k) ** 0.5:.4f}"}
+        for what, k in measured.items()
+    ]
+    show(f"{family}, seed {seed}, n = {n}, {instances} instances, {took:.0f} s", rows)
+    echo(f"instances open by over {OPEN} %: {int((gap - floor > OPEN).sum())}")
     if (left := float((default - floor).sum())) > 0:
         won = float((default - gap).sum()) / left
-        write(f"best plans gain at least {won:.0%} of what usual ones leave above the floor")
+        echo(f"best plans gain at least {won:.0%} of what usual ones leave above the floor")
 
 
 def floor_and_gaps(scenario: Scenario, programs: int) -> tuple[float, float, float]:
@@ -100,7 +100,8 @@ def floor_and_gaps(scenario: Scenario, programs: int) -> tuple[float, float, flo
         alone, spent = float(own.lower_bound[craft].sum()), float(used[craft].sum())
         if len(craft) > 1:
             target = alone + ENOUGH * (spent - alone)
-            alone = max(alone, Tree(_part(scenario, craft)).bound(target, programs))
+            part = Scenario(scenario.problem, scenario.initial[craft], scenario.goal[craft])
+            alone = max(alone, Tree(part).bound(target, programs))
         floor += alone
     usual, best = solve(scenario).certificate, plan.certificate
     return floor / best.fuel_lower_bound - 1, best.optimality_gap, usual.optimality_gap
@@ -108,20 +109,13 @@ def floor_and_gaps(scenario: Scenario, programs: int) -> tuple[float, float, flo
 
 @dataclass(order=True)
 class Node:
-    """Triangles for some pairs and times, and what safe plans within them cost at least.
+    """Triangles for some pairs and times, and what safe plans within them cost at least."""
 
-    Attributes:
-        bound: lower bound on the fuel, m/s².
-        number: of the node, which settles the order of nodes with equal bounds.
-        cuts: pairs and times.
-        corners: unit vectors, counter-clockwise seen from outside.
-        controls: optimum of the relaxation, m/s².
-    """
-
-    bound: float
-    number: int
-    cuts: Cuts = field(compare=False)
-    corners: Corners = field(compare=False)
+    bound: float  # lower bound on the fuel, m/s²
+    number: int  # which settles the order of nodes with equal bounds
+    cuts: Cuts = field(compare=False)  # pairs and times
+    corners: Corners = field(compare=False)  # unit vectors, counter-clockwise seen from outside
+    # optimum of the relaxation, m/s²
     controls: Float[Array, "n intervals 3"] = field(compare=False)
 
 
@@ -220,15 +214,8 @@ def quarters(triangle: Float[Array, "3 3"]) -> Float[Array, "4 3 3"]:
     return np.array([[a, p, r], [p, b, q], [r, q, c], [p, q, r]])
 
 
-def _octants() -> Float[Array, "8 3 3"]:
-    faces = []
-    for sign in np.stack(np.meshgrid(*[[1.0, -1.0]] * 3), axis=-1).reshape(-1, 3):
-        face = np.diag(sign)
-        faces.append(face if sign.prod() > 0 else face[::-1])
-    return np.array(faces)
-
-
-OCTANTS = _octants()
+SIGNS = np.array(list(product([1.0, -1.0], repeat=3)))
+OCTANTS = np.array([np.diag(s) if s.prod() > 0 else np.diag(s)[::-1] for s in SIGNS])
 """The sphere in eight triangles."""
 
 
@@ -257,14 +244,6 @@ def _labels(scenario: Scenario, own: Float[Array, "n intervals 3"], plan: Plan) 
         found, _ = detection.conflicts(flown, scenario.problem.collision_radius + TIGHT)
         near += found
     return cluster_labels(scenario.n, near.first, near.second)
-
-
-def _part(scenario: Scenario, craft: Cluster) -> Scenario:
-    return Scenario(scenario.problem, scenario.initial[craft], scenario.goal[craft])
-
-
-def _mean(values: Float[Array, "k"]) -> str:
-    return f"{values.mean():.4f} ± {values.std(ddof=1) / len(values) ** 0.5:.4f}"
 
 
 if __name__ == "__main__":

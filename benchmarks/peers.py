@@ -6,39 +6,34 @@ They keep craft apart at the nodes only, which is less than the expert promises.
 
 import cvxpy as cp
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
 from pipeline.expert.decoupled import control_limit
 from pipeline.expert.plain import UNIT
 from pipeline.orbit.approaches import pairs
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fuel
 from pipeline.scenario import Scenario
 
 
 class SwarmModel:
-    """Variables, dynamics and ends of a swarm in cvxpy.
+    """A scenario in cvxpy: variables, dynamics and both ends.
 
     Attributes:
         states: of all craft at each node, T of (n, 6), m and m/s.
         controls: of all craft in each interval, T-1 of (n, 3), in UNIT.
-        initial: parameter (n, 6).
-        goal: parameter (n, 6).
         objective: Eq. 4, in UNIT.
         constraints: Eq. 2, both ends, and the thrust limit where there is one.
     """
 
-    def __init__(self, n: int, problem: Problem) -> None:
+    def __init__(self, scenario: Scenario) -> None:
+        n, problem = scenario.n, scenario.problem
         A, B = problem.dynamics.step(problem.time_step)
         self.states = [cp.Variable((n, 6)) for _ in range(problem.nodes)]
         self.controls = [cp.Variable((n, 3)) for _ in range(problem.intervals)]
-        self.initial, self.goal = cp.Parameter((n, 6)), cp.Parameter((n, 6))
         self.objective = cp.Minimize(sum(cp.sum(cp.abs(u)) for u in self.controls))
         steps = zip(self.states[:-1], self.controls, self.states[1:], strict=True)
         self.constraints = [
-            self.states[0] == self.initial,
-            self.states[-1] == self.goal,
+            self.states[0] == scenario.initial,
+            self.states[-1] == scenario.goal,
             *(after == s @ A.T + u @ (UNIT * B.T) for s, u, after in steps),
         ]
         if problem.max_acceleration is not None:
@@ -53,27 +48,13 @@ class SwarmModel:
             return []
         return [self._difference @ s[:, :3] for s in self.states[1:-1]]
 
-    def set_ends(self, scenario: Scenario) -> None:
-        """Give initial and goal states."""
-        self.initial.value, self.goal.value = scenario.initial, scenario.goal
-
-    def solution(self) -> Float[Array, "n intervals 3"]:
-        """The controls after a solve, m/s²."""
-        return UNIT * np.stack([u.value for u in self.controls], axis=1)
-
 
 def solve_dccp(scenario: Scenario) -> float:
     """Fuel of the plan that DCCP's convex-concave procedure converges to, m/s²."""
     import dccp  # noqa: F401  registers the method
 
-    problem = scenario.problem
-    model = SwarmModel(scenario.n, problem)
-    model.set_ends(scenario)
-    apart = [
-        cp.norm(gap[pair]) >= problem.collision_radius
-        for gap in model.gaps()
-        for pair in range(gap.shape[0])
-    ]
+    model, radius = SwarmModel(scenario), scenario.problem.collision_radius
+    apart = [cp.norm(gap[k]) >= radius for gap in model.gaps() for k in range(gap.shape[0])]
     program = cp.Problem(model.objective, model.constraints + apart)
     program.solve(method="dccp", solver=cp.CLARABEL, seed=0, parallel=False)
-    return float(fuel(model.solution()))
+    return float(fuel(UNIT * np.stack([u.value for u in model.controls], axis=1)))

@@ -1,15 +1,14 @@
 """What benchmarks measured, as tables on the screen and as JSON files."""
 
 import json
-import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+import pandas as pd
 
+from cli.output import echo
 from pipeline.arrays import Array
 from pipeline.files import write_text
 from pipeline.plan import SOLVED, Plan
@@ -18,14 +17,11 @@ Row = dict[str, float | int | str]
 """A line of a table, by column."""
 
 
-def show(title: str, rows: Sequence[Row]) -> None:
+def show(title: str, rows: Sequence[Mapping[Any, Any]]) -> None:
     """Print a table whose columns are the keys of its rows."""
-    table = Table(title=title, box=None, pad_edge=False, title_justify="left", header_style="bold")
-    for name in rows[0]:
-        table.add_column(name.replace("_", " "), justify="right")
-    for row in rows:
-        table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()))
-    Console(width=max(110, int(os.environ.get("COLUMNS", 0)))).print(table, "")
+    table = pd.DataFrame(rows).rename(columns=lambda name: name.replace("_", " "))
+    lines = table.to_string(index=False, float_format="{:.3g}".format).splitlines()
+    echo(title, *lines, "")
 
 
 def quartiles(values: Array) -> str:
@@ -35,7 +31,6 @@ def quartiles(values: Array) -> str:
 
 
 def write_json(path: Path, result: Any) -> None:
-    """Write a result for whoever plots or compares it later."""
     write_text(path, json.dumps(result, indent=1) + "\n")
 
 

@@ -7,16 +7,16 @@ alike; times are wall-clock times, since loaders work in other processes, with t
 thread. Prints a table, and writes training.json.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from time import perf_counter
+from timeit import timeit
 from typing import Annotated
 
 import numpy as np
 import torch
 import typer
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader, TensorDataset
 
 from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.dataset.examples import Examples
@@ -41,7 +41,7 @@ OURS = "prolearn"
 STEPS = "steps alone"
 """The steps of an epoch on batches that were cut beforehand: what no epoch can go below."""
 
-Pair = tuple[Tensor, Tensor]
+Batches = Iterable[Sequence[Tensor]]  # inputs and targets
 Epoch = Callable[[], object]
 
 
@@ -52,11 +52,10 @@ def main(
 ) -> None:
     """Run all and print a table."""
     torch.set_num_threads(1)
-    examples = _examples(max(instances, recurrent))
+    many, few = _examples(instances), _examples(recurrent)
     rows: list[Row] = []
     for arch, rounds in ROUNDS.items():
-        count = recurrent if arch.startswith("lstm") else instances
-        rows += _rows(arch, _first(examples, count), rounds)
+        rows += _rows(arch, few if arch.startswith("lstm") else many, rounds)
     show("One training epoch: its time, and over that of its steps alone and of ours", rows)
     write_json(out / "training.json", rows)
 
@@ -69,11 +68,6 @@ def _examples(count: int) -> Examples:
     goal = np.stack([s.goal for s in scenarios])
     controls = np.stack([decoupled_optima(s.initial, s.goal, problem).controls for s in scenarios])
     return Examples(problem, initial, goal, fly(initial, controls, problem))
-
-
-def _first(examples: Examples, count: int) -> Examples:
-    states = None if examples.states is None else examples.states[:count]
-    return Examples(examples.problem, examples.initial[:count], examples.goal[:count], states)
 
 
 def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
@@ -107,12 +101,12 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, Epoch]:
         network = architecture.network(architecture.config, encoding, recipe.dropout)
         return Task(architecture, network, encoding, recipe), Descent(network, recipe, steps=1)
 
-    def plain(batches: Iterable[Pair]) -> Epoch:
+    def plain(batches: Batches) -> Epoch:
         task, descent = fresh()
         return lambda: _plain_epoch(task, descent.optimizer, batches)
 
     task, descent = fresh()
-    instances = Instances(data)
+    instances = TensorDataset(data.tensors["inputs"], data.tensors["target"])
     cut = [(batch.tensors["inputs"], batch.tensors["target"]) for batch in data.in_order(size)]
     return {
         OURS: lambda: pass_over(task, descent, data, order),
@@ -122,20 +116,7 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, Epoch]:
     }
 
 
-class Instances(Dataset[Pair]):
-    """Instances one by one, as PyTorch's tutorial has it."""
-
-    def __init__(self, data: Prepared) -> None:
-        self.inputs, self.target = data.tensors["inputs"], data.tensors["target"]
-
-    def __len__(self) -> int:
-        return len(self.inputs)
-
-    def __getitem__(self, index: int) -> Pair:
-        return self.inputs[index], self.target[index]
-
-
-def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Iterable[Pair]) -> float:
+def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Batches) -> float:
     """The tutorial's loop over batches."""
     task.network.train()
     total = 0.0
@@ -150,14 +131,8 @@ def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Iterable
 
 def _in_turn(ways: Mapping[str, Epoch], rounds: int) -> dict[str, np.ndarray]:
     """Seconds of each way, round after round; one more round goes before them, to warm up."""
-    seconds = [[_time(epoch) for epoch in ways.values()] for _ in range(rounds + 1)]
+    seconds = [[timeit(epoch, number=1) for epoch in ways.values()] for _ in range(rounds + 1)]
     return dict(zip(ways, np.array(seconds[1:]).T, strict=True))
-
-
-def _time(epoch: Epoch) -> float:
-    started = perf_counter()
-    epoch()
-    return perf_counter() - started
 
 
 if __name__ == "__main__":

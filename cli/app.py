@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from errno import EPIPE
 from pathlib import Path
 from types import FrameType
@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
+from pipeline.extras import missing
 from pipeline.text import visible
 from pipeline.urls import public
 
@@ -26,8 +27,7 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM, which ends a run as Ctrl-C does."""
 
 
-AGAIN_SECONDS = 0.05
-"""After so long an interrupt that a callback has swallowed is raised again."""
+AGAIN_SECONDS = 0.05  # after so long an interrupt that a callback has swallowed is raised again
 
 TYPED = "prolearn.typed"
 """Under this name a command's context has its arguments, values of options alone."""
@@ -35,16 +35,11 @@ TYPED = "prolearn.typed"
 USAGE: Any = typer.BadParameter.__base__
 """What Typer raises for arguments that a command does not have; it quotes them as they are."""
 
-CONTROL_GROUP = Path("/sys/fs/cgroup")
-"""Where a container says what it may take."""
+CONTROL_GROUP = Path("/sys/fs/cgroup")  # where a container says what it may take
 
 
 class Group(TyperGroup):
-    """Commands in the order of the work; errors as one sentence and an exit status."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Names in the order in which they were added."""
-        return list(self.commands)
+    """Commands whose errors are one sentence and an exit status."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Remember what was typed: it may hold URLs, whose secrets no message shows."""
@@ -59,23 +54,31 @@ class Group(TyperGroup):
         except USAGE as error:
             error.message = visible(error.message)
             raise
-        except InputError as error:
-            _stop(ctx, str(error), BAD_INPUT)
-        except ProlearnError as error:
-            _stop(ctx, str(error), FAILED)
-        except OSError as error:
-            if error.errno == EPIPE:  # the reader of our output has left; click is silent then
+        except ModuleNotFoundError as error:
+            if (said := missing(error)) is None:
                 raise
-            _stop(ctx, str(error), FAILED)
-        except Terminated as stop:
-            _stop(ctx, f"terminated; {_kept(stop)}", TERMINATED)
+            _stop(ctx, str(said), BAD_INPUT)
+        except (ProlearnError, OSError) as error:
+            if getattr(error, "errno", None) == EPIPE:  # our reader has left; click is silent then
+                raise
+            _stop(ctx, str(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
         except KeyboardInterrupt as stop:
-            _stop(ctx, f"interrupted; {_kept(stop)}", INTERRUPTED)
+            word, status = (
+                ("terminated", TERMINATED)
+                if isinstance(stop, Terminated)
+                else ("interrupted", INTERRUPTED)
+            )
+            # Commands that say nothing of what is kept go on where they were, when run again.
+            _stop(ctx, f"{word}; {str(stop) or 'what was finished is kept.'}", status)
 
 
 @contextmanager
 def _sigterm_raises() -> Iterator[None]:
-    """In the block a first SIGTERM raises Terminated; a second ends the process at once."""
+    """In the block a first SIGTERM raises Terminated; a second ends the process at once.
+
+    It and Ctrl-C end the run even where they come in a weak reference's callback or a finalizer,
+    whose exceptions Python only reports, and goes on.
+    """
     if threading.current_thread() is not threading.main_thread():  # it cannot set handlers
         yield
         return
@@ -84,51 +87,29 @@ def _sigterm_raises() -> Iterator[None]:
         signal.signal(number, signal.SIG_DFL)
         raise Terminated
 
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        with _raised_again():
-            yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _raised_again() -> Iterator[None]:
-    """In the block Ctrl-C and SIGTERM end the run even where they come in a callback.
-
-    Python only reports what a weak reference's callback or a finalizer raises, and goes on.
-    """
-    usual = sys.unraisablehook
-
     def hook(unraisable: Any) -> None:
-        stopped = isinstance(unraisable.exc_value, KeyboardInterrupt)
-        if not (stopped and hasattr(signal, "SIGALRM")):
+        def again(*_: Any) -> None:
+            raise unraisable.exc_type
+
+        if isinstance(unraisable.exc_value, KeyboardInterrupt) and hasattr(signal, "SIGALRM"):
+            signal.signal(signal.SIGALRM, again)
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+        else:
             usual(unraisable)
-            return
-        again = unraisable.exc_type
 
-        def end(number: int, _: FrameType | None) -> None:
-            raise again
-
-        signal.signal(signal.SIGALRM, end)
-        signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
-
+    before, usual = signal.signal(signal.SIGTERM, end), sys.unraisablehook
     sys.unraisablehook = hook
     try:
         yield
     finally:
         sys.unraisablehook = usual
+        signal.signal(signal.SIGTERM, before)
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:
     # The last net: no secret that was typed gets past it.
     echo(f"prolearn: {public(message, *ctx.meta.get(TYPED, ()))}", err=True)
     raise typer.Exit(status)
-
-
-def _kept(stop: KeyboardInterrupt) -> str:
-    """What a command says is kept; those that say nothing go on where they were, when run again."""
-    return str(stop) or "what was finished is kept."
 
 
 @contextmanager
@@ -142,11 +123,7 @@ def told_if_stopped(kept: Callable[[], str]) -> Iterator[None]:
 
 
 def not_over(source: Path, target: Path) -> None:
-    """Refuse to write what is made of a file in that file's place.
-
-    Raises:
-        InputError: where both are the same file.
-    """
+    """Raise InputError where what is made of a file would be written in that file's place."""
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(
             f"{target} is what is read, and would be written over; expected another name for what "
@@ -158,14 +135,12 @@ def not_over(source: Path, target: Path) -> None:
 def within_memory() -> Iterator[None]:
     """In the block this process gets no more memory than is free, where the system is Linux.
 
-    Linux grants what it does not have, and kills who uses it. With a limit the request fails.
-
-    Raises:
-        ProlearnError: in place of a MemoryError.
+    Linux grants what it does not have, and kills who uses it. With a limit the request fails, and
+    a ProlearnError takes the place of the MemoryError.
     """
     free = available()
     try:
-        with _limited(free):
+        with nullcontext() if free is None or sys.platform != "linux" else _limited(free):
             yield
     except MemoryError as error:
         room = "" if free is None else f" than the {free / 1e9:.3g} GB that are free"
@@ -173,6 +148,21 @@ def within_memory() -> Iterator[None]:
             f"this takes more memory{room}; expected fewer craft, fewer nodes, or intervals of "
             "fewer revolutions."
         ) from error
+
+
+@contextmanager
+def _limited(free: int) -> Iterator[None]:
+    """In the block private memory grows by at most so many bytes."""
+    import resource
+
+    soft, hard = before = resource.getrlimit(resource.RLIMIT_DATA)
+    wanted = _kilobytes(Path("/proc/self/status"), "VmData") + free
+    limits = [one for one in (wanted, soft, hard) if one != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_DATA, (min(limits), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
 def available() -> int | None:
@@ -194,30 +184,8 @@ def available() -> int | None:
     return min(system, max(most - used + cached, 0))
 
 
-@contextmanager
-def _limited(free: int | None) -> Iterator[None]:
-    """In the block private memory grows by at most so many bytes."""
-    if free is None or sys.platform != "linux":
-        yield
-        return
-    import resource
-
-    soft, hard = before = resource.getrlimit(resource.RLIMIT_DATA)
-    wanted = _kilobytes(Path("/proc/self/status"), "VmData") + free
-    limits = [one for one in (wanted, soft, hard) if one != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_DATA, (min(limits), hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, before)
-
-
 def _kilobytes(path: Path, name: str) -> int:
-    """A number of /proc in bytes.
-
-    Raises:
-        ValueError: where the file has no such line.
-    """
+    """A number of /proc in bytes; ValueError where the file has no such line."""
     for line in path.read_text().splitlines():
         if line.startswith(f"{name}:"):
             return 1024 * int(line.split()[1])

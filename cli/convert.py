@@ -19,10 +19,7 @@ def convert(
     to: Annotated[Form, option("Format.")],
     out: Annotated[
         Path | None,
-        option(
-            "A file, for OEM a folder, for CSV also - for standard output; by default the plan's "
-            "name with the format's ending."
-        ),
+        option("A file, for OEM a folder, for CSV also -; by default named as the plan."),
     ] = None,
 ) -> None:
     """Write a plan in a format that other tools read.
@@ -38,10 +35,11 @@ def convert(
     """
     from pipeline.export import write_csv, write_ephemerides, write_parquet
     from pipeline.plan import SOLVED
-    from pipeline.plan.document import read_whole_plan
+    from pipeline.plan.document import read_plan
 
-    made, scenario = read_whole_plan(plan)
-    target = out or _default(plan, to)
+    made = read_plan(plan)
+    beside = plan if plan == STDIO else plan.with_suffix("" if to == "oem" else f".{to}")
+    target = out or beside
     if target == STDIO and to != "csv":
         raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
     not_over(plan, target)
@@ -50,11 +48,12 @@ def convert(
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
     try:
         if to == "oem":
-            files = write_ephemerides(made, scenario, target, stem_of(plan))
+            files = write_ephemerides(made, target, stem_of(plan))
             echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
         else:
-            (write_csv if to == "csv" else write_parquet)(made, scenario, target)
-            about = f"{target}: {scenario.n} craft at {scenario.problem.nodes} nodes."
+            (write_csv if to == "csv" else write_parquet)(made, target)
+            of = made.scenario
+            about = f"{target}: {of.n} craft at {of.problem.nodes} nodes."
             echo(about, err=target == STDIO)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from error
@@ -65,21 +64,10 @@ def convert(
         raise typer.Exit(FAILED)
 
 
-def _default(plan: Path, to: Form) -> Path:
-    """Where a plan goes without --out."""
-    if plan == STDIO:
-        return STDIO
-    return plan.with_suffix("" if to == "oem" else f".{to}")
-
-
 def show(
     plan: PlanFile,
     out: Annotated[
-        Path | None,
-        option(
-            "Page to write, - for standard output; by default beside the plan, with the suffix "
-            ".html."
-        ),
+        Path | None, option("Page to write, - for standard output; PLAN.html by default.")
     ] = None,
 ) -> None:
     """Write one HTML page that shows a plan and opens without a network.
@@ -93,7 +81,7 @@ def show(
         prolearn show plan.json
         prolearn show plan.json --out plan.html
     """
-    from pipeline.plan.document import read_whole_plan
+    from pipeline.plan.document import read_plan
     from pipeline.show import write_page
 
     target = out or (STDIO if plan == STDIO else plan.with_suffix(".html"))
@@ -101,10 +89,10 @@ def show(
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
     with within_memory():
-        claimed, scenario = read_whole_plan(plan)
+        claimed = read_plan(plan)
         try:
-            shown = write_page(target, claimed, scenario, plan.name)
+            shown = write_page(target, claimed, plan.name)
         except InputError as error:
             raise InputError(f"{plan}: {error}") from error
-    said = " ".join([f"{target}: {scenario.n} craft by {claimed.planner}.", *shown.faults])
+    said = " ".join([f"{target}: {claimed.scenario.n} craft by {claimed.planner}.", *shown.faults])
     echo(said, err=target == STDIO)

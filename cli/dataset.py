@@ -4,20 +4,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.options import families, given_options, with_settings
+from cli.options import given_options, with_settings
 from cli.output import beside, echo, print_json
 from cli.progress import progress
-from cli.settings import AsJson, Jobs, ProblemSettings, Separation, WorkerSettings, flag, option
+from cli.settings import (
+    AsJson,
+    Family,
+    Jobs,
+    ProblemSettings,
+    Separation,
+    WorkerSettings,
+    flag,
+    option,
+)
 from pipeline.errors import InputError
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from pipeline.dataset.verifying import Fault
-    from pipeline.expert import Settings
     from pipeline.parallel.workers import Workers
-    from pipeline.plan import Requirements
 
 Out = Annotated[str, option("Dataset folder or URL.")]
 Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.")]
@@ -30,13 +34,7 @@ def sample(
     n: Annotated[int, option("Spacecraft in each scenario.")] = 10,
     count: Annotated[int, option("Scenarios to draw.")] = 1000,
     seed: Annotated[int, option("Root seed.")] = 0,
-    family: Annotated[
-        str,
-        option(
-            "rings, dense, coplanar-split, tilt-split, independent or rotation.",
-            autocompletion=families,
-        ),
-    ] = "rings",
+    family: Family = "rings",
     shares: Annotated[str, option("Shares of the train, valid and test split.")] = "0.8,0.1,0.1",
     problem: ProblemSettings,
     jobs: Jobs = -1,
@@ -52,10 +50,15 @@ def sample(
     from pipeline.dataset.samples import Sample
     from pipeline.dataset.sampling import sample as run
 
-    asked = problem.problem()
-    one = Sample(family=family, seed=seed, count=count, shares=_shares(shares))
+    try:
+        train, valid, test = (float(part) for part in shares.split(","))
+    except ValueError as error:
+        raise InputError(
+            f"--shares is {shares!r}; expected three numbers such as 0.8,0.1,0.1."
+        ) from error
+    one = Sample(family=family, seed=seed, count=count, shares=(train, valid, test))
     with progress("sampling") as shown:
-        run(out, {n: one}, asked, jobs=jobs, progress=shown)
+        run(out, {n: one}, problem.problem(), jobs=jobs, progress=shown)
     where = public_url(out)
     echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
 
@@ -82,10 +85,7 @@ def solve(
         prolearn solve data/n10 --jobs 8 --separation nodes
         prolearn solve s3://bucket/n10 --backend dask --scheduler tcp://HOST:8786
     """
-    from pipeline.expert import Settings
-    from pipeline.plan import Requirements
-
-    _solve(folder, Settings(solver=solver), Requirements(separation), _workers(context, workers))
+    _solve(folder, _workers(context, workers), separation, solver)
 
 
 @with_settings
@@ -116,15 +116,13 @@ def make(
         return
     from pipeline.dataset.samples import PRESETS
     from pipeline.dataset.sampling import sample as run
-    from pipeline.expert import Settings
     from pipeline.orbit.problem import Problem
-    from pipeline.plan import AT_ALL_TIMES
 
     folder = out or f"data/{preset}"
     solving = _workers(context, workers)
     with progress("sampling") as shown:
         run(folder, PRESETS[preset], Problem(), jobs=workers.jobs, progress=shown)
-    _solve(folder, Settings(), AT_ALL_TIMES, solving)
+    _solve(folder, solving)
 
 
 def card(
@@ -195,28 +193,19 @@ def verify(
             faults = repair(folder, yes=yes, workers=workers, progress=shown)
         else:
             faults = list(check(folder, workers=workers, progress=shown))
-        rows = shown.count
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
-    if as_json:
-        document = {"folder": public_url(folder), "repaired": mend, "faults": faults}
-        print_json(document if mend else {**document, "rows": rows})
-    else:
-        _tell(faults, left, public_url(folder), rows, mended=mend)
-    raise typer.Exit(int(bool(left)))
-
-
-def _tell(
-    faults: "Sequence[Fault]", left: "Sequence[Fault]", where: str, rows: int, *, mended: bool
-) -> None:
-    """Say every fault, and what came of them."""
-    for fault in faults:
-        echo(f"{fault.path}: {fault.what}", err=True)
+    where, rows = public_url(folder), shown.count
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
+    if as_json:
+        counted = {} if mend else {"rows": rows}
+        print_json({"folder": where, "repaired": mend, "faults": faults, **counted})
+        raise typer.Exit(int(bool(left)))
+    echo(*(f"{fault.path}: {fault.what}" for fault in faults), err=True)
     if not faults:
         echo(f"{where} is sound: {rows} rows.")
     elif not left:
         echo(f"{where} is mended: {many}.")
-    elif not mended:
+    elif not mend:
         echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
     else:
         echo(
@@ -225,6 +214,7 @@ def _tell(
             f"make; to set them aside all the same: prolearn verify {where} --repair --yes",
             err=True,
         )
+    raise typer.Exit(int(bool(left)))
 
 
 def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
@@ -237,11 +227,11 @@ def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
 
     scheduler, wait = settings.scheduler, settings.scheduler_wait
     if settings.backend == "loky":
-        given = {"--scheduler": public_url(scheduler), "--scheduler-wait": f"{wait or 0:g}"}
-        for option_ in given_options(context).values():
-            if option_ in given:
+        values = {"scheduler": public_url(scheduler), "scheduler_wait": f"{wait or 0:g}"}
+        for name, option_ in given_options(context).items():
+            if name in values:
                 raise InputError(
-                    f"{option_} is {given[option_]} and work on this machine has no scheduler; "
+                    f"{option_} is {values[name]} and work on this machine has no scheduler; "
                     "expected it with --backend dask."
                 )
         return Workers(settings.jobs)
@@ -254,21 +244,17 @@ def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
 
 
 def _solve(
-    folder: str, settings: "Settings", requirements: "Requirements", workers: "Workers"
+    folder: str,
+    workers: "Workers",
+    separation: Literal["continuous", "nodes"] = "continuous",
+    solver: Literal["simplex", "clarabel"] = "simplex",
 ) -> None:
     from pipeline.dataset.solving import solve as run
+    from pipeline.expert import Settings
+    from pipeline.plan import Requirements
 
+    how, required = Settings(solver=solver), Requirements(separation)
     with progress("solving") as shown:
-        run(folder, settings, requirements, workers=workers, progress=shown)
+        run(folder, how, required, workers=workers, progress=shown)
     done = f"{shown.count} now, {shown.failed} without a plan"
     echo(f"{public_url(folder)} is solved ({done}).")
-
-
-def _shares(text: str) -> tuple[float, float, float]:
-    try:
-        train, valid, test = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InputError(
-            f"--shares is {text!r}; expected three numbers such as 0.8,0.1,0.1."
-        ) from error
-    return train, valid, test

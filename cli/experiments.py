@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cli.options import with_settings
-from cli.output import beside, echo, print_json
+from cli.output import beside, tell
 from cli.progress import progress
 from cli.settings import (
     AsJson,
@@ -104,17 +104,14 @@ def _run(
     **options: Any,
 ) -> None:
     """Run an experiment and print its run, with the averages for programs."""
+    from cli.jobs.run_tables import averages
+
     with beside(as_json), progress(doing) as shown:
         outcome = job(settings, progress=shown, **options)
-    if as_json:
-        from cli.jobs.run_tables import averages
-
-        with beside(as_json):
-            rows = averages(outcome.run_id)
-        print_json({**vars(outcome), "averages": rows})
-        return
+        rows = averages(outcome.run_id) if as_json else []
     when = " before" if outcome.earlier else ""
-    echo(f"{done}{when}; MLflow run {outcome.run_id}. Next: prolearn report")
+    said = f"{done}{when}; MLflow run {outcome.run_id}. Next: prolearn report"
+    tell(as_json, {**vars(outcome), "averages": rows}, said)
 
 
 def report(
@@ -139,7 +136,4 @@ def report(
 
     with beside(as_json):
         files = job(out, evaluation)
-    if as_json:
-        print_json(files)
-        return
-    echo(f"The report is {files.html} (and {files.markdown}).")
+    tell(as_json, files, f"The report is {files.html} (and {files.markdown}).")

@@ -10,7 +10,6 @@ import typer
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, print_table
-from cli.plan import planner_of
 from cli.plan_table import closest
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from pipeline.flight.errors import Errors
     from pipeline.flight.summary import Summary
     from pipeline.plan import Plan, Requirements
-    from pipeline.scenario import Scenario
 
 CONDITIONS = tuple(field.name for field in fields(FlightConditions))
 OF_REPLANNING = ("planner", "effort", "margin")
@@ -63,7 +61,7 @@ def fly(
         prolearn fly plan.json --trials 1000 --replan every-node
         prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
     """
-    from pipeline.plan.document import read_whole_plan
+    from pipeline.plan.document import read_plan
 
     if settings.trials is None:
         refuse(context, OF_TRIALS, "without --trials; expected both: add --trials 1000.")
@@ -72,18 +70,17 @@ def fly(
     if settings.world == "linear":
         refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
     with within_memory():
-        made, scenario = read_whole_plan(plan)
-    about = conditions.about(scenario.reference)
+        made = read_plan(plan)
+    about = conditions.about(made.scenario.reference)
     if settings.trials is None:
-        _fly_once(plan, made, scenario, about, as_json=as_json)
+        _fly_once(plan, made, about, as_json=as_json)
     else:
-        _fly_trials(plan, made, scenario, about, settings, as_json=as_json)
+        _fly_trials(plan, made, about, settings, as_json=as_json)
 
 
 def _fly_trials(
     path: Path,
     plan: "Plan",
-    scenario: "Scenario",
     conditions: "Conditions",
     settings: FlownTrials,
     *,
@@ -91,41 +88,33 @@ def _fly_trials(
 ) -> None:
     """Fly it many times, with errors."""
     from cli.jobs.fly_trials import fly_trials
+    from cli.jobs.planner import planner_of
+    from pipeline.flight.loops import refuse_replanning
     from pipeline.flight.world import LinearWorld
 
-    problem, linear = scenario.problem, settings.world == "linear"
+    scenario, linear = plan.scenario, settings.world == "linear"
+    problem = scenario.problem
     world = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
     errors = errors_of(settings.errors, settings.error or [])
     planner = None
     if settings.replan != "none":
-        _refuse_risk(plan)
+        refuse_replanning(plan)
         planner = planner_of(settings.planner, plan.requirements, settings.effort)
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        loops = fly_trials(
-            plan, scenario, world, errors, folder, settings, planner=planner, progress=shown
-        )
+        loops = fly_trials(plan, world, errors, folder, settings, planner=planner, progress=shown)
     if as_json:
         required = None if planner is None else asdict(plan.requirements)
-        result = {"folder": str(folder), "loops": loops, "requirements": required}
-        print_json({"plan": str(path), **result})
+        about = {"plan": str(path), "folder": str(folder)}
+        print_json({**about, "loops": loops, "requirements": required})
         return
     print_trials(loops, problem.collision_radius, settings.size)
-    if planner is not None and (kept := _kept(plan.requirements)):
-        echo(kept)
+    echo(*([] if planner is None else _kept(plan.requirements)))
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
 
 
 def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
-    """The errors of a preset with some of them changed.
-
-    Args:
-        preset: of PRESETS.
-        changes: written as NAME=VALUE.
-
-    Raises:
-        InputError: for a name or a value that is none.
-    """
+    """The errors of a preset, of PRESETS, with some of them changed as in NAME=VALUE."""
     from pipeline.flight.errors import PRESETS
 
     errors, names = PRESETS[preset], [field.name for field in fields(PRESETS[preset])]
@@ -144,45 +133,29 @@ def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
     return errors
 
 
-def _refuse_risk(plan: "Plan") -> None:
-    """Refuse to plan anew for a risk, which is one of open loop.
-
-    Raises:
-        InputError: where the plan was asked for one.
-    """
-    if (risk := plan.certificate.risk) is not None:
-        raise InputError(
-            f"the plan was asked for a risk of at most {risk.asked:g} in open loop, which planning "
-            "anew does not keep; expected --replan none, or a plan without --risk: --margin is "
-            "what keeps craft apart from their errors then."
-        )
-
-
-def _kept(required: "Requirements") -> str:
+def _kept(required: "Requirements") -> list[str]:
     """A sentence on what replanning keeps other than separation at all times, if anything."""
     if required.at_nodes:
-        return "Planned anew, craft are kept apart at the nodes only, as in the plan."
+        return ["Planned anew, craft are kept apart at the nodes only, as in the plan."]
     if required.passive_safety is None:
-        return ""
-    return (
+        return []
+    return [
         "Planned anew, craft are also kept apart from any that loses its thrust at a node, for "
         f"{required.passive_safety:g} orbits of drift, as in the plan; nodes without a safe plan "
         "are those at which this or r_col was not kept from where craft seemed to be."
-    )
+    ]
 
 
-def _fly_once(
-    path: Path, plan: "Plan", scenario: "Scenario", conditions: "Conditions", *, as_json: bool
-) -> None:
+def _fly_once(path: Path, plan: "Plan", conditions: "Conditions", *, as_json: bool) -> None:
     """Fly it without errors, with one effect more each time."""
     from pipeline.flight.effects import effects, flight_report
 
     try:
         with within_memory():
-            found = effects(scenario, plan.controls, conditions)
+            found = effects(plan.scenario, plan.controls, conditions)
     except InputError as wrong:
         raise InputError(f"{path}: {wrong}") from wrong
-    report = {"plan": str(path), **flight_report(plan, scenario, conditions, found)}
+    report = {"plan": str(path), **flight_report(plan, conditions, found)}
     print_json(report) if as_json else print_flight(report)
     raise typer.Exit(0 if report["safe"] else FAILED)
 
@@ -195,23 +168,14 @@ HEADINGS = (
 
 def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
-    echo(_about(report["conditions"]))
-    rows = report["effects"]
-    safe = report["collision_radius"]
+    of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
+    held, j2 = of["ballistic"], "with" if of["j2"] else "without"
+    pulled = f"drag of {held:g} m²/kg ± {of['spread']:.0%}" if held else "without drag"
+    orbit = f"Eccentricity {of['eccentricity']:g}, inclination {of['inclination_deg']:g}°"
+    echo(f"{orbit}, {j2} J2, {pulled}.")
     near = [k for k, row in enumerate(rows) if (row["min_separation_bound"] or safe + 1) <= safe]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
-    echo(f"Δv is {number(report['delta_v'])} m/s, as planned.")
-    echo(_verdict(report))
-
-
-def _about(conditions: Mapping[str, Any]) -> str:
-    held = conditions["ballistic"]
-    pulled = f"drag of {held:g} m²/kg ± {conditions['spread']:.0%}" if held else "without drag"
-    return (
-        f"Eccentricity {conditions['eccentricity']:g}, inclination "
-        f"{conditions['inclination_deg']:g}°, {'with' if conditions['j2'] else 'without'} J2, "
-        f"{pulled}."
-    )
+    echo(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
@@ -228,17 +192,14 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 
 def _verdict(report: Mapping[str, Any]) -> str:
     """How far off the goal, and whether any pair comes too close."""
-    miss = (
-        f"At worst, craft {report['goal_error_craft']} ends {error(report['goal_error'])} m from "
-        "its goal"
+    worst, off = report["goal_error_craft"], error(report["goal_error"])
+    miss = f"At worst, craft {worst} ends {off} m from its goal"
+    pair, radius, safe = (
+        report[name] for name in ("min_separation_pair", "collision_radius", "safe")
     )
-    pair, radius = report["min_separation_pair"], report["collision_radius"]
-    at_nodes = report["separation"] == "nodes"
-    if report["safe"] and (pair is None or not at_nodes):
+    if safe and (pair is None or report["separation"] != "nodes"):
         return f"{miss}. No pair comes within {radius:g} m."
-    verdict = (
-        "No pair is too close at a node, and no more was asked" if report["safe"] else "Not safe"
-    )
+    verdict = "No pair is too close at a node, and no more was asked" if safe else "Not safe"
     return (
         f"{miss}. {verdict}: craft {pair[0]} and {pair[1]} come within "
         f"{report['min_separation']:.2f} m of each other; collision_radius is {radius:g} m."

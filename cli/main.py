@@ -5,10 +5,12 @@ Commands import what they need when they run, so that help is instant.
 
 import os
 import platform
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
+from typer.main import get_command_name
 
 from cli import convert, dataset, experiments, fly, models, plan, scenario, tradeoff, train
 from cli.app import Group
@@ -18,34 +20,39 @@ from cli.output import echo
 # wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-SWARM, DATASETS, NETWORKS, EXPERIMENTS = (
-    "A swarm of your own",
-    "Datasets",
-    "Networks",
-    "Experiments",
-)
-"""Groups of commands in the help."""
 
-ORDER = (
-    *("scenario", "plan", "fly", "tradeoff", "show", "convert"),
-    *("sample", "solve", "dataset", "verify"),
-    *("train", "tune", "models"),
-    *("evaluate", "warmstart", "transfer-times", "flights", "report"),
+datasets = typer.Typer(
+    name="dataset", cls=Group, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown"
 )
-"""Commands as the help has them; Typer would put those that have subcommands last."""
+datasets.callback(invoke_without_command=True)(dataset.make)
+datasets.command()(dataset.card)
+
+COMMANDS: Mapping[str, Sequence[Any]] = {
+    "A swarm of your own": (
+        *(scenario.app, plan.plan, fly.fly, tradeoff.tradeoff),
+        *(convert.show, convert.convert),
+    ),
+    "Datasets": (dataset.sample, dataset.solve, datasets, dataset.verify),
+    "Networks": (train.train, train.tune, models.app),
+    "Experiments": (
+        *(experiments.evaluate, experiments.warmstart, experiments.transfer_times),
+        *(experiments.flights, experiments.report),
+    ),
+}
+"""Groups of commands in the help."""
 
 
 class Line(Group):
     """All commands, in the order of the work."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names in ORDER."""
-        return sorted(super().list_commands(ctx), key=ORDER.index)
+        """As in COMMANDS; Typer would put those that have subcommands last."""
+        return [
+            str(one.info.name) if isinstance(one, typer.Typer) else get_command_name(one.__name__)
+            for commands in COMMANDS.values()
+            for one in commands
+        ]
 
-
-datasets = typer.Typer(cls=Group, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown")
-datasets.callback(invoke_without_command=True)(dataset.make)
-datasets.command()(dataset.card)
 
 app = typer.Typer(
     name="prolearn",
@@ -87,21 +94,9 @@ def _options(
     """What all commands have in common."""
 
 
-app.add_typer(scenario.app, name="scenario", rich_help_panel=SWARM)
-app.command(rich_help_panel=SWARM)(plan.plan)
-app.command(rich_help_panel=SWARM)(fly.fly)
-app.command(rich_help_panel=SWARM)(tradeoff.tradeoff)
-app.command(rich_help_panel=SWARM)(convert.show)
-app.command(rich_help_panel=SWARM)(convert.convert)
-app.command(rich_help_panel=DATASETS)(dataset.sample)
-app.command(rich_help_panel=DATASETS)(dataset.solve)
-app.add_typer(datasets, name="dataset", rich_help_panel=DATASETS)
-app.command(rich_help_panel=DATASETS)(dataset.verify)
-app.command(rich_help_panel=NETWORKS)(train.train)
-app.command(rich_help_panel=NETWORKS)(train.tune)
-app.add_typer(models.app, name="models", rich_help_panel=NETWORKS)
-app.command(rich_help_panel=EXPERIMENTS)(experiments.evaluate)
-app.command(rich_help_panel=EXPERIMENTS)(experiments.warmstart)
-app.command(name="transfer-times", rich_help_panel=EXPERIMENTS)(experiments.transfer_times)
-app.command(rich_help_panel=EXPERIMENTS)(experiments.flights)
-app.command(rich_help_panel=EXPERIMENTS)(experiments.report)
+for panel, commands in COMMANDS.items():
+    for command in commands:
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, rich_help_panel=panel)
+        else:
+            app.command(rich_help_panel=panel)(command)

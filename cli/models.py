@@ -11,16 +11,17 @@ from rich.console import Console
 from rich.table import Table
 
 from cli.app import Group
-from cli.output import beside, echo, print_json, seen
+from cli.output import beside, echo, print_json, print_table, seen
 from cli.progress import each
 from cli.settings import AsJson, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
     from cli.jobs.export import ExportedModel
-    from registry.version import ModelVersion
+    from registry.models import ModelVersion
 
 app = typer.Typer(
+    name="models",
     cls=Group,
     no_args_is_help=True,
     rich_markup_mode="markdown",
@@ -47,8 +48,7 @@ COLUMNS = {
 }
 """Metrics in the list, by name, with their headings."""
 
-AGES = ((86400, "d"), (3600, "h"), (60, "min"))
-"""Units of an age, s."""
+AGES = ((86400, "d"), (3600, "h"), (60, "min"))  # units of an age, s
 
 
 @app.command(name="list")
@@ -69,7 +69,8 @@ def list_models(as_json: AsJson = False) -> None:
     if as_json:
         print_json([document_of(version) for version in versions])
         return
-    Console().print(_table(versions))
+    headings = ("model", "v.", "alias", "recipe", *COLUMNS.values(), "dataset", "age")
+    print_table(headings, [_cells(version) for version in versions], texts=(0, 2, 3, 7))
 
 
 def document_of(version: "ModelVersion") -> dict[str, Any]:
@@ -77,41 +78,24 @@ def document_of(version: "ModelVersion") -> dict[str, Any]:
     return {"uri": version.uri, **vars(version)}
 
 
-def _table(versions: "Sequence[ModelVersion]") -> Table:
-    table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
-    for heading in ("model", "v.", "alias", "recipe"):
-        table.add_column(heading, justify="right" if heading == "v." else "left", no_wrap=True)
-    for heading in COLUMNS.values():
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("dataset", max_width=14, no_wrap=True)
-    table.add_column("age", justify="right", no_wrap=True)
-    for version in versions:
-        numbers = [version.metrics.get(name) for name in COLUMNS]
-        cells = (
-            version.name,
-            version.version,
-            ",".join(version.aliases),
-            version.recipe,
-            *("" if number is None else f"{number:.3g}" for number in numbers),
-            _dataset(version),
-            _age(version.created),
-        )
-        table.add_row(*map(seen, cells))
-    return table
-
-
-def _dataset(version: "ModelVersion") -> str:
-    """Folder and beginning of the digest."""
+def _cells(version: "ModelVersion") -> list[str]:
+    numbers = [version.metrics.get(name) for name in COLUMNS]
     folder = Path(version.params.get("dataset", "")).name
-    return f"{folder[:7]} {version.dataset_digest[:6]}".strip()
+    return [
+        version.name,
+        str(version.version),
+        ",".join(version.aliases),
+        version.recipe,
+        *("" if number is None else f"{number:.3g}" for number in numbers),
+        f"{folder[:7]} {version.dataset_digest[:6]}".strip(),
+        _age(version.created),
+    ]
 
 
 def _age(created: datetime) -> str:
     seconds = (datetime.now(UTC) - created).total_seconds()
-    for length, unit in AGES:
-        if seconds >= length:
-            return f"{seconds // length:.0f} {unit}"
-    return "new"
+    ages = (f"{seconds // length:.0f} {unit}" for length, unit in AGES if seconds >= length)
+    return next(ages, "new")
 
 
 @app.command()
@@ -135,11 +119,8 @@ def show(model: ModelArgument, as_json: AsJson = False) -> None:
         return
     table = Table(box=None, show_header=False)
     head = {
-        "model": version.name,
-        "version": version.version,
-        "aliases": ",".join(version.aliases),
-        "uri": version.uri,
-        "run": version.run_id,
+        **{"model": version.name, "version": version.version, "uri": version.uri},
+        **{"aliases": ",".join(version.aliases), "run": version.run_id},
         "created": version.created.strftime("%Y-%m-%d %H:%M UTC"),
     }
     numbers = {name: f"{value:.6g}" for name, value in sorted(version.metrics.items())}
@@ -156,10 +137,7 @@ def promote(
     version: Annotated[int, option("Number of the version.")],
     data: Annotated[
         str | None,
-        option(
-            "Dataset, a folder or a URL, whose validation split decides; by default the one that "
-            "the version was trained on."
-        ),
+        option("Dataset whose validation split decides; by default what it was trained on."),
     ] = None,
     force: Annotated[
         bool, flag("--force", "Also where it does no better than the champion.")
@@ -174,7 +152,7 @@ def promote(
 
         prolearn models promote lstm2 --version 3 --data data/paper
     """
-    from cli.jobs.champion import promote as run
+    from cli.jobs.train import promote as run
 
     if force and data is not None:
         raise InputError(
@@ -202,9 +180,8 @@ def export(
     n: Annotated[
         int | None,
         option(
-            "Spacecraft that the file is for; by default any number that one graph of the "
-            "architecture answers for. Feed-forward networks beyond their training's size need "
-            "it: the averaging over combinations then goes into the file."
+            "Spacecraft that the file is for; by default any number that one graph answers for. "
+            "Feed-forward networks beyond their training's size need it."
         ),
     ] = None,
     flown: Annotated[
@@ -243,9 +220,9 @@ def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> lis
     if len(versions) == 1:
         return [out]
     names = [file_name(version) for version in versions]
-    for name, count in Counter(names).items():
-        if count > 1:
-            raise InputError(f"{name} is asked for {count} times; expected different models.")
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise InputError(f"{name} is asked for {count} times; expected different models.")
     if out is not None and out.is_file():
         raise InputError(f"--out is the file {out}; expected a folder for several models.")
     return [(out or Path()) / name for name in names]

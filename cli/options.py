@@ -1,7 +1,7 @@
 """Typer's options from the annotated fields of frozen dataclasses, lists in options, completion."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from typing import Any, ParamSpec, TypeVar, get_type_hints
@@ -23,13 +23,13 @@ def with_settings(command: Callable[P, R]) -> Callable[..., R]:
     Where ``command(settings: Evaluation, as_json: AsJson)`` is called, Typer sees the fields of
     ``Evaluation`` in place of ``settings``, with their annotations and defaults.
     """
-    hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, Any] = {k: hint for k, hint in hints.items() if is_dataclass(hint)}
+    groups: dict[str, Any] = {}
     found: list[Parameter] = []
-    for parameter in signature(command).parameters.values():
-        group = groups.get(parameter.name)
-        annotated = parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[parameter.name])
-        found += [annotated] if group is None else _parameters(group)
+    for parameter in _parameters(command):
+        is_group = is_dataclass(parameter.annotation)
+        found += _parameters(parameter.annotation) if is_group else [parameter]
+        if is_group:
+            groups[parameter.name] = parameter.annotation
 
     @wraps(command)
     def run(**given: Any) -> R:
@@ -42,17 +42,12 @@ def with_settings(command: Callable[P, R]) -> Callable[..., R]:
     return run
 
 
-def _parameters(group: Any) -> list[Parameter]:
-    """The fields of a dataclass as parameters of a function."""
-    hints = get_type_hints(group, include_extras=True)
+def _parameters(called: Callable[..., Any]) -> list[Parameter]:
+    """The parameters of a function or of a dataclass, by name and with their types."""
+    hints = get_type_hints(called, include_extras=True)
     return [
-        Parameter(
-            field.name,
-            Parameter.KEYWORD_ONLY,
-            default=Parameter.empty if field.default is MISSING else field.default,
-            annotation=hints[field.name],
-        )
-        for field in fields(group)
+        parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name])
+        for name, parameter in signature(called).parameters.items()
     ]
 
 
@@ -67,15 +62,9 @@ def given_options(context: typer.Context) -> dict[str, str]:
 
 
 def refuse(context: typer.Context, names: Collection[str], reason: str) -> None:
-    """Refuse options that would have no effect.
+    """Raise InputError for the first that is given of some parameters that would have no effect.
 
-    Args:
-        context: of the command.
-        names: of its parameters.
-        reason: why they would have none, and what to do.
-
-    Raises:
-        InputError: naming the first that is given.
+    The reason says why they would have none, and what to do.
     """
     for name, option in given_options(context).items():
         if name in names:
@@ -83,11 +72,7 @@ def refuse(context: typer.Context, names: Collection[str], reason: str) -> None:
 
 
 def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
-    """Whole numbers written as 10, 2,10,30 or 2..30, ascending.
-
-    Raises:
-        InputError: for anything else, or a number under ``least``.
-    """
+    """Whole numbers from ``least`` on, written as 10, 2,10,30 or 2..30, ascending."""
     numbers: set[int] = set()
     try:
         for part in text.split(","):
@@ -108,11 +93,7 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
 
 
 def float_list(text: str, option: str) -> Sequence[float]:
-    """Numbers written as 60 or 60,72.5,240, ascending.
-
-    Raises:
-        InputError: for anything else.
-    """
+    """Numbers written as 60 or 60,72.5,240, ascending."""
     try:
         return sorted({float(part) for part in text.split(",")})
     except ValueError as error:
@@ -126,27 +107,23 @@ def name_list(text: str | None) -> Sequence[str]:
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
-def planners(incomplete: str) -> list[str]:
+def planners() -> list[str]:
     """Completion of planners: those of the package, and architectures, whose champions plan."""
     from pipeline.planners.named import NAMES
 
-    return _beginning([*NAMES, *architectures("")], incomplete)
+    return sorted({*NAMES, *architectures("")})
 
 
 def architectures(incomplete: str) -> list[str]:
     """Completion of installed architectures; of several, joined by commas, the last."""
     from pipeline.networks.catalogue import architecture_names
 
-    before, comma, last = incomplete.rpartition(",")
-    return [before + comma + name for name in _beginning(architecture_names(), last)]
+    before, comma, _ = incomplete.rpartition(",")
+    return sorted(before + comma + name for name in architecture_names())
 
 
-def families(incomplete: str) -> list[str]:
+def families() -> list[str]:
     """Completion of families of scenarios."""
     from pipeline.scenario.families import FAMILIES
 
-    return _beginning(FAMILIES, incomplete)
-
-
-def _beginning(names: Iterable[str], start: str) -> list[str]:
-    return sorted({name for name in names if name.startswith(start)})
+    return sorted(FAMILIES)

@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Any
 
 import typer
@@ -15,20 +15,12 @@ from pipeline.errors import InputError
 from pipeline.files import STDIO
 from pipeline.text import visible
 
-WIDE = 1000
-"""Columns that a table may take where no terminal cuts it."""
-
-LEAST = 8
-"""Characters of its first column that a table keeps on the narrowest terminal."""
+WIDE = 1000  # columns that a table may take where no terminal cuts it
+LEAST = 8  # characters of its first column that a table keeps on the narrowest terminal
 
 
 def echo(*lines: object, err: bool = False) -> None:
-    """Print lines; what a terminal would obey, or not show, is shown as an escape.
-
-    Args:
-        lines: of text, whatever is in it.
-        err: on stderr.
-    """
+    """Print lines, or do so on stderr; what a terminal would obey, or not show, is an escape."""
     for line in lines:
         typer.echo(visible(str(line)), err=err)
 
@@ -38,20 +30,22 @@ def seen(text: object, style: str = "") -> Text:
     return Text(visible(str(text)), style)
 
 
+def tell(as_json: bool, document: Any, *lines: object) -> None:
+    """Print a document for programs, or lines for people."""
+    print_json(document) if as_json else echo(*lines)
+
+
 def print_table(
     headings: Sequence[str],
     rows: Sequence[Sequence[str]],
     *,
-    texts: int = 1,
+    texts: Collection[int] = (0,),
     marked: Collection[int] = (),
 ) -> None:
     """Print a table, plain and in full width where it does not go to a terminal.
 
-    Args:
-        headings: of the columns, on one line or two.
-        rows: their cells; on a terminal the first gives way at its beginning, for the rest to fit.
-        texts: how many columns are text and aligned left; the others are numbers.
-        marked: rows shown in red.
+    On a terminal the first column gives way at its beginning, for the rest to fit. Columns in
+    ``texts`` are aligned left, as the others, numbers, are not; rows in ``marked`` are red.
     """
     rows = [[visible(cell) for cell in row] for row in rows]
     console = Console()
@@ -61,7 +55,7 @@ def print_table(
     room = max(LEAST, width - sum(wide[1:]) - len(wide))
     table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
     for k, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if k < texts else "right", no_wrap=True)
+        table.add_column(heading, justify="left" if k in texts else "right", no_wrap=True)
     for k, (first, *cells) in enumerate(rows):
         shown = first if len(first) <= room else f"…{first[1 - room :]}"
         table.add_row(*map(Text, (shown, *cells)), style="red" if k in marked else None)
@@ -71,19 +65,12 @@ def print_table(
 @contextmanager
 def beside(as_json: bool) -> Iterator[None]:
     """In the block, whatever prints does so on stderr where stdout is for a document."""
-    if not as_json:
-        yield
-        return
-    with redirect_stdout(sys.stderr):
+    with redirect_stdout(sys.stderr) if as_json else nullcontext():
         yield
 
 
 def stdout_free(out: object, as_json: bool) -> bool:
-    """Whether stdout is for what people are told, and not for a file's content.
-
-    Raises:
-        InputError: where a file's content and a JSON document both are for stdout.
-    """
+    """Whether stdout is for what people are told; InputError where two documents are for it."""
     if out == STDIO and as_json:
         raise InputError(
             "--json is given and --out is -; expected one of them, since stdout takes one document."
@@ -94,19 +81,11 @@ def stdout_free(out: object, as_json: bool) -> bool:
 def print_json(document: Any) -> None:
     """Print strict JSON: what is not a finite number is null, times are as in ISO 8601.
 
-    What cannot be seen of its texts is an escape of JSON.
-
-    Args:
-        document: dataclasses, mappings, sequences, paths, times, and numbers of numpy's, too.
+    The document may hold dataclasses, paths, times and numbers of numpy's, too. What cannot be
+    seen of its texts is an escape of JSON.
     """
     from pydantic_core import to_jsonable_python
 
     plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
     text = json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
-    typer.echo("\n".join(visible(line, _json_escape) for line in text.split("\n")))
-
-
-def _json_escape(character: str) -> str:
-    """An escape of JSON for each unit of UTF-16."""
-    units = character.encode("utf-16-be", "surrogatepass").hex()
-    return "".join(f"\\u{units[k : k + 4]}" for k in range(0, len(units), 4))
+    typer.echo("\n".join(visible(line, lambda c: json.dumps(c)[1:-1]) for line in text.split("\n")))

@@ -8,26 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.app import not_over, told_if_stopped, within_memory
-from cli.options import planners, with_settings
+from cli.options import with_settings
 from cli.output import beside, print_json, stdout_free
 from cli.plan_table import print_plans
 from cli.progress import progress
-from cli.settings import (
-    AllowDrift,
-    AsJson,
-    Assignment,
-    Effort,
-    RiskSettings,
-    Separation,
-    flag,
-    option,
-)
+from cli.settings import AsJson, Planning, RiskSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.files import STDIO, stem_of
 
 if TYPE_CHECKING:
-    from pipeline.plan import Requirements
-    from pipeline.planners.planner import Planner
     from pipeline.scenario import Scenario
 
 TOGETHER = 50
@@ -39,27 +28,10 @@ def plan(
     scenarios: Annotated[list[Path], typer.Argument(help="Scenario files; - is standard input.")],
     out: Annotated[Path, option("Plan file, - for standard output, or a folder for several.")],
     *,
-    planner: Annotated[
-        str,
-        option(
-            "expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
-            autocompletion=planners,
-        ),
-    ] = "expert",
-    separation: Separation = "continuous",
-    effort: Annotated[
-        Effort | None,
-        option(
-            "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
-            "the best of several searches. By default the second; after a model, the first, and "
-            "after the refiner that only where it has no safe plan."
-        ),
-    ] = None,
+    planning: Planning,
     raw: Annotated[
         bool, flag("--raw", "A model's own plan, safe or not, without the expert after it.")
     ] = False,
-    allow_drift: AllowDrift = False,
-    assignment: Assignment = "given",
     risk: RiskSettings,
     passive_safety: Annotated[
         float | None,
@@ -111,6 +83,7 @@ def plan(
         prolearn plan a.json b.json --json --out plans/
         prolearn plan - --out p.json
     """
+    from cli.jobs.planner import planner_of
     from pipeline.orbit.dynamics import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
@@ -119,9 +92,11 @@ def plan(
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
         not_over(path, target)
-    asked = [read_checked(path, allow_drift=allow_drift) for path in scenarios]
-    requirements = Requirements(separation, passive_safety, risk.limit())
-    chosen = planner_of(planner, requirements, effort, raw=raw, assignment=assignment)
+    asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
+    requirements = Requirements(planning.separation, passive_safety, risk.limit())
+    chosen = planner_of(
+        planning.planner, requirements, planning.effort, raw=raw, assignment=planning.assignment
+    )
     rows: list[dict[str, Any]] = []
 
     def kept() -> str:
@@ -130,10 +105,10 @@ def plan(
     with told_if_stopped(kept), progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
-            for scenario, made in zip(group, chosen.plan(group), strict=True):
+            for made in chosen.plan(group):
                 path, target = scenarios[len(rows)], targets[len(rows)]
-                write_plan(target, made, made.flown(scenario))
-                problem = scenario.problem
+                write_plan(target, made)
+                problem = made.scenario.problem
                 off = model_error(made.states, problem.mean_motion, problem.duration).total
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
                 rows.append({"scenario": str(path), "plan": str(target), **summary(made), **more})
@@ -162,23 +137,3 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     if out.is_file():
         raise InputError(f"--out is the file {out}; expected a folder for several plans.")
     return [out / name for name in names]
-
-
-def planner_of(
-    name: str,
-    requirements: "Requirements",
-    effort: Effort | None,
-    *,
-    raw: bool = False,
-    assignment: str = "given",
-) -> "Planner":
-    """The planner of a name; all but models need neither MLflow nor torch."""
-    from pipeline.planners.goal_assignment import GoalAssignment
-    from pipeline.planners.named import named_planner
-
-    found = named_planner(name, requirements, effort=effort, raw=raw)
-    if found is None:
-        from cli.jobs.networks import model_planner
-
-        found = model_planner(name, requirements, effort=effort, raw=raw)
-    return GoalAssignment(found) if assignment == "optimal" else found

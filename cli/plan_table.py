@@ -11,8 +11,7 @@ from pipeline.figures.labels import MISSING, number
 Row = Mapping[str, Any]
 """A plan's summary, with the files of ``scenario`` and ``plan``, and the linear model's error."""
 
-MOST_CRAFT = 12
-"""Craft of a plan up to which the Δv of each is shown."""
+MOST_CRAFT = 12  # craft of a plan up to which the Δv of each is shown
 
 HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apart\nm", "time\nms")
 """Of the columns that say what a plan is worth."""
@@ -50,7 +49,9 @@ def print_plans(rows: Sequence[Row]) -> None:
             headings += names
             for row, line in zip(rows, lines, strict=True):
                 line += extra(row)
-    print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
+    print_table(
+        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if wrong(row)]
+    )
     if len(rows) == 1:
         _print_craft(rows[0])
     for row in rows:

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from time import monotonic
 from typing import TypeVar
 
 from rich.console import Console
@@ -13,7 +12,6 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     Task,
-    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -26,8 +24,7 @@ from pipeline.progress import Progress as JobProgress
 from pipeline.text import visible
 from pipeline.urls import public
 
-LINE_SECONDS = 5.0
-"""How often work that is not on a terminal says where it is."""
+LINE_SECONDS = 5.0  # how often work that is not on a terminal says where it is
 
 
 class RateColumn(ProgressColumn):
@@ -47,27 +44,22 @@ class NoteColumn(ProgressColumn):
 
 
 class Shown(JobProgress):
-    """Shows how far some work is once it says how much there is of it.
-
-    Attributes:
-        count: units that are done.
-        failed: how many of them failed.
-    """
+    """Shows how far some work is once it says how much there is of it."""
 
     def __init__(self, what: str, stack: ExitStack) -> None:
-        self.count = self.failed = 0
+        self.count = self.failed = 0  # units that are done, and how many of them failed
         self._what, self._stack = visible(what), stack
-        self._display: _Bar | _Lines | None = None
+        self._bar: Progress | None = None
 
     def expect(self, total: int) -> None:
         """Begin to show progress towards so many units; none show nothing."""
         self._stack.close()
-        self._display, console = None, Console(stderr=True)
-        if total and console.is_terminal:
-            bar = self._stack.enter_context(_columns(console))
-            self._display = _Bar(bar, bar.add_task(self._what, total=total, note=""))
-        elif total:
-            self._display = _Lines(console, self._what, total)
+        console = Console(stderr=True)
+        self._bar, self._told = _bar(console) if total else None, 0.0
+        if self._bar:
+            self._task = self._bar.add_task(self._what, total=total, note="")
+            if console.is_terminal:
+                self._stack.enter_context(self._bar)
 
     def done(self, units: int = 1, note: str = "", *, failed: int | None = None) -> None:
         """Show what is done, with the note and the share that failed."""
@@ -77,17 +69,32 @@ class Shown(JobProgress):
         if failed is not None:
             self.failed += failed
             note = f"{self.failed / self.count:.1%} failed"
-        if self._display:
-            self._display.advance(units, visible(note))
+        if self._bar:
+            self._bar.update(self._task, advance=units, note=visible(note))
+            self._print_line(self._bar)
 
     def end(self, note: str) -> None:
         """Show that it is over."""
-        if self._display:
-            self._display.end(visible(note))
+        if self._bar and not (task := self._bar.tasks[self._task]).finished:
+            self._bar.update(self._task, total=task.completed, note=visible(note))
+            self._print_line(self._bar)
 
     def say(self, sentence: str) -> None:
         """Tell a person, beside the output."""
         echo(f"prolearn: {public(sentence)}", err=True)
+
+    def _print_line(self, bar: Progress) -> None:
+        """Where no bar is seen, say where the work is, now and then and at the end."""
+        task = bar.tasks[self._task]
+        done, total, seconds = task.completed, task.total or 0.0, task.elapsed or 0.0
+        if bar.console.is_terminal or (seconds - self._told < LINE_SECONDS and done < total):
+            return
+        self._told = seconds
+        parts = [f"{self._what}: {done:.0f}/{total:.0f} after {seconds:.0f} s"]
+        if 0 < done < total and seconds > 0:
+            parts += [f"{done / seconds:.3g}/s", f"{(total - done) * seconds / done:.0f} s left"]
+        note = task.fields["note"]
+        bar.console.print(Text(", ".join(parts + [note] * bool(note))), soft_wrap=True)
 
 
 @contextmanager
@@ -109,7 +116,7 @@ def each(what: str, items: Sequence[Item]) -> Iterator[Item]:
             shown.done()
 
 
-def _columns(console: Console) -> Progress:
+def _bar(console: Console) -> Progress:
     """The bar; where the terminal is narrow, it and the note shrink and no number does."""
     whole = Column(no_wrap=True)
     return Progress(
@@ -124,47 +131,3 @@ def _columns(console: Console) -> Progress:
         console=console,
         redirect_stdout=sys.stdout.isatty(),  # what goes to a file or a pipe must go there
     )
-
-
-class _Bar:
-    """A bar on a terminal."""
-
-    def __init__(self, bar: Progress, task: TaskID) -> None:
-        self._bar, self._task = bar, task
-
-    def advance(self, done: int, note: str) -> None:
-        self._bar.update(self._task, advance=done, note=note)
-
-    def end(self, note: str) -> None:
-        task = self._bar.tasks[self._task]
-        if not task.finished:
-            self._bar.update(self._task, total=task.completed, note=note)
-
-
-class _Lines:
-    """Plain lines, now and then and at the end."""
-
-    def __init__(self, console: Console, what: str, total: int) -> None:
-        self._console, self._what, self._total = console, what, total
-        self._started = self._last = monotonic()
-        self._count = 0
-
-    def advance(self, done: int, note: str) -> None:
-        self._count += done
-        now = monotonic()
-        if now - self._last >= LINE_SECONDS or self._count >= self._total:
-            self._last = now
-            self._print(now - self._started, note)
-
-    def end(self, note: str) -> None:
-        if self._count < self._total:
-            self._total = self._count
-            self.advance(0, note)
-
-    def _print(self, seconds: float, note: str) -> None:
-        parts = [f"{self._what}: {self._count}/{self._total} after {seconds:.0f} s"]
-        if 0 < self._count < self._total and seconds > 0:
-            rate = self._count / seconds
-            parts += [f"{rate:.3g}/s", f"{(self._total - self._count) / rate:.0f} s left"]
-        said = ", ".join(parts + [note] * bool(note))
-        self._console.print(Text(said), soft_wrap=True)

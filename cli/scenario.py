@@ -1,6 +1,7 @@
 """Commands about scenario files: new, check, schema."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,15 +12,16 @@ from rich.padding import Padding
 from rich.table import Table
 
 from cli.app import FAILED, Group, within_memory
-from cli.options import families, with_settings
+from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
-from cli.settings import AsJson, ProblemSettings, flag, option
+from cli.settings import AsJson, Family, ProblemSettings, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.scenario import Diagnostic, Scenario
 
 app = typer.Typer(
+    name="scenario",
     cls=Group,
     no_args_is_help=True,
     rich_markup_mode="markdown",
@@ -34,29 +36,24 @@ app = typer.Typer(
     """,
 )
 
-MOST_CASES = 5
-"""Faults of a kind that the table shows, the worst ones."""
+MOST_CASES = 5  # faults of a kind that the table shows, the worst ones
+
+DRAWN = ("family", "n", "seed", "index", "split")
+EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
+"""Options of a draw, and what goes with what."""
 
 
 @app.command()
 @with_settings
 def new(
+    context: typer.Context,
     scenario: Annotated[Path, typer.Argument(help="File to write; - is standard output.")],
     *,
-    family: Annotated[
-        str | None,
-        option(
-            "Draw: rings, dense, coplanar-split, tilt-split, independent or rotation.  [default: "
-            "rings]",
-            autocompletion=families,
-        ),
-    ] = None,
-    n: Annotated[int | None, option("Spacecraft to draw.  [default: 10]")] = None,
-    seed: Annotated[int | None, option("Root seed of the draw.  [default: 0]")] = None,
-    index: Annotated[int | None, option("Number of the draw in its split.  [default: 0]")] = None,
-    split: Annotated[
-        str | None, option("Of the draw: train, valid or test.  [default: test]")
-    ] = None,
+    family: Family = "rings",
+    n: Annotated[int, option("Spacecraft to draw.")] = 10,
+    seed: Annotated[int, option("Root seed of the draw.")] = 0,
+    index: Annotated[int, option("Number of the draw in its split.")] = 0,
+    split: Annotated[str, option("Of the draw: train, valid or test.")] = "test",
     start: Annotated[
         list[str] | None,
         option(
@@ -93,6 +90,7 @@ def new(
         prolearn scenario new s.json --family tilt-split --n 8 --seed 3
         prolearn scenario new s.json --from craft=4,size=200 --to craft=4,size=90
     """
+    from pipeline.scenario import draw
     from pipeline.scenario.document import write_by_hand
 
     if scenario.is_dir():
@@ -100,20 +98,13 @@ def new(
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     content: dict[str, Any] = asdict(problem)
-    drawn = {"--family": family, "--n": n, "--seed": seed, "--index": index, "--split": split}
-    if start or to:
-        given = [name for name, value in drawn.items() if value is not None]
-        if given or not (start and to):
-            raise InputError(
-                f"{given[0] if given else '--from or --to alone'} is given; expected --from and "
-                "--to for rings of your own, or neither of them for a draw of a family."
-            )
-        content |= {"initial": _rings("--from", start or []), "goal": _rings("--to", to or [])}
+    if start and to:
+        refuse(context, DRAWN, f"with rings of your own; {EITHER}")
+        content |= {"initial": _rings("--from", start), "goal": _rings("--to", to)}
+    elif start or to:
+        raise InputError(f"--from or --to alone is given; {EITHER}")
     else:
-        from pipeline.scenario import draw
-
-        of = (seed or 0, 10 if n is None else n, index or 0)
-        draft = draw(family or "rings", *of, problem.problem(), split or "test")
+        draft = draw(family, seed, n, index, problem.problem(), split)
         content |= {"initial": draft.initial.tolist(), "goal": draft.goal.tolist()}
     reference = {
         "epoch": epoch,
@@ -121,9 +112,8 @@ def new(
         "raan_deg": raan,
         "argument_of_latitude_deg": argument_of_latitude,
     }
-    given_reference = {name: value for name, value in reference.items() if value is not None}
-    if given_reference:
-        content["reference"] = given_reference
+    if known := {name: value for name, value in reference.items() if value is not None}:
+        content["reference"] = known
     made = write_by_hand(scenario, content)
     if stdout_free(scenario, as_json=False):
         echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
@@ -138,16 +128,12 @@ def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
             raise InputError(
                 f"{option} is {text!r}; expected fields of a ring, such as craft=4,size=200."
             )
-        rings.append({name.strip(): _number(value.strip()) for name, _, value in fields})
+        ring: dict[str, float | str] = {name.strip(): value.strip() for name, _, value in fields}
+        for name, value in ring.items():
+            with suppress(ValueError):  # text that is no number the file's format refuses
+                ring[name] = float(value)
+        rings.append(ring)
     return {"rings": rings}
-
-
-def _number(text: str) -> float | str:
-    """A number as it stands in a file, or the text that is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def _about(scenario: "Scenario") -> str:

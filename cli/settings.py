@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cli.options import architectures, planners
+from cli.options import architectures, families, planners
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,11 +37,13 @@ Separation = Annotated[
     option("Keep craft apart at all times, or at the nodes only."),
 ]
 Effort = Literal["first", "default", "best"]
-Assignment = Annotated[
-    Literal["given", "optimal"],
-    option("Who takes which goal: as given, or such that the fuel is least."),
+Family = Annotated[
+    str,
+    option(
+        "rings, dense, coplanar-split, tilt-split, independent or rotation.",
+        autocompletion=families,
+    ),
 ]
-AllowDrift = Annotated[bool, flag("--allow-drift", "Accept states that are not energy-matched.")]
 PlanFile = Annotated[Path, typer.Argument(help="Plan file; - is standard input.")]
 
 Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
@@ -58,12 +60,9 @@ class ExperimentSettings:
     """Settings that all experiments have."""
 
     models: Annotated[
-        str | None,
-        option("Models, such as ff1,lstm2:paper; by default the newest trained on the data."),
+        str | None, option("Such as ff1,lstm2:paper; by default the newest trained on the data.")
     ] = None
-    data: Annotated[str, option("Solved dataset, a folder or a URL; its test split is used.")] = (
-        "data/paper"
-    )
+    data: Annotated[str, option("Solved dataset, folder or URL: its test split.")] = "data/paper"
     trials: Annotated[int | None, option("Most trials of each size.")] = None
 
 
@@ -82,12 +81,10 @@ class WarmStarts(ExperimentSettings):
     """Settings of experiment 3."""
 
     optimizer: Annotated[
-        Literal["expert", "plain"],
-        option("The expert, or a plain SCP over all pairs at the nodes, as the paper's."),
+        Literal["expert", "plain"], option("Our expert, or the paper's kind: a plain SCP at nodes.")
     ] = "expert"
     sizes: Annotated[
-        str | None,
-        option("Swarm sizes; by default 10,30 for the expert and 10 for the plain SCP.", "--n"),
+        str | None, option("Swarm sizes; by default 10,30, or 10 for the plain SCP.", "--n")
     ] = None
     trials: Annotated[int | None, option("Trials of each size.")] = 100
 
@@ -100,11 +97,7 @@ class TransferTimes(ExperimentSettings):
     nodes: Annotated[str, option("Numbers of nodes T, at the time step of the training.")] = "6..21"
     time_steps: Annotated[
         str | None,
-        option(
-            "Time steps Δt in s, at the nodes of the training; by default those with the transfer "
-            "times of --nodes.",
-            "--time-step",
-        ),
+        option("Time steps Δt, s; by default those with the durations of --nodes.", "--time-step"),
     ] = None
     trials: Annotated[int | None, option("Most trials of each transfer time.")] = 100
 
@@ -115,10 +108,7 @@ class Flights(ExperimentSettings):
 
     models: Annotated[
         str | None,
-        option(
-            "Networks that answer on any time grid, such as refiner,lstm2; by default the newest "
-            "refiners trained on the data."
-        ),
+        option("For any time grid, such as refiner,lstm2; by default the newest refiners."),
     ] = None
     n: Annotated[int, option("Swarm size.")] = 10
     trials: Annotated[int | None, option("Most scenarios.")] = 100
@@ -146,8 +136,7 @@ class TrainingSettings:
         float | None, option("Weight of the collision penalty (ffcol, lstmcol).")
     ] = None
     crowded: Annotated[
-        int | None,
-        option("Crowded scenarios that the refiner learns from beside the dataset's."),
+        int | None, option("Crowded scenarios that the refiner learns from beside the data.")
     ] = None
     device: Device = "auto"
     memory: Annotated[
@@ -182,15 +171,10 @@ class WorkerSettings:
     ] = "loky"
     scheduler: Annotated[
         str | None,
-        option(
-            "Of the Dask cluster, such as tcp://10.0.0.1:8786.",
-            envvar="DASK_SCHEDULER_ADDRESS",
-            show_envvar=True,
-        ),
+        option("Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"),
     ] = None
     scheduler_wait: Annotated[
-        float | None,
-        option("Seconds in which a scheduler that was lost may come back; 300 by default."),
+        float | None, option("Seconds in which a lost scheduler may come back; 300 by default.")
     ] = None
 
 
@@ -205,11 +189,7 @@ class ProblemSettings:
     max_acceleration: Annotated[float | None, option("Limit on each component, m/s².")] = None
 
     def problem(self) -> "Problem":
-        """The problem on a circular orbit so high above the Earth.
-
-        Raises:
-            InputError: where a value makes no sense.
-        """
+        """The problem on a circular orbit so high above the Earth; InputError for a wrong value."""
         from pipeline.orbit.problem import Problem
         from pipeline.orbit.reference import mean_motion_at
 
@@ -225,54 +205,43 @@ class ProblemSettings:
 class RiskSettings:
     """A chance constraint on separation, and the errors that it is about."""
 
-    risk: Annotated[
+    asked: Annotated[
         float | None,
-        option(
-            "Most probability that any pair ever comes within the collision radius, flown in open "
-            "loop with the errors that the sigmas say."
-        ),
+        option("Most probability that a pair ever comes within r_col in open loop.", "--risk"),
     ] = None
     navigation_sigma: Annotated[
-        float | None,
-        option("With --risk: standard deviation of each component of the initial positions, m."),
+        float | None, option("With --risk: sigma of each component of initial positions, m.")
     ] = None
     thrust_sigma: Annotated[
         float | None,
         option(
-            "With --risk: standard deviation of each burn's size, as a share of it, and of its "
-            "direction about each axis across it, rad."
+            "With --risk: sigma of each burn's size, as a share of it, and of its direction about "
+            "each axis across it, rad."
         ),
     ] = None
     velocity_sigma: Annotated[
         float | None,
-        option(
-            "With --risk: standard deviation of each component of the initial velocities, m/s; by "
-            "default the mean motion times --navigation-sigma."
-        ),
+        option("Likewise of velocities, m/s; by default the mean motion times --navigation-sigma."),
     ] = None
 
     def limit(self) -> "RiskLimit | None":
-        """The limit on the risk, or None where none is given.
-
-        Raises:
-            InputError: where a risk is given without errors, or errors without a risk.
-        """
+        """The limit on the risk, if any; InputError for one without errors, or errors without."""
         from pipeline.plan import RiskLimit
 
-        risk, navigation, thrust = self.risk, self.navigation_sigma, self.thrust_sigma
-        if navigation is thrust is self.velocity_sigma is None:
-            if risk is None:
-                return None
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        if not given:
+            return None
+        if [*given] == ["asked"]:
             raise InputError(
-                f"--risk is {risk:g} and no error is given; expected --navigation-sigma, "
+                f"--risk is {self.asked:g} and no error is given; expected --navigation-sigma, "
                 "--thrust-sigma, --velocity-sigma or several of them with it."
             )
-        if risk is None:
+        if self.asked is None:
             raise InputError(
                 "a sigma is given without --risk; expected the probability that craft may come too "
                 "close with it, such as --risk 1e-3."
             )
-        return RiskLimit(risk, navigation or 0.0, thrust or 0.0, self.velocity_sigma)
+        return RiskLimit(**given)
 
 
 @dataclass(frozen=True)
@@ -280,57 +249,39 @@ class FlightConditions:
     """Conditions in which a plan is flown; None leaves a value to the scenario."""
 
     eccentricity: Annotated[float, option("Of the reference orbit, up to 0.01.")] = 0.001
-    inclination: Annotated[
-        float | None,
-        option("Of the reference orbit, deg; by default the scenario's, else 97.4."),
+    inclination_deg: Annotated[
+        float | None, option("Deg; by default the scenario's, else 97.4.", "--inclination")
     ] = None
-    raan: Annotated[
-        float | None,
-        option("Right ascension of its ascending node, deg; by default the scenario's, else 0."),
+    raan_deg: Annotated[
+        float | None, option("Right ascension of its node, deg; the scenario's, else 0.", "--raan")
     ] = None
-    argument_of_perigee: Annotated[float, option("From the ascending node, deg.")] = 90.0
-    argument_of_latitude: Annotated[
+    argument_of_perigee_deg: Annotated[
+        float, option("From the ascending node, deg.", "--argument-of-perigee")
+    ] = 90.0
+    argument_of_latitude_deg: Annotated[
         float | None,
-        option("Of the origin at the first node, deg; by default the scenario's, else 0."),
+        option("At the first node, deg; the scenario's, else 0.", "--argument-of-latitude"),
     ] = None
     no_j2: Annotated[bool, flag("--no-j2", "Leave the Earth's oblateness out.")] = False
-    drag: Annotated[
-        float | None,
-        option("Add drag: C_D A/m in the middle of the swarm, m²/kg; 0.01 is that of a CubeSat."),
+    ballistic: Annotated[
+        float | None, option("Add drag: mean C_D A/m, m²/kg; a CubeSat's is 0.01.", "--drag")
     ] = None
-    drag_spread: Annotated[
+    spread: Annotated[
         float | None,
-        option("By what share of it the first craft has less and the last more.  [default: 0.1]"),
+        option("By what share the first has less, the last more.  [default: 0.1]", "--drag-spread"),
     ] = None
 
     def about(self, reference: "Reference | None") -> "Conditions":
-        """The conditions, and where the options say nothing the scenario's reference orbit.
-
-        Raises:
-            InputError: where a value makes no sense.
-        """
+        """The conditions, and where the options say nothing the scenario's reference orbit."""
         from pipeline.flight.conditions import Conditions
 
-        if self.drag_spread is not None and self.drag is None:
+        if self.spread is not None and self.ballistic is None:
             raise InputError(
-                f"--drag-spread is {self.drag_spread:g} without --drag; expected both: add --drag "
-                "0.01."
+                f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
             )
-        asked = Conditions(
-            eccentricity=self.eccentricity,
-            argument_of_perigee_deg=self.argument_of_perigee,
-            j2=not self.no_j2,
-            ballistic=self.drag,
-        )
-        given = {
-            "inclination_deg": self.inclination,
-            "raan_deg": self.raan,
-            "argument_of_latitude_deg": self.argument_of_latitude,
-            "spread": self.drag_spread,
-        }
-        there = asked if reference is None else asked.about(reference)
-        changes: dict[str, Any] = {k: value for k, value in given.items() if value is not None}
-        return replace(there, **changes)
+        there = Conditions() if reference is None else Conditions().about(reference)
+        given = {k: v for k, v in vars(self).items() if v is not None and k != "no_j2"}
+        return replace(there, **given, j2=not self.no_j2)
 
 
 def _trial(text: str, *names: str, **more: Any) -> Any:
@@ -355,32 +306,54 @@ class FlownTrials:
         ),
     ] = None
     world: Annotated[
-        Literal["nonlinear", "linear"],
-        _trial("Fly in the conditions above, or in the model that plans are made for."),
+        Literal["nonlinear", "linear"], _trial("The conditions above, or the model of planners.")
     ] = "nonlinear"
     replan: Annotated[
-        Literal["none", "every-node"],
-        _trial("Compare with craft that are planned anew at every node."),
+        Literal["none", "every-node"], _trial("Compare with craft planned anew at every node.")
     ] = "none"
     planner: Annotated[
         str, _trial("Who plans anew, as for `prolearn plan`.", autocompletion=planners)
     ] = "expert"
     effort: Annotated[Effort | None, _trial("Of the expert then, as for `prolearn plan`.")] = None
     margin: Annotated[
-        float | None,
-        _trial(
-            "Asked for beyond r_col when planning anew, m; by default 3 sigma one interval ahead."
-        ),
+        float | None, _trial("Beyond r_col then, m; by default 3 sigma one interval ahead.")
     ] = None
-    size: Annotated[
-        float, _trial("Distance of two craft's centres at which they may touch, m.")
-    ] = 0.35
+    size: Annotated[float, _trial("Distance of two centres at which craft may touch, m.")] = 0.35
     out: Annotated[Path | None, _trial("Folder; PLAN-flown by default.")] = None
     jobs: Annotated[int, _trial("Processes; -1 for all cores.")] = -1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tradeoff:
+class Planning:
+    """Settings of who plans, and what of a plan."""
+
+    planner: Annotated[
+        str,
+        option(
+            "expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
+            autocompletion=planners,
+        ),
+    ] = "expert"
+    separation: Separation = "continuous"
+    effort: Annotated[
+        Effort | None,
+        option(
+            "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
+            "the best of several searches. By default the second; after a model, the first, and "
+            "after the refiner that only where it has no safe plan."
+        ),
+    ] = None
+    assignment: Annotated[
+        Literal["given", "optimal"],
+        option("Who takes which goal: as given, or such that the fuel is least."),
+    ] = "given"
+    allow_drift: Annotated[
+        bool, flag("--allow-drift", "Accept states that are not energy-matched.")
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tradeoff(Planning):
     """Settings of a trade-off of fuel against transfer time."""
 
     duration: Annotated[str, option("Range of transfer times: 10..60min, 600..3600s.")]
@@ -393,8 +366,3 @@ class Tradeoff:
         ),
     ] = "fixed"
     out: Annotated[Path | None, option("Folder; SCENARIO-tradeoff by default.")] = None
-    planner: Annotated[str, option("As for `prolearn plan`.", autocompletion=planners)] = "expert"
-    separation: Separation = "continuous"
-    effort: Annotated[Effort | None, option("As for `prolearn plan`.")] = None
-    assignment: Assignment = "given"
-    allow_drift: AllowDrift = False

@@ -10,7 +10,6 @@ import typer
 from cli.app import told_if_stopped, within_memory
 from cli.options import with_settings
 from cli.output import echo, print_json, print_table
-from cli.plan import planner_of
 from cli.plan_table import HEADINGS, cells, who, wrong
 from cli.progress import progress
 from cli.settings import AsJson, Tradeoff
@@ -18,8 +17,7 @@ from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, number
 from pipeline.files import stem_of
 
-UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
-"""Units of a duration, s."""
+UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}  # units of a duration, s
 
 NUMBER = r"(\d+(?:\.\d+)?)"
 RANGE = re.compile(rf"\s*{NUMBER}\s*\.\.\s*{NUMBER}\s*({'|'.join(UNITS)})\s*")
@@ -47,6 +45,7 @@ def tradeoff(
         prolearn tradeoff scenario.json --duration 1..3h --goal moving --out trade/
     """
     durations = seconds(settings.duration)
+    from cli.jobs.planner import planner_of
     from cli.jobs.tradeoff import trade
     from pipeline.plan import Requirements
 
@@ -64,18 +63,15 @@ def tradeoff(
 
 
 def seconds(text: str) -> tuple[float, float]:
-    """A range of durations, s, written as 10..60min, 600..3600s or 1..3h.
-
-    Raises:
-        InputError: for anything else.
-    """
+    """A range of durations, s, written as 10..60min, 600..3600s or 1..3h, or an InputError."""
     found = RANGE.fullmatch(text)
     if found is None or not 0 < float(found[1]) < float(found[2]):
         raise InputError(
             f"--duration is {text!r}; expected a range from less to more with its unit, such as "
             "10..60min, 600..3600s or 1..3h."
         )
-    return float(found[1]) * UNITS[found[3]], float(found[2]) * UNITS[found[3]]
+    unit = UNITS[found[3]]
+    return float(found[1]) * unit, float(found[2]) * unit
 
 
 def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
@@ -87,7 +83,9 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
         mark = "knee" if row["knee"] else ""
         lines.append([_minutes(row), who(row), *cells(row), least, mark])
     headings = ("transfer\nmin", "planner", *HEADINGS, "bound\nm/s", "")
-    print_table(headings, lines, texts=2, marked=[k for k, row in enumerate(rows) if wrong(row)])
+    print_table(
+        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if wrong(row)]
+    )
     for row in rows:
         if wrong(row):
             echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")

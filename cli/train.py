@@ -1,19 +1,15 @@
 """Commands that train networks and search for hyperparameters."""
 
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cli.models import document_of
 from cli.options import architectures, int_list, name_list, with_settings
-from cli.output import beside, echo, print_json
+from cli.output import beside, echo, print_json, tell
 from cli.progress import progress
 from cli.settings import AsJson, TrainingSettings, TuningSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.urls import public_url
-
-if TYPE_CHECKING:
-    from cli.jobs.tune import Tuned
-    from registry.version import ModelVersion
 
 
 @with_settings
@@ -70,7 +66,13 @@ def _trained(
     with progress(title) as shown:
         earlier = trained_before(arch, seed, settings, shown) if resume else None
         version, contest = earlier or train_model(arch, seed, settings, shown)
-    echo(f"Trained before: {_summary(version)}" if earlier else _summary(version))
+    names = ("best_epoch", "valid_position_rmse", "training_seconds")
+    epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
+    echo(
+        f"{'Trained before: ' if earlier else ''}{version.name} version {version.version} "
+        f"({version.recipe}): best epoch {epoch:.0f}, predicted positions {rmse:.3g} m RMS from "
+        f"the expert's, {seconds:.0f} s."
+    )
     document = {**document_of(version), "earlier": earlier is not None}
     if contest is None:
         return document
@@ -78,15 +80,6 @@ def _trained(
     who = f"version {champion}" if champion else "none"
     echo(f"Champion of {version.name}: {who}; {contest.reason}.")
     return {**document, "champion": champion}
-
-
-def _summary(version: "ModelVersion") -> str:
-    names = ("best_epoch", "valid_position_rmse", "training_seconds")
-    epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
-    return (
-        f"{version.name} version {version.version} ({version.recipe}): best epoch {epoch:.0f}, "
-        f"predicted positions {rmse:.3g} m RMS from the expert's, {seconds:.0f} s."
-    )
 
 
 @with_settings
@@ -107,18 +100,13 @@ def tune(settings: TuningSettings, as_json: AsJson = False) -> None:
 
     with beside(as_json), progress(f"tuning {settings.arch}") as shown:
         found = job(settings, shown)
-    if as_json:
-        print_json(found)
-        return
-    echo(*_search_summary(found, settings))
-
-
-def _search_summary(found: "Tuned", asked: TuningSettings) -> tuple[str, str]:
     values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in found.best.items()}
     options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in values.items())
-    return (
+    tell(
+        as_json,
+        found,
         f"{found.trials} trials are complete in {found.storage}; best {found.in_words} on "
         f"validation data; MLflow run {found.run_id}.",
-        f"Train with its settings: prolearn train --arch {asked.arch} --recipe {asked.recipe} "
-        f"--data {public_url(asked.data)} --n {asked.n} {options}",
+        f"Train with its settings: prolearn train --arch {settings.arch} --recipe "
+        f"{settings.recipe} --data {public_url(settings.data)} --n {settings.n} {options}",
     )

@@ -1,14 +1,19 @@
 """Files that appear whole or not at all."""
 
 import contextlib
+import csv
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from io import StringIO
+from math import isnan
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 from pipeline.errors import InputError
+from pipeline.text import visible
 
 STDIO = Path("-")
 """Instead of a file: what is read is standard input, what is written standard output."""
@@ -80,6 +85,24 @@ def write_text(path: Path, text: str) -> None:
         return
     with published(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def write_rows(path: Path, names: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a CSV file that appears whole, or to standard output; None and NaN are left empty.
+
+    In texts, invisible characters become escapes.
+    """
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(map(visible, names))
+    writer.writerows(map(_cell, row) for row in rows)
+    write_text(path, text.getvalue())
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        return visible(value)
+    return None if isinstance(value, float) and isnan(value) else value
 
 
 def _flush(path: Path) -> None:

@@ -3,8 +3,6 @@
 import re
 from collections.abc import Collection, Iterable, Sequence
 
-from tabulate import tabulate
-
 from pipeline.text import visible
 
 
@@ -69,6 +67,8 @@ def table(
     head: Sequence[object], rows: Iterable[Sequence[object]], right: Collection[int] | None = None
 ) -> Markdown:
     """A table, with columns ``right`` aligned right and the others left, or as readers like."""
+    from tabulate import tabulate  # a light installation has none
+
     columns = range(len(head))
     sides = None if right is None else ["right" if k in right else "left" for k in columns]
     return Markdown(

@@ -9,21 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, SupportsFloat
 
-from mlflow.entities import Dataset, DatasetInput, InputTag, Metric
+from mlflow.entities import Dataset, DatasetInput, InputTag, Metric, Param
 
 from pipeline.text import visible
 from pipeline.urls import public, public_url
 
-TRAINING_DATA, EVALUATION_DATA = "training", "evaluation"
-"""What MLflow calls a dataset's use."""
-
-DIGEST_LENGTH = 36
-"""Longest digest that MLflow takes for a dataset; the parameter has it in full."""
-
-QUOTED = 40
-"""Characters of a malformed value that a sentence quotes."""
-
-LARGEST_COUNT = 1e15
+TRAINING_DATA, EVALUATION_DATA = "training", "evaluation"  # what MLflow calls a dataset's use
 
 _WHOLE = re.compile(r"-?[0-9]{1,15}")
 
@@ -50,20 +41,25 @@ def without_secrets(value: Any) -> Any:
     return public_url(text) if "://" in text else value
 
 
+def params_of(values: Mapping[str, Any]) -> list[Any]:
+    """MLflow's parameters of a run."""
+    return [Param(key, value) for key, value in recorded(values).items()]
+
+
 def now() -> int:
     """The time that metrics have, ms since 1970."""
     return int(time.time() * 1000)
 
 
-def metrics_now(
-    metrics: Mapping[str, SupportsFloat],
+def metrics_of(
+    values: Mapping[str, SupportsFloat],
     model_id: str | None = None,
     step: int = 0,
     stamp: int | None = None,
 ) -> list[Any]:
-    """MLflow's metrics for values reached by now, of a run and of a model that it logged."""
+    """MLflow's metrics, reached by now, of a run and of a model that it logged."""
     stamp = now() if stamp is None else stamp
-    return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in metrics.items()]
+    return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in values.items()]
 
 
 def curve_metrics(history: Mapping[str, Sequence[float | int]]) -> list[Any]:
@@ -80,20 +76,17 @@ def curve_metrics(history: Mapping[str, Sequence[float | int]]) -> list[Any]:
 def dataset_input(
     path: str, digest: str, context: str, profile: Mapping[str, Any] | None = None
 ) -> Any:
-    """MLflow's record that a run has used a dataset.
+    """MLflow's record that a run has used a dataset, by its folder and the digest of its content.
 
-    Args:
-        path: the dataset's folder, as given; the secrets of a URL are left out.
-        digest: of its content.
-        context: TRAINING_DATA or EVALUATION_DATA.
-        profile: further facts about it.
+    Context is TRAINING_DATA or EVALUATION_DATA; the profile has further facts about it. The
+    secrets of a URL are left out.
     """
     path = public_url(path)
     # A run has a dataset of one name and digest once, whatever it used it for.
     suffix = "" if context == TRAINING_DATA else f"-{context}"
     entity = Dataset(
         name=(Path(path).name or path) + suffix,
-        digest=digest[:DIGEST_LENGTH],
+        digest=digest[:36],  # the longest that MLflow takes; the parameter has it in full
         source_type="local",
         source=json.dumps({"uri": path}),
         profile=json.dumps({"digest": digest, **(profile or {})}, default=str),
@@ -104,11 +97,6 @@ def dataset_input(
 def whole(text: str) -> int | None:
     """A whole number in ordinary digits, or None where the text is none."""
     return int(text) if _WHOLE.fullmatch(text) else None
-
-
-def whole_metric(value: float | None) -> int | None:
-    """A metric that counts something, or None."""
-    return None if value is None or not abs(value) < LARGEST_COUNT else int(value)
 
 
 def moment(milliseconds: int | None) -> datetime:

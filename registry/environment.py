@@ -25,13 +25,11 @@ TRAINED_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "torch"),
 )
 PLANNING = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
-EXPERIMENTS = ("records", "trials", "warmstart", "flights")
-JOBS = ("experiments", "held_out", "networks")
 EVALUATED_BY: DecidedBy = (
     (
         *(f"pipeline/{part}" for part in PLANNING),
-        *(f"pipeline/experiments/{part}.py" for part in EXPERIMENTS),
-        *(f"cli/jobs/{job}.py" for job in JOBS),
+        *(f"pipeline/experiments/{k}.py" for k in ("records", "trials", "warmstart", "flights")),
+        *(f"cli/jobs/{job}.py" for job in ("experiments", "networks")),
     ),
     ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
 )
@@ -39,15 +37,14 @@ EVALUATED_BY: DecidedBy = (
 
 
 def environment_tags(decided_by: DecidedBy) -> dict[str, str]:
-    """Versions, platform and, where the code is in a git checkout, its commit.
-
-    Args:
-        decided_by: code of ours and packages that decide what the run gives.
-    """
-    tags = {MADE_WITH: json.dumps(dict(made_with(*decided_by)), sort_keys=True)}
-    tags |= {f"{name}_version": version(name) for name in PACKAGES}
-    tags |= {"python_version": platform.python_version(), "platform": platform.platform()}
-    tags["cores"] = str(os.cpu_count())
+    """Versions of what decides a run, platform and, in a git checkout, the commit of the code."""
+    tags = {
+        MADE_WITH: json.dumps(dict(made_with(*decided_by)), sort_keys=True),
+        **{f"{name}_version": version(name) for name in PACKAGES},
+        "python_version": platform.python_version(),
+        "platform": platform.platform(),
+        "cores": str(os.cpu_count()),
+    }
     commit = git_commit()
     return tags | ({"git_commit": commit} if commit else {})
 
@@ -79,21 +76,14 @@ def requirements(arch: str) -> list[str]:
 def git_commit() -> str | None:
     """Commit of the running code, with ``-dirty`` after it where files differ from it."""
     here = Path(__file__).resolve()
-    # A package installed inside somebody's checkout is not part of that checkout's history.
-    if _git(here, "ls-files", "--error-unmatch", here.name) is None:
-        return None
-    return _git(here, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
 
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(here.parent), *arguments]
+        return subprocess.check_output(command, stderr=subprocess.DEVNULL, text=True, timeout=10)
 
-def _git(file: Path, *arguments: str) -> str | None:
     try:
-        done = subprocess.run(
-            ["git", "-C", str(file.parent), *arguments],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        )
+        # A package installed inside somebody's checkout is not part of that checkout's history.
+        git("ls-files", "--error-unmatch", here.name)
+        return git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*").strip() or None
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip() or None

@@ -2,6 +2,10 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from datetime import datetime
+from json import dumps
+from typing import Any
 
 import mlflow
 from mlflow.exceptions import MlflowException
@@ -9,40 +13,109 @@ from mlflow.exceptions import MlflowException
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
+from pipeline.networks.recipes import Recipe
 from pipeline.scratch import scratch_folder
-from registry.store import Store, opened
-from registry.version import (
-    CHAMPION,
-    CONTEST,
-    PREFIX,
-    ModelVersion,
-    read_version,
-    read_versions,
-    registered,
-)
+from registry.entities import moment, own_tags, pages, recorded, warn, whole
+from registry.environment import MADE_WITH
+from registry.store import TRAINING, Store, opened
+
+PREFIX = "prolearn-"
+CHAMPION = "champion"
+
+CONTEST = "contest"
+"""Tag of a version that says how its comparison with the champion ended, once it was made."""
 
 FORMS = "ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI"
 
-NETWORK_PATH = "data/network"
-"""Where the network's folder lies inside a logged model."""
+NETWORK_PATH = "data/network"  # where the network's folder lies inside a logged model
+
+PARAM_OF_FIELD = {field.name: field.name for field in fields(Recipe)} | {
+    "name": "recipe",
+    "epochs": "most_epochs",  # a training's ``epochs`` are those that it took
+}
+"""Parameters of a run that are fields of its recipe, by field."""
 
 _NOT_THERE = {"RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE"}
+_OURS = f"name LIKE '{PREFIX}%'"
+
+_left_out: set[tuple[str, str]] = set()
+"""Stores, and the warnings on their versions that were given."""
+
+
+@dataclass(frozen=True)
+class ModelVersion:
+    """One version of a registered model, with parameters, metrics and tags of its training run."""
+
+    name: str  # of the registered model, prolearn-<arch>
+    version: int  # from 1
+    arch: str
+    recipe: str
+    run_id: str  # of its training
+    model_id: str  # of MLflow's logged model
+    aliases: tuple[str, ...]  # such as champion
+    dataset_digest: str  # of the rows that it was trained on
+    created: datetime  # when it was registered
+    params: Mapping[str, str]  # of the run
+    metrics: Mapping[str, float]  # latest values of the run, evaluations included
+    tags: Mapping[str, str]  # of the run, such as the versions of what it was made with
+    contest: str = ""  # how the comparison with the champion ended; empty where none was made
+
+    def __post_init__(self) -> None:
+        """Refuse a training run whose seed or swarm size is no number."""
+        for name in ("seed", "n_spacecraft"):
+            text = self.params.get(name, "0")
+            if whole(text) is None:
+                raise InputError(
+                    f"{self.uri} cannot be used: {name} of its training run {self.run_id} is "
+                    f"{text[:40]!r}; expected a whole number: delete the version, or name another."
+                )
+
+    @property
+    def uri(self) -> str:
+        """What MLflow loads it by."""
+        return f"models:/{self.name}/{self.version}"
+
+    @property
+    def training_seed(self) -> int:
+        """Seed of its weights, order and dropout; 0 where its run is gone."""
+        return int(self.params.get("seed", 0))
+
+    @property
+    def n(self) -> int:
+        """Swarm size of its training; 0 where its run is gone."""
+        return int(self.params.get("n_spacecraft", 0))
+
+    @property
+    def training_key(self) -> tuple[str, ...]:
+        """All that decides its training but the seed: data, size, recipe, versions."""
+        names = ("n_spacecraft", *sorted(PARAM_OF_FIELD.values()))
+        params = (self.params.get(name, "") for name in names)
+        return (self.arch, self.dataset_digest, self.tags.get(MADE_WITH, ""), *params)
+
+    @property
+    def label(self) -> str:
+        """Architecture and recipe, as tables call it."""
+        return f"{self.arch}:{self.recipe}"
+
+
+def recipe_params(recipe: Recipe) -> dict[str, Any]:
+    """A recipe as parameters of a run."""
+    values = asdict(recipe) | {"options": dumps(dict(recipe.options), sort_keys=True)}
+    return {PARAM_OF_FIELD[name]: value for name, value in values.items()}
 
 
 def list_versions() -> list[ModelVersion]:
-    """Every registered version, by name and number."""
+    """Every registered version, by name and number, but those with malformed runs."""
     with opened(create=False) as store:
-        return read_versions(store)
+        return _versions(store)
 
 
 def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVersion]:
     """The newest trainings of each architecture and recipe that differ in their seed alone.
 
     Of those trained on other data or with other settings, only those like the newest count; of
-    several trainings with one seed the newest.
-
-    Args:
-        digests: by swarm size, of the data that they were trained on; by default any.
+    several trainings with one seed the newest. With digests of data, by swarm size, only those
+    that were trained on it.
     """
     wanted = set(digests.items()) if digests is not None else None
     versions = [v for v in list_versions() if wanted is None or (v.n, v.dataset_digest) in wanted]
@@ -60,10 +133,8 @@ def resolve(reference: str) -> ModelVersion:
 
     ``lstm2`` is the champion of prolearn-lstm2, ``lstm2:paper`` its newest version trained by
     that recipe, ``lstm2@ALIAS`` and ``lstm2/3`` one version; the registered name
-    ``prolearn-lstm2`` serves as well as the architecture's, and ``models:/`` may stand before.
-
-    Raises:
-        InputError: where there is no such model; it lists what there is.
+    ``prolearn-lstm2`` serves as well as the architecture's, and ``models:/`` may stand before. The
+    InputError where there is no such model lists what there is.
     """
     with opened(create=False) as store:
         return _find(store, reference)
@@ -102,7 +173,7 @@ def set_champion(version: ModelVersion) -> ModelVersion:
     with opened(create=False) as store:
         number = str(version.version)
         store.client.set_registered_model_alias(version.name, CHAMPION, number)
-        return read_version(store, store.client.get_model_version(version.name, number))
+        return read_version(store, version.name, number)
 
 
 def note_contest(version: ModelVersion, outcome: str) -> None:
@@ -110,6 +181,66 @@ def note_contest(version: ModelVersion, outcome: str) -> None:
     with opened(create=False) as store:
         number = str(version.version)
         store.client.set_model_version_tag(version.name, number, CONTEST, outcome)
+
+
+def read_version(store: Store, name: str, number: str) -> ModelVersion:
+    """A version of a registered model; InputError where its training's parameters are malformed."""
+    found = store.client.get_model_version(name, number)
+    return _described(found, run_of_version(store, found.run_id))
+
+
+def run_of_version(store: Store, run_id: str | None) -> Any:
+    """MLflow's run that a model was trained in, or None where it was deleted."""
+    try:
+        run = store.client.get_run(run_id) if run_id else None
+        return run if run and run.info.lifecycle_stage == "active" else None
+    except MlflowException as error:
+        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
+            return None
+        raise
+
+
+def _versions(store: Store) -> list[ModelVersion]:
+    client = store.client
+    aliases = {
+        model.name: dict(model.aliases)
+        for model in pages(client.search_registered_models, filter_string=_OURS)
+    }
+    training = [store.experiments[TRAINING]]
+    trainings = pages(client.search_runs, experiment_ids=training, max_results=1000)
+    runs = {run.info.run_id: run for run in trainings}
+    versions = []
+    for found in pages(client.search_model_versions, filter_string=_OURS):
+        of = aliases.get(found.name, {}).items()
+        found.aliases = [alias for alias, number in of if str(number) == str(found.version)]
+        try:
+            versions.append(_described(found, runs.get(found.run_id)))
+        except InputError as error:
+            known = (store.uri, str(error))  # a command reads the versions several times
+            if known not in _left_out:
+                warn(f"{error} It is left out.")
+            _left_out.add(known)
+    return sorted(versions, key=lambda v: (v.name, v.version))
+
+
+def _described(found: Any, run: Any) -> ModelVersion:
+    """The value of one of MLflow's versions, with its training run, if any."""
+    tags = dict(found.tags)
+    return ModelVersion(
+        name=found.name,
+        version=int(found.version),
+        arch=tags.get("arch", found.name.removeprefix(PREFIX)),
+        recipe=tags.get("recipe", ""),
+        run_id=found.run_id or "",
+        model_id=found.model_id or tags.get("model_id", ""),
+        aliases=tuple(sorted(found.aliases)),
+        dataset_digest=tags.get("dataset_digest", ""),
+        created=moment(found.creation_timestamp),
+        params=recorded(run.data.params) if run else {},
+        metrics=dict(run.data.metrics) if run else {},
+        tags=own_tags(run.data.tags) if run else {},
+        contest=tags.get(CONTEST, ""),
+    )
 
 
 def _find(store: Store, reference: str) -> ModelVersion:
@@ -126,8 +257,7 @@ def _find(store: Store, reference: str) -> ModelVersion:
         found = None
     if found is None:
         known = ", ".join(
-            f"{v.name}/{v.version} ({', '.join((v.recipe, *v.aliases))})"
-            for v in read_versions(store)
+            f"{v.name}/{v.version} ({', '.join((v.recipe, *v.aliases))})" for v in _versions(store)
         )
         raise InputError(
             f"There is no model {reference!r} in the registry; expected {FORMS}, of which there "
@@ -143,16 +273,11 @@ def _search(store: Store, name: str, mark: str, rest: str) -> ModelVersion | Non
     MLflow raises where the alias or the number is unknown.
     """
     if name.startswith("m-") and not mark:
-        return next((v for v in read_versions(store) if v.model_id == name), None)
-    names = {m.name for m in registered(store)}
-    known = next((n for n in (name, PREFIX + name) if n in names), None)
-    if known is None:
-        return None
+        return next((v for v in _versions(store) if v.model_id == name), None)
+    name = name if name.startswith(PREFIX) else PREFIX + name
     if mark == ":" or (mark, rest) == ("/", "latest"):
-        recipe = rest if mark == ":" else None
-        versions = [v for v in read_versions(store) if v.name == known]
-        return next((v for v in reversed(versions) if recipe in (None, v.recipe)), None)
-    if mark == "/":
-        return read_version(store, store.client.get_model_version(known, rest))
-    alias = rest or CHAMPION
-    return read_version(store, store.client.get_model_version_by_alias(known, alias))
+        alike = [v for v in _versions(store) if v.name == name]
+        return next((v for v in reversed(alike) if mark == "/" or v.recipe == rest), None)
+    if mark != "/":
+        rest = store.client.get_model_version_by_alias(name, rest or CHAMPION).version
+    return read_version(store, name, str(rest))

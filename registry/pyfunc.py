@@ -10,7 +10,6 @@ from mlflow.models import ModelSignature
 from mlflow.types import Schema, TensorSpec
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
 from pipeline.networks.model import Model, load
 
 _ENDS = (-1, -1, 6)
@@ -32,20 +31,10 @@ class TransferModel:
     def predict(
         self, model_input: Mapping[str, Any], params: Mapping[str, Any] | None = None
     ) -> Float64[Array, "N n T 6"]:
-        """Node states, m and m/s, as the network predicts them.
+        """Node states, m and m/s, predicted from ``initial`` and ``goal`` states, (N, n, 6) each.
 
-        Args:
-            model_input: ``initial`` and ``goal`` states, each (N, n, 6).
-            params: passed by MLflow and not used.
-
-        Raises:
-            InputError: where one of them is missing or their shapes do not fit.
+        MLflow has checked the input against SIGNATURE; it passes params that are not used.
         """
-        if set(model_input) != {"initial", "goal"}:
-            raise InputError(
-                f"The model was given {', '.join(sorted(model_input)) or 'nothing'}; expected "
-                "initial and goal, each of shape (N, n, 6)."
-            )
         initial, goal = (np.asarray(model_input[k], np.float64) for k in ("initial", "goal"))
         return self.model.predict(initial, goal)
 

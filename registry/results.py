@@ -1,41 +1,53 @@
-"""Runs of experiments in MLflow: recorded with their table, and found again.
+"""Runs of experiments in MLflow: recorded with their table and files, found and read again.
 
-Runs are numbered, so that the newest is known whatever clocks said.
+Runs are numbered, so that the newest is known whatever clocks said. Files have checksums in their
+run's tags, and are checked before they are decoded.
 """
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import mlflow
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.progress import SILENT, Progress
 from pipeline.scratch import scratch_folder
-from registry.entities import EVALUATION_DATA, dataset_input, moment, own_tags, pages, recorded
+from pipeline.storage.shards import Size, decode, digest_of, encode, text_bytes
+from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
-from registry.run_files import FILES, TABLE, arrays_of, digest_tags, table_bytes, table_of
-from registry.running import recorded_run
+from registry.running import FAILURES, recorded_run
 from registry.store import EVALUATION, Store, opened
 
-LISTED = 5
-"""Most runs that an error message names."""
+LISTED = 5  # most runs that an error message names
 
 SEQUENCE = "sequence"
 """Tag with a run's number among those of its experiment, from 1, with leading zeros."""
 
 DIGITS = 9
-LAST = 10**DIGITS - 1
-"""Greatest number there is; runs that share one are ordered by their clocks."""
+LAST = 10**DIGITS - 1  # greatest number there is; runs that share one are ordered by their clocks
+AT_ONCE = 20  # runs that are asked for at once; the newest are wanted most
+TABLE = "tables/table.parquet"  # a run's table, among its artifacts
+FILES = "files"  # the folder there of what goes with the table
+DIGEST = "sha256/"  # prefix of the tags that hold the SHA-256 of the file whose name follows
 
-_NUMBER = re.compile(f"[0-9]{{{DIGITS}}}")
+MOST_BYTES = 2 * 10**9
+MOST_CELLS = 5 * 10**7  # size in memory, and cells, of the largest table that is read
 
-AT_ONCE = 20
-"""Runs that are asked for at once; the newest are wanted most."""
+KINDS = (
+    *(pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean),
+    *(pa.types.is_string, pa.types.is_large_string, pa.types.is_null),
+)
+"""What the columns of a table may hold."""
+
+_ARRAYS = re.compile(rf"{FILES}/[\w. -]+\.npz")
 
 
 @dataclass(frozen=True)
@@ -47,6 +59,11 @@ class Run:
     created: datetime
     params: Mapping[str, str]
     tags: Mapping[str, str]
+
+    @property
+    def has_digests(self) -> bool:
+        """Whether it has checksums of its files; runs of earlier versions have none."""
+        return DIGEST + TABLE in self.tags
 
 
 @dataclass(frozen=True)
@@ -65,25 +82,26 @@ def record(
     files: Path | None = None,
     dataset: tuple[str, str] | None = None,
 ) -> str:
-    """Record the results of an experiment and return the id of its run.
+    """Record the results of an experiment, a table with a row for each trial; the run's id.
 
-    Args:
-        experiment: of EXPERIMENTS but TRAINING.
-        table: a row for each trial.
-        params: settings.
-        files: a folder whose content becomes the run's artifacts ``files/``.
-        dataset: folder and digest of the dataset whose test split was used.
+    The content of the folder ``files`` becomes the run's artifacts ``files/``; the dataset is
+    folder and digest of that whose test split was used.
     """
-    name, content = experiment.removeprefix("prolearn-"), table_bytes(table)
-    tags = environment_tags(EVALUATED_BY) | digest_tags(content, files)
+    content = {TABLE: table_bytes(table)}
+    for path in files.glob("*.npz") if files else ():
+        content[f"{FILES}/{path.name}"] = path.read_bytes()
+    tags = environment_tags(EVALUATED_BY)
+    tags |= {DIGEST + name: digest_of(some) for name, some in content.items()}
     with opened() as store, scratch_folder() as scratch:
         (scratch / TABLE).parent.mkdir()
-        (scratch / TABLE).write_bytes(content)
+        (scratch / TABLE).write_bytes(content[TABLE])
         tags[SEQUENCE] = _next_number(store, experiment)
+        name = experiment.removeprefix("prolearn-")
         with recorded_run(store, experiment, name, tags) as run_id:
-            store.log_params(run_id, params)
+            store.client.log_batch(run_id, params=entities.params_of(params))
             if dataset is not None:
-                store.client.log_inputs(run_id, [dataset_input(*dataset, EVALUATION_DATA)])
+                used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
+                store.client.log_inputs(run_id, [used])
             store.client.log_artifacts(run_id, str(scratch))
             if files is not None:
                 store.client.log_artifacts(run_id, str(files), FILES)
@@ -101,7 +119,7 @@ def earlier_run(
     ``kind`` names the parameters that tell kinds of runs apart, of which the newest counts.
     ``progress`` is told where a run was made with other versions or is damaged.
     """
-    wanted = recorded(params)
+    wanted = entities.recorded(params)
     run = latest(experiment, {name: wanted[name] for name in kind})
     if run is None or run.params != wanted:
         return None
@@ -124,33 +142,119 @@ def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | No
 
 
 def evaluation(run_id: str | None = None) -> Run:
-    """An evaluation: the newest, or the one of a run.
-
-    Raises:
-        InputError: where there is none.
-    """
+    """An evaluation: the newest, or the one of a run; InputError where there is none."""
     with opened(create=False) as store:
-        every = _finished(store, EVALUATION)
-        known = list(every) if run_id else [*islice(every, 1)]
-    if run_id is None and not known:
-        raise InputError(
-            f"There is no finished run of {EVALUATION} in the tracking store; expected one: "
-            "run `prolearn evaluate` first."
-        )
-    found = next((run for run in known if run_id in (None, run.run_id)), None)
-    if found is None:
-        there = ", ".join(run.run_id for run in known[:LISTED]) or "none"
+        if run_id is None:
+            if newest := next(_finished(store, EVALUATION), None):
+                return newest
+            raise InputError(
+                f"There is no finished run of {EVALUATION} in the tracking store; expected one: "
+                "run `prolearn evaluate` first."
+            )
+        known = {run.run_id: run for run in _finished(store, EVALUATION)}
+    if run_id not in known:
+        there = ", ".join([*known][:LISTED]) or "none"
         raise InputError(
             f"There is no finished evaluation {run_id!r}; expected the run of one, newest first: "
             f"{there}."
         )
-    return found
+    return known[run_id]
 
 
 def experiment_run(run_id: str) -> Run:
     """The run of an experiment, by its id."""
     with opened(create=False) as store:
         return _run_of(store, store.client.get_run(run_id))
+
+
+def table_of(run: Run) -> pd.DataFrame:
+    """A run's table: a row for each trial; InputError where it is damaged, none, or too large."""
+    with opened(create=False) as store, scratch_folder() as scratch:
+        content = _fetched(store, run, TABLE, scratch).read_bytes()
+    try:
+        return table_from(content)
+    except InputError as error:
+        raise unusable(run, TABLE, error) from error
+
+
+@contextmanager
+def arrays_of(run: Run) -> Iterator[list[Path]]:
+    """The files of a run that hold arrays, for the block; InputError where one is damaged."""
+    with scratch_folder() as scratch:
+        with opened(create=False) as store:
+            if run.has_digests:
+                names = [tag.removeprefix(DIGEST) for tag in run.tags if tag.startswith(DIGEST)]
+            else:
+                names = [found.path for found in store.client.list_artifacts(run.run_id, FILES)]
+            names = sorted(name for name in names if _ARRAYS.fullmatch(name))
+            paths = [_fetched(store, run, name, scratch) for name in names]
+        yield paths
+
+
+def unusable(run: Run, name: str, why: object) -> InputError:
+    """The error for a file of a run that cannot be used."""
+    return InputError(
+        f"{name} of run {run.run_id} of {run.experiment} cannot be used ({why}); restore the file, "
+        "or run the experiment again."
+    )
+
+
+def _fetched(store: Store, run: Run, name: str, scratch: Path) -> Path:
+    """A file of a run, downloaded and, where the run has its digest, checked."""
+    place = {"run_id": run.run_id, "artifact_path": name, "dst_path": str(scratch)}
+    try:
+        path = Path(mlflow.artifacts.download_artifacts(**place, tracking_uri=store.uri))
+        digest = digest_of(path.read_bytes())
+    except FAILURES as error:
+        raise ProlearnError(
+            f"{name} of run {run.run_id} of {run.experiment} cannot be fetched ({error}); restore "
+            "the file, or run the experiment again; where the project was moved, see "
+            "docs/mlflow.md."
+        ) from error
+    if digest != run.tags.get(DIGEST + name, digest):
+        raise unusable(run, name, "its SHA-256 is not the recorded one")
+    return path
+
+
+def table_bytes(table: pd.DataFrame) -> bytes:
+    """A table as the bytes of a Parquet file, with checksums of its pages."""
+    return encode(pa.Table.from_pandas(table, preserve_index=False))
+
+
+def table_from(content: bytes) -> pd.DataFrame:
+    """The table in the bytes of a Parquet file of unknown origin.
+
+    An InputError has what is wrong: they are damaged, or it is none of results or too large.
+    """
+    try:
+        _check_size(content)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"it cannot be read ({error})") from error
+    table = decode(content, Size(MOST_CELLS, MOST_CELLS))
+    try:
+        return table.to_pandas()
+    except Exception as error:  # of any kind, where nonsense stands in the metadata for pandas
+        raise InputError(f"it is no table of pandas ({error})") from error
+
+
+def _check_size(content: bytes) -> None:
+    """Refuse a table that is small as a file and too large in memory."""
+    with pq.ParquetFile(pa.BufferReader(content)) as file:
+        schema, metadata = file.schema_arrow, file.metadata
+    for field in schema:
+        if not any(fits(field.type) for fits in KINDS):
+            raise InputError(f"its column {field.name[:40]!r} is of type {field.type}")
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
+    cells = max(metadata.num_rows, sum(chunk.num_values for chunk in chunks))
+    size = sum(chunk.total_uncompressed_size for chunk in chunks)
+    if cells <= MOST_CELLS and size <= MOST_BYTES:
+        size = text_bytes(content, schema)
+    if cells > MOST_CELLS or size > MOST_BYTES:
+        raise InputError(
+            f"it has {cells} cells and takes {size / 1e9:.3g} GB in memory; at most {MOST_CELLS} "
+            f"and {MOST_BYTES / 1e9:g} GB are read"
+        )
 
 
 def _finished(
@@ -183,15 +287,15 @@ def _run_of(store: Store, run: Any) -> Run:
     return Run(
         experiment=names[run.info.experiment_id],
         run_id=run.info.run_id,
-        created=moment(run.info.start_time),
-        params=recorded(run.data.params),
-        tags=own_tags(run.data.tags),
+        created=entities.moment(run.info.start_time),
+        params=entities.recorded(run.data.params),
+        tags=entities.own_tags(run.data.tags),
     )
 
 
 def _runs(store: Store, experiment: str, **query: Any) -> Iterator[Any]:
     """MLflow's runs: those with a number by that, the greatest first; others are anywhere."""
-    return pages(
+    return entities.pages(
         store.client.search_runs,
         experiment_ids=[store.experiments[experiment]],
         order_by=[f"tags.`{SEQUENCE}` DESC", "attributes.start_time DESC"],
@@ -203,4 +307,4 @@ def _runs(store: Store, experiment: str, **query: Any) -> Iterator[Any]:
 def _number(run: Any) -> int:
     """A run's number; 0 where it has none."""
     text = run.data.tags.get(SEQUENCE, "")
-    return int(text) if _NUMBER.fullmatch(text) else 0
+    return int(text) if re.fullmatch(f"[0-9]{{{DIGITS}}}", text) else 0

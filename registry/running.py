@@ -23,8 +23,7 @@ from registry.sqlite import database_path
 if TYPE_CHECKING:
     from registry.store import Store
 
-WRITER = "writer."
-"""Prefix of the tag that has the token of a process that writes a run."""
+WRITER = "writer."  # prefix of the tag that has the token of a process that writes a run
 
 FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
 """What MLflow raises where a store fails, or its files are where it cannot reach them."""
@@ -32,29 +31,31 @@ FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
 
 @contextmanager
 def recorded_run(
-    store: "Store", experiment: str, name: str, tags: Mapping[str, str]
+    store: "Store",
+    experiment: str,
+    name: str,
+    tags: Mapping[str, str],
+    *,
+    again: str | None = None,
 ) -> Iterator[str]:
-    """An MLflow run, by its id: FINISHED after the block, FAILED where the block raises."""
-    with _writing(store) as (key, host):
+    """An MLflow run, by its id: FINISHED after the block, FAILED where the block raises.
+
+    It is a new one, or, where ``again`` has the id of an earlier one, that.
+    """
+    folder, prefix = _place(store.uri)
+    with living(folder, prefix, keep_on_error=True) as process:
+        key = f"{WRITER}{process[-TOKEN:]}"
         with mlflow.start_run(
+            run_id=again,
             experiment_id=store.experiments[experiment],
             run_name=name,
-            tags={**tags, key: host},
+            tags={**tags, key: platform.node() or "unknown"},
             nested=True,
             log_system_metrics=False,
         ) as run:
             yield run.info.run_id
-        _forget(store, run.info.run_id, key)
-
-
-@contextmanager
-def reopened_run(store: "Store", run_id: str) -> Iterator[None]:
-    """An MLflow run that is written to once more, and ends as ``recorded_run`` does."""
-    with _writing(store) as (key, host):
-        store.client.set_tag(run_id, key, host)
-        with mlflow.start_run(run_id=run_id, nested=True, log_system_metrics=False):
-            yield
-        _forget(store, run_id, key)
+        with suppress(*FAILURES):  # a tag that stays does no harm
+            store.client.delete_tag(run.info.run_id, key)
 
 
 def close_abandoned(client: Any, uri: str) -> None:
@@ -65,14 +66,6 @@ def close_abandoned(client: Any, uri: str) -> None:
     folder, prefix = _place(uri)
     with suppress(*FAILURES):
         clear_dead(folder, prefix, lambda name: _close(client, name))
-
-
-@contextmanager
-def _writing(store: "Store") -> Iterator[tuple[str, str]]:
-    """Key and value of a run's tag that say who writes it, for as long as that goes on."""
-    folder, prefix = _place(store.uri)
-    with living(folder, prefix, keep_on_error=True) as name:
-        yield f"{WRITER}{name[-TOKEN:]}", platform.node() or "unknown"
 
 
 def _place(uri: str) -> tuple[Path, str]:
@@ -94,9 +87,3 @@ def _close(client: Any, name: str) -> None:
         if run.info.status == "RUNNING" and writers == [key]:
             client.set_terminated(run.info.run_id, "KILLED")
         client.delete_tag(run.info.run_id, key)
-
-
-def _forget(store: "Store", run_id: str, key: str) -> None:
-    """Remove the tag of a run that has ended; one that stays does no harm."""
-    with suppress(*FAILURES):
-        store.client.delete_tag(run_id, key)

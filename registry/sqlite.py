@@ -17,11 +17,7 @@ ADVICE = "move it away, or set MLFLOW_TRACKING_URI to another file"
 
 
 def database_path(uri: str) -> Path:
-    """Absolute path of the file behind an ``sqlite:///`` address.
-
-    Raises:
-        InputError: for an address without a file.
-    """
+    """Absolute path of the file behind an ``sqlite:///`` address; InputError for one without."""
     name = uri.partition(":///")[2].partition("?")[0]
     if not name or name == ":memory:":
         raise InputError(
@@ -35,11 +31,8 @@ def database_path(uri: str) -> Path:
 def guarded(path: Path, *, create: bool) -> Iterator[None]:
     """Hold the lock beside a database that MLflow may open, create and set up in the block.
 
-    MLflow's migrations of a fresh file collide when several processes start them at once.
-
-    Raises:
-        InputError: where the file is missing and not to be made, or is no store of MLflow.
-        ProlearnError: where another process holds the lock for too long.
+    MLflow's migrations of a fresh file collide when several processes start them at once. An
+    InputError says where the file is missing and not to be made, or is no store of MLflow.
     """
     if not path.exists():
         if not create:
@@ -48,9 +41,8 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
                 "`prolearn train` here first, change the folder, or set MLFLOW_TRACKING_URI."
             )
         path.parent.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(f"{path}.lock", timeout=LOCK_SECONDS)
     try:
-        with lock:
+        with FileLock(f"{path}.lock", timeout=LOCK_SECONDS):
             check_database(path)
             yield
     except Timeout as error:
@@ -61,24 +53,18 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
 
 
 def check_database(path: Path) -> None:
-    """Refuse a file that is no store of MLflow; a missing or empty one is about to be.
+    """Raise InputError for a file that is no store of MLflow; a missing or empty one will be one.
 
     Only its list of tables is read: how sound the rest is, ``check_whole`` finds out.
-
-    Raises:
-        InputError: says what the file is instead.
     """
-    if _is_new(path):
-        return
     try:
-        with _read_only(path) as database:
-            tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
-    except sqlite3.OperationalError as error:
+        tables = {name for (name,) in _read(path, "SELECT name FROM sqlite_master")}
+    except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
             return  # of a killed writer, whose half a change SQLite takes back once it may write
-        raise _unreadable(path, error) from error
-    except sqlite3.DatabaseError as error:
-        raise _unreadable(path, error) from error
+        raise InputError(
+            f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
+        ) from error
     if tables and not tables & {"experiments", "alembic_version"}:
         raise InputError(
             f"{path} is an SQLite database of something else; expected a tracking store of "
@@ -86,23 +72,10 @@ def check_database(path: Path) -> None:
         )
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(
-        f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
-    )
-
-
 def check_whole(path: Path) -> None:
-    """Refuse a database that is damaged; all of it is read, so this is for when it has failed.
-
-    Raises:
-        InputError: says what is wrong with it.
-    """
-    if _is_new(path):
-        return
+    """Raise InputError for a database that is damaged; all is read, so this is for a failed one."""
     try:
-        with _read_only(path) as database:
-            (verdict,) = database.execute("PRAGMA quick_check(1)").fetchone()
+        ((verdict,),) = _read(path, "PRAGMA quick_check(1)") or [("ok",)]
     except sqlite3.OperationalError:  # locked, or a disk that fails: no word on the content
         return
     except sqlite3.DatabaseError as error:
@@ -114,9 +87,9 @@ def check_whole(path: Path) -> None:
         )
 
 
-def _is_new(path: Path) -> bool:
-    return not path.exists() or (path.is_file() and path.stat().st_size == 0)
-
-
-def _read_only(path: Path) -> closing[sqlite3.Connection]:
-    return closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True))
+def _read(path: Path, query: str) -> list[tuple[str]]:
+    """The rows that a query gives; none of a file that is missing or empty."""
+    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+        return []
+    with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
+        return database.execute(query).fetchall()

@@ -7,26 +7,24 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from http.client import HTTPException
-from pathlib import Path
 from typing import Any
 
 import mlflow
-from mlflow.entities import Param, ViewType
+from mlflow.entities import ViewType
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import clear_scratch
 from pipeline.urls import public, public_url
-from registry.entities import pages, recorded
+from registry.entities import pages
 from registry.running import FAILURES, close_abandoned
 from registry.sqlite import check_whole, database_path, guarded
 
 DEFAULT_URI = "sqlite:///mlflow.db"
 
-PREFIX = "prolearn-"
 TRAINING = "prolearn-training"
 EVALUATION = "prolearn-evaluation"
 WARMSTART = "prolearn-warmstart"
@@ -35,14 +33,8 @@ FLIGHTS = "prolearn-flights"
 ABLATIONS = "prolearn-ablations"
 EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, FLIGHTS, ABLATIONS)
 
-TUNING = "prolearn-tuning"
-"""Made when it is first needed."""
-
-PARAMS_AT_ONCE, METRICS_AT_ONCE = 100, 1000
-"""What MLflow takes in one request."""
-
-REACH_SECONDS = 4.0
-"""How long a tracking server may take to say anything at all."""
+TUNING = "prolearn-tuning"  # made when it is first needed: ``opened(TUNING)``
+REACH_SECONDS = 4.0  # how long a tracking server may take to say anything at all
 
 PROCESS_DEFAULTS = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
@@ -58,87 +50,42 @@ PROCESS_DEFAULTS = {
 
 @dataclass(frozen=True)
 class Store:
-    """An open tracking store.
+    """An open tracking store."""
 
-    Attributes:
-        uri: where it is; an SQLite file by its absolute path.
-        client: MLflow's client for it.
-        experiments: ids of the experiments by name.
-    """
-
-    uri: str
-    client: Any
-    experiments: Mapping[str, str]
-
-    def log_params(self, run_id: str, params: Mapping[str, Any]) -> None:
-        """Log parameters of a run, in as few requests as MLflow allows."""
-        entities = [Param(key, value) for key, value in recorded(params).items()]
-        for k in range(0, len(entities), PARAMS_AT_ONCE):
-            self.client.log_batch(run_id, params=entities[k : k + PARAMS_AT_ONCE])
-
-    def log_metrics(self, run_id: str, metrics: Sequence[Any]) -> None:
-        """Log MLflow's metrics of a run, in as few requests as MLflow allows."""
-        for k in range(0, len(metrics), METRICS_AT_ONCE):
-            self.client.log_batch(run_id, metrics=metrics[k : k + METRICS_AT_ONCE])
+    uri: str  # where it is; an SQLite file by its absolute path
+    client: Any  # MLflow's, for it
+    experiments: Mapping[str, str]  # ids by name
 
 
-def tracking_uri() -> str:
-    """MLFLOW_TRACKING_URI, or an SQLite file in the current folder."""
-    return os.environ.get("MLFLOW_TRACKING_URI") or DEFAULT_URI
+def connect(*more: str, create: bool = True) -> Store:
+    """The tracking store, with EXPERIMENTS and ``more`` in it.
 
-
-def connect(*, create: bool = True) -> Store:
-    """The tracking store, with its experiments in it.
-
-    Runs and temporary folders that killed commands left open are closed and removed.
-
-    Args:
-        create: make an SQLite store that is not there yet; otherwise its absence is an error.
-
-    Raises:
-        InputError: where MLFLOW_TRACKING_URI is of no use, or its SQLite file is missing,
-            corrupt or something else's.
-        ProlearnError: where the store cannot be reached.
+    Runs and temporary folders that killed commands left open are closed and removed. An SQLite
+    store that is not there yet is made, or, without ``create``, an InputError, as is one that is
+    corrupt or something else's.
     """
     _prepare_process()
-    uri = tracking_uri()
+    uri = os.environ.get("MLFLOW_TRACKING_URI") or DEFAULT_URI
     with explained(uri):
-        store = _connect(uri, create)
+        store = _connect(uri, create, (*EXPERIMENTS, *more))
         close_abandoned(store.client, store.uri)
     clear_scratch()
     return store
 
 
 @contextmanager
-def opened(*, create: bool = True) -> Iterator[Store]:
+def opened(*more: str, create: bool = True) -> Iterator[Store]:
     """The tracking store for as long as the block lasts; its failures become a ProlearnError."""
-    store = connect(create=create)
+    store = connect(*more, create=create)
     with explained(store.uri):
         yield store
 
 
-def with_experiment(store: Store, name: str) -> Store:
-    """The store with one more experiment in it, made where it is missing.
-
-    Raises:
-        InputError: where it was deleted.
-        ProlearnError: where the store fails.
-    """
-    sqlite = store.uri.startswith("sqlite:")
-    location = _location(database_path(store.uri), name) if sqlite else None
-    with explained(store.uri):
-        known = store.client.get_experiment_by_name(name)
-        found = _experiment(store.client, name, location, known)
-    return replace(store, experiments={**store.experiments, name: found})
-
-
 @contextmanager
 def explained(uri: str) -> Iterator[None]:
-    """Turn what MLflow raises into one sentence about the store at ``uri``.
+    """Turn what MLflow raises into a ProlearnError about the store at ``uri``, in one sentence.
 
-    Raises:
-        InputError: where it is an SQLite file and that is damaged.
-        ProlearnError: otherwise.
+    It is an InputError where that is an SQLite file and damaged.
     """
     try:
         yield
@@ -159,16 +106,16 @@ def _prepare_process() -> None:
         os.environ.setdefault(name, value)
     set_telemetry_client()  # reads its switch anew
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
-        logging.getLogger("mlflow").setLevel(logging.WARNING)
-        logging.getLogger("alembic").setLevel(logging.WARNING)
+        for name in ("mlflow", "alembic"):
+            logging.getLogger(name).setLevel(logging.WARNING)
         # What it logs with a traceback it raises too, and the person gets it as a sentence.
         logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
 
-def _connect(uri: str, create: bool) -> Store:
+def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
     if uri.startswith("sqlite:"):
         path, (_, mark, query) = database_path(uri), uri.partition("?")
-        locations = {name: _location(path, name) for name in EXPERIMENTS}
+        locations = {name: (path.parent / "mlruns" / name).as_uri() for name in names}
         with guarded(path, create=create):
             return _open(f"sqlite:///{path}{mark}{query}", locations)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
@@ -178,15 +125,11 @@ def _connect(uri: str, create: bool) -> Store:
         )
     if uri.startswith(("http://", "https://")):
         _check_reachable(uri)
-    return _open(uri, dict.fromkeys(EXPERIMENTS))
-
-
-def _location(database: Path, name: str) -> str:
-    """Where the artifacts of an experiment go."""
-    return (database.parent / "mlruns" / name).as_uri()
+    return _open(uri, dict.fromkeys(names))
 
 
 def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
+    """The store with experiments in it, by where their artifacts go."""
     given = os.environ.get("MLFLOW_TRACKING_URI")
     mlflow.set_tracking_uri(uri)
     # MLflow writes the address into the environment, where it would outlive a change of folder.
@@ -195,7 +138,7 @@ def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
     else:
         os.environ["MLFLOW_TRACKING_URI"] = given
     client = mlflow.MlflowClient(tracking_uri=uri)
-    ours = {"view_type": ViewType.ALL, "filter_string": f"name LIKE '{PREFIX}%'"}
+    ours = {"view_type": ViewType.ALL, "filter_string": "name LIKE 'prolearn-%'"}
     there = {one.name: one for one in pages(client.search_experiments, **ours)}
     ids = {
         name: _experiment(client, name, where, there.get(name)) for name, where in locations.items()

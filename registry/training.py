@@ -1,8 +1,14 @@
-"""Trainings in MLflow: recorded and registered, evaluations added, tables for the report."""
+"""Trainings in MLflow: recorded and registered, evaluations added, tables for the report.
 
+Where the store fails, a folder in ``unregistered/`` keeps a network and the record of its training.
+"""
+
+import json
+import math
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, SupportsFloat
 
@@ -10,49 +16,98 @@ import mlflow
 import numpy as np
 import pandas as pd
 from mlflow.exceptions import MlflowException
+from safetensors import safe_open
 
-from pipeline.errors import ProlearnError
+from pipeline.documents import parsed
+from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.records import Epoch, Training
 from pipeline.experiments.trainings import curves_figure
 from pipeline.figures.style import save as save_figure
 from pipeline.figures.style import styles
+from pipeline.files import write_text
+from pipeline.networks.document import WEIGHTS_FILE
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe, for_comparison
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
-from registry.entities import (
-    EVALUATION_DATA,
-    TRAINING_DATA,
-    curve_metrics,
-    dataset_input,
-    metrics_now,
-    now,
-    warn,
-    whole,
-    whole_metric,
-)
+from registry import entities
 from registry.environment import TRAINED_BY, environment_tags, requirements
+from registry.models import (
+    CHAMPION,
+    PREFIX,
+    ModelVersion,
+    read_version,
+    recipe_params,
+    run_of_version,
+)
 from registry.pyfunc import SIGNATURE
 from registry.running import FAILURES, recorded_run
 from registry.store import TRAINING, Store, opened
-from registry.training_record import (
-    RECORD,
-    DatasetInfo,
-    TrainingRecord,
-    keep,
-    parameter_count,
-    read_record,
-    record_of,
-    weights_kib,
-)
-from registry.version import CHAMPION, PREFIX, ModelVersion, read_version, run_of_version
 
 CURVES = ("train_loss", "valid_loss")
 
-LATEST = 2**63 - 1
-"""Latest time that a store keeps, ms."""
+NEEDED = ("arch", "recipe", "dataset", "dataset_digest", "train_instances", "valid_instances")
+"""Parameters without which no training can be recorded."""
+
+RECORD = "training.json"  # file with the record, beside a network that is kept
+LATEST = 2**63 - 1  # latest time that a store keeps, ms
+
+
+@dataclass(frozen=True)
+class DatasetInfo:
+    """The dataset of a training."""
+
+    path: str  # its folder, as given
+    digest: str  # of its rows of the swarm size that was trained on
+    train_instances: int
+    valid_instances: int
+
+
+@dataclass(frozen=True)
+class TrainingRecord:
+    """A training's parameters, metrics, learning curves and versions, without the weights."""
+
+    params: Mapping[str, Any]
+    metrics: Mapping[str, float]
+    history: Mapping[str, Sequence[float | int]]  # number, train_loss, valid_loss, seconds
+    tags: Mapping[str, str] = field(default_factory=dict)  # versions, platform and commit
+
+
+def record_of(
+    trained: Trained,
+    *,
+    recipe: Recipe,
+    seed: int,
+    dataset: DatasetInfo,
+    metrics: Mapping[str, SupportsFloat],
+) -> TrainingRecord:
+    """The record of a training; each field of its recipe becomes a parameter."""
+    rows = [asdict(epoch) for epoch in trained.history]
+    best = next(e for e in trained.history if e.number == trained.best_epoch)
+    return TrainingRecord(
+        params={
+            "arch": trained.model.architecture,
+            **recipe_params(recipe),
+            "epochs": len(trained.history),
+            "seed": seed,
+            "device": trained.device,
+            "threads": trained.threads,
+            "n_spacecraft": trained.model.n_train,
+            "dataset": dataset.path,
+            "dataset_digest": dataset.digest,
+            "train_instances": dataset.train_instances,
+            "valid_instances": dataset.valid_instances,
+        },
+        metrics={
+            "best_epoch": float(trained.best_epoch),
+            "best_valid_loss": best.valid_loss,
+            "training_seconds": trained.seconds,
+            **{name: float(value) for name, value in metrics.items()},
+        },
+        history={key: [row[key] for row in rows] for key in rows[0]},
+    )
 
 
 def record_training(
@@ -66,29 +121,24 @@ def record_training(
     """Record a training in MLflow and register its network as ``prolearn-<arch>``.
 
     The first version of a model becomes its champion, but for recipes that are there to be
-    compared with.
-
-    Raises:
-        ProlearnError: where the store fails; the network is then kept in ``unregistered/``, which
-            the message names.
+    compared with. Where the store fails, the network is kept in ``unregistered/``, as the
+    ProlearnError says.
     """
     with scratch_folder() as scratch:
         folder = scratch / "network"
         save(trained.model, folder)
-        record = record_of(
-            trained,
-            recipe=recipe,
-            seed=seed,
-            dataset=dataset,
-            metrics={**(metrics or {}), "weights_kib": weights_kib(folder)},
-            tags=environment_tags(TRAINED_BY),
-        )
-        params = {**record.params, "parameters": parameter_count(folder)}
-        record = replace(record, params=params)
+        weights = folder / WEIGHTS_FILE
+        with safe_open(weights, framework="numpy") as stored:
+            arrays = [stored.get_slice(name) for name in stored.keys()]  # noqa: SIM118
+            count = sum(math.prod(array.get_shape()) for array in arrays)
+        measured = {**(metrics or {}), "weights_kib": weights.stat().st_size / 1024}
+        of = record_of(trained, recipe=recipe, seed=seed, dataset=dataset, metrics=measured)
+        params, tags = {**of.params, "parameters": count}, environment_tags(TRAINED_BY)
+        record = replace(of, params=params, tags=tags)
         try:
             return _register(folder, trained.model, record)
         except ProlearnError as error:
-            kept = keep(folder, record)
+            kept = _keep(folder, record)
             raise ProlearnError(
                 f"{error} The trained network is kept in {kept}; register it later with "
                 f"`prolearn models register {kept}`."
@@ -98,12 +148,9 @@ def record_training(
 def register_kept(folder: Path) -> ModelVersion:
     """Record and register a network that was kept because the store had failed.
 
-    Raises:
-        InputError: where the folder holds no sound network and record.
-        ProlearnError: where the store fails again; the folder stays as it is.
+    The folder stays as it is; an InputError says where it holds no sound network and record.
     """
-    record = read_record(folder / RECORD)
-    model = load_network(folder)
+    record, model = _read_record(folder / RECORD), load_network(folder)
     with scratch_folder() as scratch:
         network = scratch / "network"
         shutil.copytree(folder, network, ignore=shutil.ignore_patterns(RECORD))
@@ -117,20 +164,52 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> ModelVersio
         name = f"{arch}-{params['recipe']}"
         with recorded_run(store, TRAINING, name, record.tags) as run_id:
             facts = {k: params[k] for k in ("train_instances", "valid_instances")}
-            used = (params["dataset"], params["dataset_digest"], TRAINING_DATA, facts)
-            store.client.log_inputs(run_id, [dataset_input(*used)])
-            store.log_params(run_id, params)
-            store.log_metrics(run_id, curve_metrics(record.history))
+            used = (params["dataset"], params["dataset_digest"], entities.TRAINING_DATA, facts)
+            store.client.log_inputs(run_id, [entities.dataset_input(*used)])
+            curves = entities.curve_metrics(record.history)
+            store.client.log_batch(run_id, metrics=curves, params=entities.params_of(params))
             with temporary_files_in(folder.parent):
                 _log_curves(store, run_id, record)
                 model_id = _log_model(folder, model)
-            store.log_metrics(run_id, metrics_now(record.metrics, model_id))
+            store.client.log_batch(run_id, metrics=entities.metrics_of(record.metrics, model_id))
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
-            found = _new_version(store, PREFIX + arch, run_id, model_id, tags)
-        aliases = store.client.get_registered_model(found.name).aliases
+            number = _new_version(store, PREFIX + arch, run_id, model_id, tags)
+        aliases = store.client.get_registered_model(PREFIX + arch).aliases
         if CHAMPION not in aliases and not for_comparison(arch, str(params["recipe"])):
-            store.client.set_registered_model_alias(found.name, CHAMPION, str(found.version))
-        return read_version(store, found)
+            store.client.set_registered_model_alias(PREFIX + arch, CHAMPION, number)
+        return read_version(store, PREFIX + arch, number)
+
+
+def _keep(folder: Path, record: TrainingRecord) -> Path:
+    """Copy a saved network to ``unregistered/<arch>-<time>`` with the record of its training."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
+    kept = Path("unregistered").absolute() / f"{record.params['arch']}-{stamp}"
+    params = {key: entities.without_secrets(value) for key, value in record.params.items()}
+    try:
+        shutil.copytree(folder, kept)
+        content = {**vars(record), "params": params}
+        write_text(kept / RECORD, json.dumps(content, indent=1, default=str) + "\n")
+    except OSError as error:
+        raise ProlearnError(
+            f"The trained network can neither be registered nor be kept in {kept} ({error}); "
+            "expected a writable disk with space on it."
+        ) from error
+    return kept
+
+
+def _read_record(path: Path) -> TrainingRecord:
+    """The record in a file that ``_keep`` wrote; InputError where it cannot be read or is none."""
+    try:
+        record = TrainingRecord(**parsed(path.read_bytes()))
+        if not all([*(record.params[name] for name in NEEDED), record.history["number"]]):
+            raise ValueError("a part of it is empty")
+        entities.curve_metrics(record.history)
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"{path} cannot be used ({error}); expected the file that `prolearn train` leaves in "
+            "unregistered/ where the tracking store fails."
+        ) from error
+    return record
 
 
 def _log_curves(store: Store, run_id: str, record: TrainingRecord) -> None:
@@ -165,16 +244,15 @@ def _log_model(folder: Path, model: Model) -> str:
 
 def _new_version(
     store: Store, name: str, run_id: str, model_id: str, tags: Mapping[str, str]
-) -> Any:
-    """MLflow's new version of a registered model, which is made where it is missing."""
+) -> str:
+    """Number of a new version of a registered model, which is made where it is missing."""
     try:
         store.client.create_registered_model(name)
     except MlflowException as error:
         if error.error_code != "RESOURCE_ALREADY_EXISTS":
             raise
-    return store.client.create_model_version(
-        name, f"models:/{model_id}", run_id, tags={**tags, "model_id": model_id}, model_id=model_id
-    )
+    of = {"tags": {**tags, "model_id": model_id}, "model_id": model_id}
+    return str(store.client.create_model_version(name, f"models:/{model_id}", run_id, **of).version)
 
 
 def add_model_results(
@@ -186,23 +264,22 @@ def add_model_results(
 ) -> None:
     """Add an evaluation to a model's own training run, or warn where that run cannot take it.
 
-    Args:
-        version: the model.
-        metrics: by step, then by name.
-        figures: a folder whose content becomes the run's artifacts ``figures/``.
-        dataset: folder and digest of what it was evaluated on.
+    Metrics are by step, then by name; the content of the folder becomes the run's artifacts
+    ``figures/``; the dataset is folder and digest of what it was evaluated on.
     """
     with opened(create=False) as store:
         try:
             if run_of_version(store, version.run_id) is None:
                 raise FileNotFoundError("it is gone")
             _add_metrics(store, version, metrics)
-            used = dataset_input(*dataset, EVALUATION_DATA)
+            used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
             store.client.log_inputs(version.run_id, [used])
             store.client.log_artifacts(version.run_id, str(figures), "figures")
         except FAILURES as error:
             reason = next(iter(str(error).splitlines()), "")[:300]
-            warn(f"The evaluation of {version.uri} is not added to its training run ({reason}).")
+            entities.warn(
+                f"The evaluation of {version.uri} is not added to its training run ({reason})."
+            )
 
 
 def _add_metrics(
@@ -218,14 +295,11 @@ def _add_metrics(
     except MlflowException:
         model = None
     names = {name for one in metrics.values() for name in one}
-    known = [
-        metric.timestamp
-        for name in names
-        for metric in store.client.get_metric_history(version.run_id, name)
-    ]
-    stamp = min(max([now(), *(time + 1 for time in known)]), LATEST)
-    added = [m for step, of in metrics.items() for m in metrics_now(of, model, step, stamp)]
-    store.log_metrics(version.run_id, added)
+    history = store.client.get_metric_history
+    known = [metric.timestamp for name in names for metric in history(version.run_id, name)]
+    stamp = min(max([entities.now(), *(time + 1 for time in known)]), LATEST)
+    added = [m for step, of in metrics.items() for m in entities.metrics_of(of, model, step, stamp)]
+    store.client.log_batch(version.run_id, metrics=added)
 
 
 def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
@@ -237,11 +311,7 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
 
 
 def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """A row for each version, columns of Training; and for each of its epochs, columns of Epoch.
-
-    Raises:
-        InputError: where there is no tracking store yet.
-    """
+    """A row for each version, columns of Training; and for each of its epochs, columns of Epoch."""
     with opened(create=False) as store:
         epochs = [epoch for version in versions for epoch in _epochs(store, version)]
     rows = [_training_row(version) for version in versions]
@@ -251,27 +321,20 @@ def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.
     )
 
 
-def _training_row(version: ModelVersion) -> Training:
+def _training_row(version: ModelVersion) -> dict[str, Any]:
     """The facts in a version's run; None where they are missing or malformed."""
     params, metrics = version.params, version.metrics
-    return Training(
-        arch=version.arch,
-        recipe=version.recipe,
-        training_seed=version.training_seed,
-        version=version.version,
-        parameters=whole(params.get("parameters", "")),
-        epochs=whole(params.get("epochs", "")),
-        train_instances=whole(params.get("train_instances", "")),
-        best_epoch=whole_metric(metrics.get("best_epoch")),
-        valid_loss=metrics.get("best_valid_loss"),
-        valid_flown_safe_share=metrics.get("valid_flown_safe_share"),
-        valid_flown_fuel=metrics.get("valid_flown_fuel"),
-        valid_flown_trials=metrics.get("valid_flown_trials"),
-        seconds=metrics.get("training_seconds"),
-        device=params.get("device"),
-        threads=params.get("threads"),
-        weights_kib=metrics.get("weights_kib"),
-    )
+    counts = ("parameters", "epochs", "train_instances")
+    measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
+    return {
+        **{name: getattr(version, name) for name in ("arch", "recipe", "training_seed", "version")},
+        **{name: entities.whole(params.get(name, "")) for name in counts},
+        **{name: metrics.get(name) for name in measured},
+        **{name: params.get(name) for name in ("device", "threads")},
+        "best_epoch": entities.whole(f"{metrics.get('best_epoch', math.nan):.0f}"),
+        "valid_loss": metrics.get("best_valid_loss"),
+        "seconds": metrics.get("training_seconds"),
+    }
 
 
 def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:
@@ -282,5 +345,6 @@ def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:
         {m.step: m.value for m in store.client.get_metric_history(version.run_id, loss)}
         for loss in CURVES
     )
-    of, nan = (version.arch, version.recipe, version.training_seed), float("nan")
-    return [Epoch(*of, k, train.get(k, nan), valid.get(k, nan)) for k in sorted({*train, *valid})]
+    of = version.arch, version.recipe, version.training_seed
+    steps = sorted({*train, *valid})
+    return [Epoch(*of, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]

@@ -1,17 +1,31 @@
-"""What is installed: three import packages of one distribution, and a light command line."""
+"""What is installed: four import packages of one distribution, and a light command line."""
 
 import importlib.metadata
+import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import pytest
+import yaml
 
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
+ROOT = Path(__file__).parents[1]
 
-@pytest.mark.parametrize("package", ["pipeline", "registry", "cli"])
+
+def test_the_citation_and_the_newest_entry_of_the_changelog_have_the_version_of_the_project():
+    names = ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")
+    project, citation, changelog = ((ROOT / name).read_text(encoding="utf-8") for name in names)
+    version = tomllib.loads(project)["project"]["version"]
+    released = re.findall(r"^## \[(\d.*?)\] - ", changelog, re.MULTILINE)
+    assert yaml.safe_load(citation)["version"] == released[0] == version
+
+
+@pytest.mark.parametrize("package", ["prolearn", "pipeline", "registry", "cli"])
 def test_the_import_packages_belong_to_prolearn_alone(package):
     assert set(importlib.metadata.packages_distributions()[package]) == {"prolearn"}
 

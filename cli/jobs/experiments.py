@@ -5,17 +5,28 @@ models and versions, and whom to tell of progress. It raises ``InputError`` for 
 models of another problem than the dataset's, sizes that are not in it, and numbers of no use.
 """
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from cli.jobs.held_out import held_out, listed
-from cli.jobs.networks import refiners_on, unlearned
+from cli.jobs.networks import (
+    Choice,
+    EvaluatedNetwork,
+    networks,
+    planners_on,
+    refiners_on,
+    unlearned,
+)
 from cli.jobs.run_tables import add_to_model
-from cli.options import float_list, int_list
-from cli.settings import Evaluation, Flights, TransferTimes, WarmStarts
+from cli.options import float_list, int_list, name_list
+from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
+from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import solved_rows
+from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import NETWORK_SIZE
@@ -35,17 +46,89 @@ from pipeline.parallel.workers import Workers
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.planners.network import FallbackPlanner
 from pipeline.progress import SILENT, Progress
-from registry.results import Done
+from pipeline.scenario import Scenario
+from pipeline.scratch import scratch_folder
+from pipeline.urls import public_url
+from registry.results import Done, earlier_run, record
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
+
+COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
 
 WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}
 """Swarm sizes of experiment 3 where none are given, by optimizer."""
 
-FREE_PLANNERS = ("minimum energy", DECOUPLED)
-"""Baselines whose plans are flown."""
+FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
 
 SHORTEST = 4
 """Nodes of the shortest transfer that is planned anew: with fewer, the goal leaves no choice."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Test scenarios of a dataset, and the networks that are tried on them."""
+
+    settings: ExperimentSettings
+    digest: str  # of the dataset's content
+    scenarios: Mapping[int, Sequence[Scenario]]  # by swarm size
+    networks: Sequence[EvaluatedNetwork]
+
+    def run(
+        self,
+        experiment: str,
+        params: Mapping[str, Any],
+        make: Callable[[Path], pd.DataFrame],
+        *,
+        kind: Sequence[str] = (),
+        resume: bool,
+        progress: Progress,
+    ) -> Done:
+        """Run an experiment and record it, or, to resume, find its newest run, if done like this.
+
+        ``params`` are those that its settings leave open or do not have; ``make`` gives a row for
+        each trial and leaves files in a folder; ``kind`` names settings that tell kinds of its runs
+        apart.
+        """
+        params = {
+            **vars(self.settings),
+            "dataset_digest": self.digest,
+            "trials": max(map(len, self.scenarios.values())),
+            "models": listed(network.version.uri for network in self.networks),
+            **params,
+        }
+        if resume and (earlier := earlier_run(experiment, params, kind, progress)):
+            return Done(earlier, earlier=True)
+        with scratch_folder() as scratch:
+            table, used = make(scratch), (self.settings.data, self.digest)
+            # Last, since a finished run is what ``resume`` looks for.
+            return Done(record(experiment, table, params=params, files=scratch, dataset=used))
+
+
+def held_out(
+    settings: ExperimentSettings, sizes: Sequence[int] | None, choice: Choice = planners_on
+) -> HeldOut:
+    """The test scenarios and networks of an experiment; of each size the first scenarios by index.
+
+    Without sizes those of the dataset, and without models in the settings ``choice`` takes part.
+    An InputError names models or sizes that cannot.
+    """
+    data, trials = settings.data, settings.trials
+    if trials is not None and trials < 1:
+        raise InputError(f"trials is {trials}; expected at least 1.")
+    manifest, scenarios = read_manifest(data), {}
+    for n in sizes or sorted(manifest.samples):
+        found = scenarios_of(solved_rows(data, n, "test", COLUMNS))
+        if not found:
+            raise InputError(
+                f"{public_url(data)} has no test scenarios of n={n}; expected some: sample more."
+            )
+        scenarios[n] = found[:trials]
+    chosen = networks(name_list(settings.models), data, choice)
+    return HeldOut(settings, manifest.digest(), scenarios, chosen)
+
+
+def listed(values: Iterable[object]) -> str:
+    """Distinct values joined by commas, as a parameter of a run."""
+    return ",".join(dict.fromkeys(map(str, values)))
 
 
 def evaluate(settings: Evaluation, *, resume: bool = False, progress: Progress = SILENT) -> Done:

@@ -1,34 +1,46 @@
 """A registered model as a file for on-board use, with its model card beside it."""
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
-from cli.jobs.cards import BY_SIZE, Measured, craft_card, model_card
 from pipeline.errors import InputError
 from pipeline.files import write_text
+from pipeline.markdown import Markdown, code, formatted, table
+from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
-from pipeline.networks.onnx_export import Exported
+from pipeline.networks.onnx_export import TOLERANCE, Exported
 from pipeline.networks.onnx_export import export as export_onnx
 from pipeline.networks.recipes import REFINER
+from pipeline.networks.refiner.model import SAFE, STEADY
+from pipeline.networks.refiner.on_board.export import TOLERANCE as CRAFT_TOLERANCE
 from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, value
 from pipeline.networks.refiner.packaged import FOLDER
-from registry.models import load
+from pipeline.templates import template
+from registry.models import PREFIX, ModelVersion, load
 from registry.training import model_metric_by_size
-from registry.version import PREFIX, ModelVersion
 
-PACKAGED = "packaged"
-"""The refiner that comes with the package, which is in no registry."""
+PACKAGED = "packaged"  # the refiner that comes with the package, which is in no registry
+Measured = Mapping[str, Mapping[int, float]]  # metrics of experiment 2 by name, then by swarm size
+
+BY_SIZE = {
+    "exp2_flown_safe_share": "safe share",
+    "exp2_flown_collisions": "node collisions",
+    "exp2_flown_fuel": "fuel, m/s²",
+    "exp2_flown_fuel_ratio": "fuel / lower bound",
+    "exp2_predicted_collisions": "as predicted: node collisions",
+    "exp2_predicted_boundary_error": "as predicted: miss of the ends, m",
+}
+"""Metrics of experiment 2 in the card, with their headings."""
+
+STATE = "x y z (m), vx vy vz (m/s)"
+HELD = "x y z (m/s²), held constant over each interval"
 
 
-@dataclass(frozen=True)
-class ExportedModel:
-    """The files of an exported model.
-
-    Attributes:
-        file: the ONNX file, or a refiner's folder of them, and what was measured of it.
-        card: the model card.
-    """
+class ExportedModel(NamedTuple):
+    """What was measured of an exported ONNX file, or of a refiner's folder of them; its card."""
 
     file: Exported | ExportedCraft
     card: Path
@@ -50,29 +62,16 @@ def export(
 ) -> ExportedModel:
     """Export a registered model or the packaged refiner as ONNX, its card as ``<out>.md``.
 
-    A refiner becomes a folder of files, named as the file would be but without ``.onnx``.
-
-    Args:
-        reference: the model; None for the packaged refiner, which needs no store.
-        out: the file; ``<name>-v<version>.onnx`` in the current folder by default.
-        n: craft that it is for, or any number that the architecture answers for.
-        flown: project the prediction onto the transfers that can be flown.
-
-    Raises:
-        InputError: where there is no such model, onnx and onnxruntime are not installed, or a
-            refiner is asked for n or flown.
-        ProlearnError: where the store fails, or the file does not answer as the model does.
+    A refiner becomes a folder of files, named as the file would be but without ``.onnx``; None is
+    the packaged one, which needs no store. The file, by default ``<name>-v<version>.onnx`` here, is
+    for n craft, or any number that the architecture answers for; ``flown`` projects the prediction
+    onto the transfers that can be flown. A refiner takes neither. A ProlearnError says where the
+    file does not answer as the model does.
     """
     model, version = (load_network(FOLDER), None) if reference is None else load(reference)
-    known: dict[str, str] = {"uri": PACKAGED}
-    measured: Measured = {}
-    if version is not None:
-        measured = {name: model_metric_by_size(version, name) for name in BY_SIZE}
-        known = {
-            "uri": version.uri,
-            "run_id": version.run_id,
-            "dataset_digest": version.dataset_digest,
-        }
+    names = () if version is None else ("uri", "run_id", "dataset_digest")
+    known = {"uri": PACKAGED} | {name: getattr(version, name) for name in names}
+    measured = {} if version is None else {k: model_metric_by_size(version, k) for k in BY_SIZE}
     about = {
         **known,
         "arch": model.architecture,
@@ -94,11 +93,124 @@ def export(
             )
         path = path.with_suffix("") if path.suffix == ".onnx" else path
         made = export_craft(model, path, about=about)
-        text = craft_card(version, model, made, measured)
+        text = _craft_card(version, model, made, measured)
     else:
         made = export_onnx(model, path, n=n, flown=flown, about=about)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        text = model_card(version, model, made, measured, digest)
+        text = _model_card(version, model, made, measured, digest)
     card = path.with_name(path.name + ".md")
     write_text(card, text)
     return ExportedModel(made, card)
+
+
+def _model_card(
+    version: ModelVersion, model: Model, exported: Exported, measured: Measured, sha256: str
+) -> str:
+    """The card of an ONNX file as Markdown; ``sha256`` is the file's."""
+    checked, rmse = exported.checked, version.metrics.get("valid_position_rmse")
+    times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in checked.seconds.items()]
+    nodes = model.problem.nodes
+    interface = [
+        ("input", code("initial"), "(batch, n, 6)", f"{STATE} at the first node"),
+        ("input", code("goal"), "(batch, n, 6)", f"{STATE} at the last node"),
+        ("output", code("states"), f"(batch, n, {nodes}, 6)", f"{STATE} at each node"),
+    ]
+    if exported.flown:
+        interface.append(("output", code("controls"), f"(batch, n, {nodes - 1}, 3)", HELD))
+    return template("cli/jobs/card.md.jinja").render(
+        version=version,
+        exported=exported,
+        checked=checked,
+        encoding=model.encoding,
+        sha256=sha256,
+        tolerance=f"{TOLERANCE:g}",
+        input_scale=", ".join(f"{scale:.4g}" for scale in model.encoding.input_scale),
+        target_scale=", ".join(f"{scale:.4g}" for scale in model.encoding.target_scale),
+        rmse="not recorded" if rmse is None else f"{rmse:.3g} m",
+        times=table(("n", "ms"), times),
+        interface=table(("", "name", "shape, float32", "content"), interface),
+        training=_training(version, model),
+        measured=_by_size(measured),
+    )
+
+
+def _craft_card(
+    version: ModelVersion | None, model: Model, exported: ExportedCraft, measured: Measured
+) -> str:
+    """The card of a refiner's files for one craft as Markdown; the packaged one has no version."""
+    files = [
+        (
+            code(f"{name}.onnx"),
+            f"{exported.kib[name]:.0f}",
+            f"{exported.checked.seconds[name] * 1e3:.2g}",
+            Markdown(" ".join(map(code, step.tells))),
+            code(exported.sha256[name][:16]),
+        )
+        for name, step in STEPS.items()
+    ]
+    messages = [(code(name), count, _content(name)) for name, count in exported.told.items()]
+    return template("cli/jobs/craft_card.md.jinja").render(
+        version=version,
+        recipe=model.recipe if version is None else version.recipe,
+        checked=exported.checked,
+        tolerance=f"{CRAFT_TOLERANCE:g}",
+        rounds=model.config["rounds"],
+        files=table(("file", "KiB", "ms", "tells", "sha256, beginning"), files),
+        safe=f"{SAFE:g}",
+        steady=f"{STEADY:g}",
+        told=exported.told,
+        messages=table(("name", "numbers", "content"), messages),
+        steps={name: _step_interface(name) for name in STEPS},
+        T=model.problem.nodes,
+        H=model.config["message"],
+        training=_training(version, model),
+        measured=_by_size(measured),
+    )
+
+
+def _step_interface(name: str) -> Markdown:
+    """Inputs and outputs of one of a craft's steps."""
+    step = STEPS[name]
+    rows = []
+    for kind, names in (("input", step.takes), ("output", outputs(step))):
+        for one in names:
+            sizes, dtype = value(one).shape, str(value(one).dtype).removeprefix("torch.")
+            shape = f"({', '.join(map(str, sizes))})" if sizes else "one number"
+            rows.append((kind, code(one), shape, dtype, _content(one)))
+    return table(("", "name", "shape", "type", "content"), rows)
+
+
+def _content(name: str) -> Markdown:
+    return Markdown(value(name).what)  # ours, and written as such
+
+
+def _training(version: ModelVersion | None, model: Model) -> Markdown:
+    """What it was trained on, as far as the registry or the model itself knows."""
+    problem = model.problem
+    rows: list[tuple[str, object]] = [
+        ("spacecraft in each", model.n_train),
+        ("mean motion", f"{problem.mean_motion:.9g} rad/s"),
+        ("nodes, step", f"{problem.nodes}, {problem.time_step:g} s"),
+        ("collision radius", f"{problem.collision_radius:g} m"),
+    ]
+    if version is not None:
+        params, commit = version.params, version.tags.get("git_commit", "unknown")
+        rows = [
+            ("dataset", code(params.get("dataset", "unknown"))),
+            ("digest", code(version.dataset_digest or "unknown")),
+            ("instances", f"{params.get('train_instances')} + {params.get('valid_instances')}"),
+            *rows,
+            ("weights", params.get("parameters", "unknown")),
+            ("seed, code", formatted("{}, {}", params.get("seed"), code(commit))),
+        ]
+    return table(("", ""), rows)
+
+
+def _by_size(measured: Measured) -> Markdown:
+    """A row for each swarm size; empty where nothing was measured."""
+    measured = {name: by_n for name, by_n in measured.items() if by_n}
+    if not measured:
+        return Markdown()
+    sizes = sorted({n for by_n in measured.values() for n in by_n})
+    rows = [(n, *(f"{m[n]:.3g}" if n in m else "" for m in measured.values())) for n in sizes]
+    return table(("n", *(BY_SIZE[name] for name in measured)), rows)

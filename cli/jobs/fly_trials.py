@@ -12,24 +12,21 @@ from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import flight_loops
-from pipeline.flight.montecarlo import MonteCarlo, fly_all, portion_of
+from pipeline.flight.loops import flight_loops, portion_of
+from pipeline.flight.montecarlo import MonteCarlo, fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
-from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
 
-TABLE, FIGURE = "trials.csv", "trials"
-"""Names of the files beside the trials."""
+TABLE, FIGURE = "trials.csv", "trials"  # names of the files beside the trials
 
 
 def fly_trials(
     plan: Plan,
-    scenario: Scenario,
     world: World,
     errors: Errors,
     out: Path,
@@ -41,12 +38,8 @@ def fly_trials(
     """Fly a plan many times with errors, into a folder of files; a summary of each loop.
 
     A planner plans anew at every node, in further loops beside the open one.
-
-    Raises:
-        InputError: for numbers or a folder that cannot be worked with.
-        ProlearnError: where the folder cannot be written to.
     """
-    size, trials = settings.size, settings.trials or 0
+    scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
     for name, given in (("size", size), ("margin", settings.margin or 0.0)):
@@ -57,17 +50,7 @@ def fly_trials(
     workers = Workers(settings.jobs)
     tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
     radius = scenario.problem.collision_radius
-    summaries = [
-        summarize(
-            loop.name,
-            None if loop.planner is None else loop.planner.name,
-            loop.margin,
-            tables[loop.name],
-            radius,
-            size,
-        )
-        for loop in loops
-    ]
+    summaries = [summarize(loop, tables[loop.name], radius, size) for loop in loops]
     _write_table(summaries, out / TABLE)
     title = f"{scenario.name}: n = {scenario.n}, {trials} trials in the {settings.world} world"
     save(trials_figure(tables, radius, size, title), out / FIGURE)

@@ -1,26 +1,22 @@
 """Registered networks as planners, in the experiments and for the command ``plan``."""
 
-import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner
-from pipeline.networks.catalogue import architecture_names
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import REFINER, for_comparison
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
 from pipeline.planners.classical import BASELINES, Expert
-from pipeline.planners.named import NAMES, refuse_effort, with_expert
+from pipeline.planners.named import refuse_effort, with_expert
 from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.planners.planner import Planner
 from pipeline.storage.folder import Where
 from pipeline.urls import public_url
-from registry.models import load, newest_trainings, resolve
-from registry.version import PREFIX, ModelVersion
+from registry.models import ModelVersion, load, newest_trainings, resolve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +32,7 @@ class EvaluatedNetwork(EvaluatedPlanner):
     version: ModelVersion
 
     def on(self, problem: Problem) -> "EvaluatedNetwork":
-        """The same network for another time grid.
-
-        Raises:
-            InputError: where its weights do not fit.
-        """
+        """The same network for another time grid; InputError where its weights do not fit."""
         model = self.predictor.on(problem)
         return replace(self, planner=NetworkPlanner(model, self.planner.name), predictor=model)
 
@@ -50,11 +42,7 @@ Choice = Callable[[Where], list[ModelVersion]]
 
 
 def newest_on(data: Where) -> list[ModelVersion]:
-    """The newest trainings on a dataset.
-
-    Raises:
-        InputError: where there are models and none was trained on this data.
-    """
+    """The newest trainings on a dataset; InputError where all models were trained on others."""
     manifest = read_manifest(data)
     found = newest_trainings({n: manifest.digest(n) for n in manifest.samples})
     if not found and (others := newest_trainings()):
@@ -82,25 +70,20 @@ def networks(
     """The networks of some references; without any, the newest that were trained on some data.
 
     They are in the same order whatever that of the references is; ``choice`` is made where there
-    are none.
-
-    Raises:
-        InputError: for a reference to nothing, a model of another orbit or time grid than the
-            data's, or where there are models and none was trained on this data.
+    are none. An InputError names a model that is none, or of another orbit or time grid than the
+    data's.
     """
     named = {v.uri: v for v in map(resolve, references)}.values()
     chosen = sorted(
         named or choice(data), key=lambda v: (v.arch, v.recipe, v.training_seed, v.version)
     )
-    # A name with the version, where an average over seeds would be over different trainings.
-    keys: dict[str, set[tuple[str, ...]]] = {}
-    for version in chosen:
-        keys.setdefault(version.label, set()).add(version.training_key)
-    alike = Counter((v.label, v.training_seed) for v in chosen)
     found, problem = [], read_manifest(data).problem
     for version in chosen:
-        alone = len(keys[version.label]) == alike[version.label, version.training_seed] == 1
-        name = version.arch if alone else f"{version.arch}/{version.version}"
+        # A name with the version, where an average over seeds would be over different trainings.
+        alike = [v for v in chosen if v.label == version.label]
+        again = [v.training_seed for v in alike].count(version.training_seed) > 1
+        mixed = again or len({v.training_key for v in alike}) > 1
+        name = f"{version.arch}/{version.version}" if mixed else version.arch
         model, _ = load(version)
         check_problem(model, problem, public_url(data))
         found.append(
@@ -124,24 +107,13 @@ def unlearned() -> list[EvaluatedPlanner]:
 def model_planner(
     reference: str, requirements: Requirements, *, effort: str | None, raw: bool
 ) -> Planner:
-    """The planner that a reference to a model names.
+    """The planner that a reference to a model names; InputError where there is none.
 
     The expert comes after it with some effort, of EFFORTS, as in ``with_expert``: unless ``raw``,
-    which leaves the model's flown plan as it is, safe or not.
-
-    Raises:
-        InputError: for a name that no planner has, where the registry has no such model, or for
-            an effort without the expert.
+    which leaves the model's flown plan as it is, safe or not, and goes with no effort.
     """
     if raw:
         refuse_effort(effort)
-    # What a planner can be is said before what the registry lacks.
-    name = re.split(r"[@:/]", reference.removeprefix("models:/"))[0].removeprefix(PREFIX)
-    if name not in architecture_names() and not reference.startswith("models:/m-"):
-        raise InputError(
-            f"planner is {reference!r}; expected {', '.join(NAMES)}, or a registered model of "
-            f"{', '.join(architecture_names())}, such as ff1 or ff1:paper."
-        )
     model, version = load(reference)
     flown = NetworkPlanner(model, f"{version.arch}/{version.version}", requirements)
     return flown if raw else with_expert(flown, effort)

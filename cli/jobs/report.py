@@ -17,19 +17,16 @@ from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder
 from registry.environment import versions_of
-from registry.models import list_versions
-from registry.results import Run, evaluation, latest
-from registry.run_files import FILES, TABLE, arrays_of, has_digests, unusable
+from registry.models import ModelVersion, list_versions
+from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, unusable
 from registry.store import ABLATIONS, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import training_tables
-from registry.version import ModelVersion
 
 EVALUATED = "Experiments 1 and 2, examples"
 """Name of the evaluation itself among the parts of a report."""
 
 DATA = ("dataset_digest",)
-SAME = (*DATA, "models")
-"""Parameters that a run must share with the evaluation to be in its report."""
+SAME = (*DATA, "models")  # parameters that a run must share with the evaluation to be in its report
 
 
 @dataclass(frozen=True)
@@ -67,37 +64,27 @@ class Found:
     models: Sequence[ModelVersion]
 
 
-@dataclass(frozen=True, eq=False)
-class Sources:
-    """An evaluation and the runs beside it that a report is made from."""
-
-    first: Found  # the evaluation
-    examples: Sequence[Example]  # transfers to draw
-    parts: Mapping[str, Found]  # runs beside it, by name
-    notes: Sequence[str]  # on what is left out
-
-
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
     """Write the report of an evaluation, the newest by default, into a folder.
 
-    Raises:
-        InputError: where nothing was evaluated yet, there is no such run, or it is damaged.
+    An InputError says where nothing was evaluated yet, there is no such run, or it is damaged.
     """
     run = evaluation(run_id)
     first = Found(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:
         examples = [_example(run, path) for path in paths]
-    parts, notes = _parts_beside(run)
+    others, notes = _parts_beside(run)
+    parts = {EVALUATED: first, **others}
     if gone := len(set(_model_names(run))) - len(first.models):
         notes.append(f"Training: {gone} of the evaluated models are no longer there.")
-    sources = Sources(first, examples, parts, notes)
     try:
-        return build_report(_results(sources), out)
+        return build_report(_results(parts, examples, notes), out)
     except ProlearnError:
         raise
     except Exception:  # of any kind: anyone may have written any values into a shared store
         logging.getLogger("prolearn").debug("the report cannot be made of all", exc_info=True)
-        return build_report(_results(_without_faulty(sources)), out)
+        parts, left_out = _without_faulty(parts, examples)
+        return build_report(_results(parts, examples, [*notes, *left_out]), out)
 
 
 def _example(run: Run, path: Path) -> Example:
@@ -113,31 +100,19 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
     for name, part in PARTS.items():
         same = {name: first.params.get(name, "") for name in part.same}
         run = latest(part.experiment, {**same, **part.having})
-        if run is None:
-            notes += _of_others(name, part)
-            continue
-        try:
-            # Other parts have the evaluation's models.
-            models = _models_of(run) if part.same == DATA else ()
-            found[name] = Found(run, sound_table(run), models)
-        except ProlearnError as error:
-            notes.append(f"{name} is left out: {error}")
+        if run:
+            try:
+                # Other parts have the evaluation's models.
+                models = _models_of(run) if part.same == DATA else ()
+                found[name] = Found(run, sound_table(run), models)
+            except ProlearnError as error:
+                notes.append(f"{name} is left out: {error}")
+        elif other := latest(part.experiment, part.having):
+            others = "other models or other data" if part.same == SAME else "other data"
+            text = "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
+            of = (name, other.run_id, _day(other), others, part.command)
+            notes.append(formatted(text + "`{}` makes one.", *of))
     return found, notes
-
-
-def _of_others(name: str, part: Part) -> list[str]:
-    """A note where a part has runs, but none of the evaluation's models and data."""
-    other = latest(part.experiment, part.having)
-    if other is None:
-        return []
-    others = "other models or other data" if part.same == SAME else "other data"
-    return [
-        formatted(
-            "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
-            "`{}` makes one.",
-            *(name, other.run_id, _day(other), others, part.command),
-        )
-    ]
 
 
 def _model_names(run: Run) -> list[str]:
@@ -150,56 +125,58 @@ def _models_of(run: Run) -> list[ModelVersion]:
     return [version for version in list_versions() if version.uri in wanted]
 
 
-def _without_faulty(sources: Sources) -> Sources:
-    """The sources without the parts and models of whose values no report can be made.
+def _without_faulty(
+    parts: Mapping[str, Found], examples: Sequence[Example]
+) -> tuple[dict[str, Found], list[str]]:
+    """The parts and models of whose values a report can be made, and notes on the others.
 
-    Raises:
-        InputError: where none can be made of the evaluation.
+    An InputError says where none can be made of the evaluation.
     """
-    run = sources.first.run
-    bare = replace(sources, first=replace(sources.first, models=()), parts={})
-    if fault := _fault(bare):
-        raise unusable(run, TABLE, f"no report can be made of its values: {fault}")
-    notes, parts, models = [*sources.notes], {}, []
-    for name, part in sources.parts.items():
-        if fault := _fault(replace(bare, parts={name: part})):
-            notes.append(f"{name} is left out: {unusable(part.run, TABLE, fault)}")
+
+    def fault(beside: Mapping[str, Found], models: Sequence[ModelVersion] = ()) -> str:
+        """The error that a report of some sources ends with; empty where it can be made."""
+        tried = {EVALUATED: replace(first, models=models), **beside}
+        with scratch_folder() as folder:
+            try:
+                build_report(_results(tried, examples, ()), folder)
+            except Exception as error:
+                return repr(error)[:200]
+        return ""
+
+    first, models, sound, notes = parts[EVALUATED], [], {}, []
+    if found := fault({}):
+        raise unusable(first.run, TABLE, f"no report can be made of its values: {found}")
+    for name, part in parts.items():
+        if name == EVALUATED:
+            continue
+        if found := fault({name: part}):
+            notes.append(f"{name} is left out: {unusable(part.run, TABLE, found)}")
         else:
-            parts[name] = part
-    for version in sources.first.models:
-        if fault := _fault(replace(bare, first=replace(sources.first, models=[version]))):
-            notes.append(f"The training of {version.uri} is left out: its values give {fault}.")
+            sound[name] = part
+    for version in first.models:
+        if found := fault({}, [version]):
+            notes.append(f"The training of {version.uri} is left out: its values give {found}.")
         else:
             models.append(version)
-    return Sources(replace(sources.first, models=models), sources.examples, parts, notes)
+    return {EVALUATED: replace(first, models=models), **sound}, notes
 
 
-def _fault(sources: Sources) -> str:
-    """The error that a report of some sources ends with; empty where it can be made."""
-    with scratch_folder() as folder:
-        try:
-            build_report(_results(sources), folder)
-        except Exception as error:
-            return repr(error)[:200]
-    return ""
-
-
-def _results(sources: Sources) -> Results:
+def _results(
+    parts: Mapping[str, Found], examples: Sequence[Example], notes: Sequence[str]
+) -> Results:
     """The tables that a report is made from, and what is said of them."""
-    parts = {EVALUATED: sources.first, **sources.parts}
-    training, curves = training_tables(sources.first.models)
-    tables: dict[str, pd.DataFrame] = {}
+    training, curves = training_tables(parts[EVALUATED].models)
+    tables: dict[str, list[pd.DataFrame]] = {}
     for part in parts.values():
-        name = KINDS[part.run.experiment].name
-        before = [tables[name]] if name in tables else []
-        tables[name] = pd.concat([*before, part.table], ignore_index=True)
+        name, _ = KINDS[part.run.experiment]
+        tables.setdefault(name, []).append(part.table)
     return Results(
-        **tables,
+        **{name: pd.concat(some, ignore_index=True) for name, some in tables.items()},
         training=training,
         curves=curves,
-        examples=sources.examples,
+        examples=examples,
         provenance=_provenance(parts),
-        notes=[*sources.notes, *_how_made(parts), *_other_models(sources)],
+        notes=[*notes, *_how_made(parts), *_other_models(parts)],
     )
 
 
@@ -209,7 +186,7 @@ def _how_made(parts: Mapping[str, Found]) -> list[str]:
     for name, versions in made.items():
         if change := version_change(versions, made[EVALUATED], "the evaluation with"):
             notes.append(f"{name} was made with {change}.")
-    unchecked = [name for name, part in parts.items() if not has_digests(part.run)]
+    unchecked = [name for name, part in parts.items() if not part.run.has_digests]
     if unchecked:
         notes.append(
             f"{'; '.join(unchecked)}: recorded without checksums, by an earlier version of "
@@ -218,10 +195,10 @@ def _how_made(parts: Mapping[str, Found]) -> list[str]:
     return notes
 
 
-def _other_models(sources: Sources) -> list[str]:
+def _other_models(parts: Mapping[str, Found]) -> list[str]:
     """Notes on parts with other models than the evaluation."""
-    evaluated, notes = _model_names(sources.first.run), []
-    for name, part in sources.parts.items():
+    evaluated, notes = _model_names(parts[EVALUATED].run), []
+    for name, part in parts.items():
         others = [
             version.uri
             for version in part.models

@@ -1,8 +1,6 @@
 """Tables of experiments' runs: checked, averaged, and those averages in a model's own run."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -12,7 +10,7 @@ from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages as columns
 from pipeline.experiments.ablations import summarize_ablations
 from pipeline.experiments.averages import sizes_of_paper, summarize
-from pipeline.experiments.examples import figure_transfer
+from pipeline.experiments.examples import figure_of
 from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
 from pipeline.experiments.experiment3 import summarize_warmstarts
 from pipeline.experiments.experiment4 import summarize_times
@@ -23,19 +21,9 @@ from pipeline.figures.style import save, styles
 from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
-from registry.results import Run, experiment_run
-from registry.run_files import TABLE, table_of, unusable
+from registry.results import TABLE, Run, experiment_run, table_of, unusable
 from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import add_model_results
-
-
-@dataclass(frozen=True)
-class Kind:
-    """The table that runs of an experiment have, and how its trials are averaged."""
-
-    name: str  # in ``TABLES``, which has its columns, and in a report's ``Results``
-    averages: Callable[[pd.DataFrame], pd.DataFrame]
-
 
 COMPARED = {
     "collisions": columns.COLLISIONS,
@@ -52,17 +40,15 @@ COMPARED = {
 ERRORS = (columns.BOUNDARY, columns.DYNAMICS)
 """Averages of predictions alone: flown plans have no such errors but rounding."""
 
-DRAWN = ("collisions", "fuel", "safe")
-"""Figures of experiment 2."""
 
-KINDS: Mapping[str, Kind] = {
-    EVALUATION: Kind("trials", summarize),
-    WARMSTART: Kind("warmstarts", summarize_warmstarts),
-    TRANSFER_TIMES: Kind("transfer_times", summarize_times),
-    FLIGHTS: Kind("flights", summarize_flights),
-    ABLATIONS: Kind("ablations", summarize_ablations),
+KINDS: Mapping[str, tuple[str, Callable[[pd.DataFrame], pd.DataFrame]]] = {
+    EVALUATION: ("trials", summarize),
+    WARMSTART: ("warmstarts", summarize_warmstarts),
+    TRANSFER_TIMES: ("transfer_times", summarize_times),
+    FLIGHTS: ("flights", summarize_flights),
+    ABLATIONS: ("ablations", summarize_ablations),
 }
-"""By the experiment's name in MLflow."""
+"""By experiment: its table's name in ``TABLES`` and ``Results``, and how trials are averaged."""
 
 FITTING = {
     str: ("text", {"string"}),
@@ -72,40 +58,29 @@ FITTING = {
 }
 """What columns of a type hold, in words and as pandas calls it."""
 
-WITHOUT_GAPS = (str, int)
-"""Types of which no value may be missing."""
-
 
 def sound_table(run: Run) -> pd.DataFrame:
-    """A run's table: a row for each trial.
-
-    Raises:
-        InputError: where its file is damaged, or is not a table that its experiment leaves.
-        ProlearnError: where it cannot be fetched.
-    """
+    """A run's table: a row for each trial; InputError where it is none of its experiment's."""
     table = table_of(run)
     if table.empty:
         raise unusable(run, TABLE, "it has no rows")
-    for name, kind in TABLES[KINDS[run.experiment].name].items():
+    of_experiment, _ = KINDS[run.experiment]
+    for name, kind in TABLES[of_experiment].items():
         if name not in table:
             raise unusable(run, TABLE, f"it has no column {name}")
         words, fitting = FITTING[kind]
-        gaps = kind in WITHOUT_GAPS and table[name].hasnans
+        gaps = kind in (str, int) and table[name].hasnans
         if gaps or infer_dtype(table[name], skipna=True) not in fitting:
             raise unusable(run, TABLE, f"its column {name} does not hold {words} in every row")
     return table
 
 
 def averages(run_id: str) -> list[dict[str, Any]]:
-    """The averages of an experiment's run, as in the report: a row each planner and setting.
-
-    Raises:
-        InputError: where its table is damaged.
-    """
+    """The averages of an experiment's run, as in the report: a row each planner and setting."""
     run = experiment_run(run_id)
-    trials = sound_table(run)
+    trials, (_, averaged) = sound_table(run), KINDS[run.experiment]
     try:
-        rows = KINDS[run.experiment].averages(trials)
+        rows = averaged(trials)
     except Exception as error:  # of any kind: anyone may have written any values
         raise unusable(run, TABLE, f"its values have no averages: {error!r}") from error
     plain = rows.astype(object).where(rows.notna(), None)  # no number of pandas' own kinds
@@ -119,9 +94,14 @@ def add_to_model(
     same = (trials.planner == network.planner.name) & (trials.recipe == network.recipe)
     mine = summarize(trials[same & (trials.training_seed == network.training_seed)])
     beside = summarize(trials[trials.planner == Expert().name])
+    summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), network]
+    paper, style = sizes_of_paper(summary), styles(summary["planner"])
+    metrics = _metrics(mine, network.predictor.n_train)
     with scratch_folder() as scratch:
-        _draw(scratch, pd.concat([beside, mine]), network, scenario)
-        metrics = _metrics(mine, network.predictor.n_train)
+        for name in ("collisions", "fuel", "safe"):
+            figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)
+            save(figure, scratch / name, [".png"])
+        save(figure_of(example_transfer(scenario, example)), scratch / "transfer", [".png"])
         add_model_results(network.version, metrics, scratch, dataset=dataset)
 
 
@@ -139,16 +119,3 @@ def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:
         if n == n_train:
             found[0].update({f"exp1_{k}": v for k, v in values.items()})
     return found
-
-
-def _draw(
-    folder: Path, summary: pd.DataFrame, network: EvaluatedNetwork, scenario: Scenario
-) -> None:
-    """Figures of experiment 2 and of one transfer, beside the expert's."""
-    style = styles(summary["planner"])
-    paper = sizes_of_paper(summary)
-    shown = summary if paper.empty else paper
-    for name in DRAWN:
-        save(sizes_figure(shown, QUANTITIES[name], style), folder / name, [".png"])
-    example = example_transfer(scenario, [EvaluatedPlanner(Expert()), network])
-    save(figure_transfer(example), folder / "transfer", [".png"])

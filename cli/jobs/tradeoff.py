@@ -4,26 +4,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from cli.settings import Tradeoff
 from pipeline.errors import InputError
 from pipeline.figures.style import save
-from pipeline.figures.tables import write_csv
+from pipeline.files import write_rows
 from pipeline.plan import summary
 from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
-from pipeline.tradeoff import Point, arcs_between, knee, tradeoff
+from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff
 from pipeline.tradeoff.figure import tradeoff_figure
 
-PLANS = "plans"
-"""Folder of the plans within that of the trade-off."""
-
-PLAN = "transfer-{}s.plan.json"
-"""Name of a plan's file, by its duration in s."""
+PLANS = "plans"  # folder of the plans within that of the trade-off
+PLAN = "transfer-{}s.plan.json"  # name of a plan's file, by its duration in s
 
 NOT_IN_CSV = ("min_separation_pair", "assignment", "risk", "craft_delta_v", "craft_delta_v_2norm")
 """Fields of a row that are neither number nor word; the plan files have them."""
@@ -39,23 +33,13 @@ def trade(
 ) -> Sequence[dict[str, Any]]:
     """Plan a scenario for several durations and write the plans, a table and a figure.
 
-    Only safe plans are written as files. Those of an earlier trade-off in the folder go.
-
-    Args:
-        path: a scenario file.
-        planner: who plans.
-        out: folder for the files.
-        settings: steps, goal, and whether states may drift.
-        durations: the shortest and the longest, s.
-        progress: told of each duration.
+    Only safe plans are written as files. Those of an earlier trade-off in the folder go. Durations
+    are the shortest and the longest, s.
 
     Returns:
         A plan's summary for each duration, with ``duration`` (s), ``nodes``, ``time_step``,
         ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan``, or
         None where it is not safe.
-
-    Raises:
-        InputError: for a scenario, a range or a folder that cannot be worked with.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
@@ -63,11 +47,11 @@ def trade(
     step = scenario.problem.time_step
     arcs = arcs_between(*durations, step, settings.steps)
     points = tradeoff(scenario, arcs, planner, settings.goal, progress)
-    bend = _bend(points)
+    bend = knee_of(points)
     rows = [_row(point, out, knee=k == bend) for k, point in enumerate(points)]
     for point, row in zip(points, rows, strict=True):
         if row["plan"]:
-            write_plan(Path(row["plan"]), point.plan, point.scenario)
+            write_plan(Path(row["plan"]), point.plan)
     kept = {row["plan"] for row in rows}
     for old in (out / PLANS).glob(PLAN.format("*")):
         if str(old) not in kept:
@@ -78,16 +62,8 @@ def trade(
     return rows
 
 
-def _bend(points: Sequence[Point]) -> int | None:
-    """The knee among the safe plans, by its number among all."""
-    safe = [k for k, point in enumerate(points) if point.safe]
-    time, cost = ([getattr(points[k], name) for k in safe] for name in ("duration", "delta_v"))
-    found = knee(np.array(time, dtype=float), np.array(cost, dtype=float))
-    return None if found is None else safe[found]
-
-
 def _row(point: Point, out: Path, *, knee: bool) -> dict[str, Any]:
-    problem = point.scenario.problem
+    problem = point.plan.scenario.problem
     file = out / PLANS / PLAN.format(f"{point.duration:.9g}")
     return {
         "duration": point.duration,
@@ -101,8 +77,9 @@ def _row(point: Point, out: Path, *, knee: bool) -> dict[str, Any]:
 
 
 def _write_table(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    frame = pd.DataFrame(rows)
-    for k, name in enumerate(("first_craft", "second_craft")):
-        pairs = [row["min_separation_pair"] for row in rows]
-        frame[name] = pd.array([pair and pair[k] for pair in pairs], dtype="Int64")
-    write_csv(frame.drop(columns=[*NOT_IN_CSV]), path)
+    names = [name for name in rows[0] if name not in NOT_IN_CSV]
+    table = (
+        [*(row[name] for name in names), *(row["min_separation_pair"] or (None, None))]
+        for row in rows
+    )
+    write_rows(path, [*names, "first_craft", "second_craft"], table)

@@ -1,36 +1,56 @@
-"""One network trained on a dataset and registered."""
+"""A network trained on a dataset and registered, and the champion that it is compared with."""
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
-from cli.jobs.champion import Contest, challenge, flown_metrics, validation_trials
+import pandas as pd
+
+from cli.jobs.experiments import COLUMNS
 from cli.settings import TrainingSettings
 from pipeline.dataset.manifest import read_manifest
-from pipeline.errors import check_range
+from pipeline.dataset.reading import solved_rows
+from pipeline.dataset.schema import scenarios_of
+from pipeline.errors import InputError, check_range
+from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.verdicts import compare
 from pipeline.networks.architecture import changed_recipe
-from pipeline.networks.recipes import Recipe
+from pipeline.networks.model import Model
+from pipeline.networks.recipes import Recipe, for_comparison
+from pipeline.planners.network import NetworkPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.families import SEEDS
+from pipeline.storage.folder import Where
 from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE, position_rmse, train, training_device
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
-from registry.models import list_versions, load
+from registry.models import (
+    ModelVersion,
+    champion_of,
+    list_versions,
+    load,
+    note_contest,
+    recipe_params,
+    resolve,
+    set_champion,
+)
 from registry.store import connect
-from registry.training import record_training
-from registry.training_record import DatasetInfo, recipe_params
-from registry.version import ModelVersion
+from registry.training import DatasetInfo, record_training
 
-MEMORY = (1e-9, 1e6)
-"""Least and most that examples may take, GB."""
+MEMORY = (1e-9, 1e6)  # least and most that examples may take, GB
+COMPARED_ON = 500  # validation scenarios that versions are compared on
+SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"  # metrics of a training run
+
+
+@dataclass(frozen=True)
+class Contest:
+    """The outcome of comparing a version with the champion: who is it now, and why."""
+
+    champion: ModelVersion | None
+    reason: str
 
 
 def followed_recipe(arch: str, seed: int, settings: TrainingSettings) -> Recipe:
-    """The recipe with the fields that the settings change.
-
-    Raises:
-        InputError: for an unknown recipe, a field or value that the architecture refuses, or a
-            seed that is none.
-    """
+    """The recipe with the fields that the settings change; InputError for any that is none."""
     check_range("seed", seed, 0, SEEDS - 1)
     given = {field.name: getattr(settings, field.name, None) for field in fields(Recipe)}
     changes = {name: value for name, value in given.items() if value is not None}
@@ -44,11 +64,8 @@ def trained_before(
 
     It must have been trained on the device of the settings where they name one. Where its training
     was killed before it was compared with the champion, it is now, and the outcome is returned.
-    ``progress`` is told where other versions trained one like this, which does not count.
-
-    Raises:
-        InputError: for an unknown name, a missing dataset, settings that make no sense, or where
-            the contest is left to do and the version's files are gone or not sound.
+    ``progress`` is told where other versions trained one like this, which does not count. An
+    InputError names what is unknown or makes no sense.
     """
     wanted = {
         **recipe_params(followed_recipe(arch, seed, settings)),
@@ -59,18 +76,18 @@ def trained_before(
     }
     connect()
     same = recorded(wanted).items()
-    found = [version for version in list_versions() if same <= version.params.items()]
-    if settings.device != "auto":
-        kind = training_device(settings.device).type
-        found = [one for one in found if one.params.get("device", "").startswith(kind)]
-    changes = {version.uri: changed_since(version.tags, TRAINED_BY) for version in found}
-    current = [version for version in found if not changes[version.uri]]
-    if found and not current:
-        progress.say(
-            f"{found[-1].label}, seed {seed}, was trained with {changes[found[-1].uri]}; it is "
-            "trained again."
-        )
+    kind = "" if settings.device == "auto" else training_device(settings.device).type
+    found = [
+        (version, changed_since(version.tags, TRAINED_BY))
+        for version in list_versions()
+        if same <= version.params.items() and version.params.get("device", "").startswith(kind)
+    ]
+    current = [version for version, change in found if not change]
     if not current:
+        for last, change in found[-1:]:
+            progress.say(
+                f"{last.label}, seed {seed}, was trained with {change}; it is trained again."
+            )
         return None
     version = current[-1]
     if version.contest:
@@ -85,11 +102,8 @@ def train_model(
 ) -> tuple[ModelVersion, Contest]:
     """Train a network, register the model, and compare it with the champion.
 
-    The seed is that of weights, order, dropout and fresh scenarios.
-
-    Raises:
-        InputError: for an unknown name, a missing dataset, or settings that make no sense.
-        ProlearnError: where the loss diverges or the tracking store fails.
+    The seed is that of weights, order, dropout and fresh scenarios. A ProlearnError says where
+    the loss diverges or the tracking store fails.
     """
     recipe, data, n = followed_recipe(arch, seed, settings), settings.data, settings.n
     check_range("memory in GB", settings.memory, *MEMORY)
@@ -109,3 +123,88 @@ def train_model(
         metrics=errors | flown_metrics(trials),
     )
     return version, challenge(version, trials, data)
+
+
+def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
+    """A network, flown, on validation scenarios: a row each, columns of Trial.
+
+    An InputError says where the data has none of this size, or the weights do not fit it.
+    """
+    scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:COMPARED_ON]
+    flown = NetworkPlanner(model, model.architecture)
+    return run_trials([EvaluatedPlanner(flown)], scenarios) if scenarios else pd.DataFrame()
+
+
+def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
+    """Metrics of a training run by which one of several networks can be picked."""
+    if trials.empty:
+        return {}
+    return {
+        SAFE_SHARE: float(trials["safe"].mean()),
+        FUEL: float(trials["fuel"].mean()),
+        "valid_flown_trials": float(len(trials)),
+    }
+
+
+def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Contest:
+    """Make a new version the champion where it does better on its validation data."""
+    champion = champion_of(version.name)
+    if for_comparison(version.arch, version.recipe):
+        reason = f"recipe {version.recipe} is there to be compared with"
+    elif champion is None or champion.version == version.version:
+        first = version.version == 1
+        reason = "the first version of its model" if first else "there is no other"
+        champion = set_champion(version)
+    else:
+        try:
+            better, reason = _compared(version, trials, champion, data)
+            champion = set_champion(version) if better else champion
+        except InputError as error:
+            reason = f"version {champion.version} cannot be compared: {error}"
+    note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
+    return Contest(champion, reason)
+
+
+def promote(
+    name: str, number: int, data: Where | None = None, *, force: bool = False
+) -> tuple[ModelVersion, str]:
+    """Make a version the champion of its registered model; the champion now, and why.
+
+    The validation split of the data decides, by default of what the version was trained on;
+    with ``force`` nothing is compared. An InputError says why it does not become it.
+    """
+    version = resolve(f"{name}/{number}")
+    champion = champion_of(version.name)
+    if force or champion is None or champion.version == version.version:
+        return set_champion(version), ""
+    where = data or version.params.get("dataset", "")
+    try:
+        mine = validation_trials(load(version)[0], where, version.n)
+        better, reason = _compared(version, mine, champion, where)
+    except InputError as error:
+        raise InputError(
+            f"{version.label} and the champion, version {champion.version}, cannot be compared "
+            f"({error}); expected a dataset that both fit: give --data, or --force."
+        ) from error
+    if not better:
+        raise InputError(
+            f"{reason}; expected a version that does better: give --force to promote it all "
+            "the same."
+        )
+    return set_champion(version), reason
+
+
+def _compared(
+    version: ModelVersion, mine: pd.DataFrame, champion: ModelVersion, data: Where
+) -> tuple[bool, str]:
+    """Whether a version, by its trials, is better than the champion, and the figures in words."""
+    theirs = validation_trials(load(champion)[0], data, version.n)
+    if mine.empty or theirs.empty:
+        raise InputError("there are no validation scenarios")
+    compared = compare(mine, theirs, "fuel")
+    ours, others = flown_metrics(mine), flown_metrics(theirs)
+    return compared.better, (
+        f"of {compared.trials} validation scenarios {100 * ours[SAFE_SHARE]:.1f} % are safe with "
+        f"version {version.version} and {100 * others[SAFE_SHARE]:.1f} % with version "
+        f"{champion.version}, at {ours[FUEL]:.3g} and {others[FUEL]:.3g} m/s²"
+    )

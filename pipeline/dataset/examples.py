@@ -1,8 +1,7 @@
 """Training examples: scenarios as arrays, with the expert's plans where there are any."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 
@@ -10,36 +9,9 @@ from pipeline.arrays import Array
 from pipeline.orbit.problem import Problem
 
 
-@runtime_checkable
-class ExampleSource(Protocol):
-    """Examples of one problem and swarm size, in memory or read part by part."""
-
-    @property
-    def problem(self) -> Problem:
-        """The problem that they share."""
-
-    @property
-    def n(self) -> int:
-        """Number of spacecraft in each example."""
-
-    @property
-    def buffer(self) -> int | None:
-        """Examples that may be held at once, or None where all of them are in memory."""
-
-    @property
-    def part_count(self) -> int:
-        """Number of parts."""
-
-    def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
-        """All examples, part by part, in an order of the parts."""
-
-    def __len__(self) -> int:
-        """Number of examples."""
-
-
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Examples in memory, which are one part; an ``ExampleSource``. States are in m and m/s."""
+    """Examples in memory, which are one part. States are in m and m/s."""
 
     problem: Problem
     initial: Float[Array, "N n 6"]
@@ -60,3 +32,26 @@ class Examples:
     def parts(self, order: Sequence[int] | None = None) -> Iterator["Examples"]:
         """The examples themselves, the only part."""
         yield self
+
+
+@dataclass(frozen=True)
+class ExampleStream:
+    """Examples of one problem and swarm size that every pass reads or draws anew, part by part."""
+
+    problem: Problem
+    n: int  # spacecraft in each example
+    count: int  # examples in a pass
+    buffer: int  # examples that may be held at once, beside the part that is being read
+    part_count: int  # parts in a pass
+    read: Callable[[int], Examples]  # the part of a number
+    endless: bool = False  # whether there are parts beyond, one a pass, which nobody has seen
+
+    def __len__(self) -> int:
+        return self.count
+
+    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
+        """All examples, part by part, in an order of the parts."""
+        return map(self.read, range(self.part_count) if order is None else order)
+
+
+ExampleSource = Examples | ExampleStream

@@ -3,13 +3,12 @@
 Training examples are loaded at once, or streamed shard by shard where they exceed memory.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.examples import Examples, ExampleSource, ExampleStream
 from pipeline.dataset.manifest import Manifest, Shard, read_manifest
 from pipeline.dataset.schema import problem_of, stacked
 from pipeline.errors import InputError, check_range
@@ -81,39 +80,6 @@ def examples(where: Where | Folder, n: int, split: str) -> Examples:
     return found
 
 
-@dataclass(frozen=True)
-class ExampleStream:
-    """Solved instances of a split that stay on disk; each pass reads them anew."""
-
-    folder: Folder  # a solved dataset
-    manifest: Manifest  # of it
-    n: int  # number of spacecraft in each instance
-    split: str  # that they are of
-    shards: tuple[Shard, ...]  # that hold them; each is a part
-    count: int  # number of instances
-    buffer: int  # instances that may be held at once, beside the shard that is being read
-
-    def __len__(self) -> int:
-        return self.count
-
-    @property
-    def problem(self) -> Problem:
-        """The problem that they share."""
-        return self.manifest.problem
-
-    @property
-    def part_count(self) -> int:
-        """Number of shards."""
-        return len(self.shards)
-
-    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
-        """The instances of one shard after another, in an order of the shards."""
-        for k in range(len(self.shards)) if order is None else order:
-            wanted = [*LEARNED, *SELECTED_BY]
-            table = read_solved(self.folder, self.manifest, self.shards[k], wanted)
-            yield _examples(table.filter(pc.field("split") == self.split), self.n)
-
-
 def examples_within(
     where: Where | Folder, n: int, split: str, memory: float = MEMORY
 ) -> ExampleSource:
@@ -127,7 +93,7 @@ def examples_within(
     check_range("memory", memory, 1, 1e15)
     folder = open_folder(where)
     manifest = read_manifest(folder)
-    shards = tuple(_shards(folder, manifest, n, split))
+    shards = _shards(folder, manifest, n, split)
     tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
     count = sum(len(table.filter((pc.field("split") == split) & _SOLVED)) for table in tables)
     if count == 0:
@@ -135,7 +101,12 @@ def examples_within(
     buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
     if count <= buffer:
         return examples(folder, n, split)
-    return ExampleStream(folder, manifest, n, split, shards, count, buffer)
+
+    def read(part: int) -> Examples:
+        table = read_solved(folder, manifest, shards[part], [*LEARNED, *SELECTED_BY])
+        return _examples(table.filter(pc.field("split") == split), n)
+
+    return ExampleStream(manifest.problem, n, count, buffer, len(shards), read)
 
 
 def bytes_of_one(n: int, problem: Problem) -> int:

@@ -17,6 +17,7 @@ from pipeline.figures.intervals import at_most, clustered_interval
 from pipeline.figures.labels import error, name_of, number, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
+from pipeline.flight.trials import SIZE
 
 CONDITION = ["world", "errors", "loop"]
 """Columns that say how a plan was flown."""
@@ -68,7 +69,7 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         "trials": int(summary["trials"].max()),
         "most": share(1 - SAFE),
         "typical": TYPICAL,
-        "size": records.SIZE,
+        "size": SIZE,
         "margin": coordinated.loc[coordinated["loop"] == LOOPS[-1], MARGIN.source].mean(),
         "picture": Picture("experiment5", flights_figure(summary, look)),
         "within": within_table(summary),

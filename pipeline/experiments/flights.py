@@ -14,14 +14,16 @@ from pipeline.experiments.records import LINEAR, MARGIN, NO_ERRORS, Flight
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
-from pipeline.flight.errors import COLD_GAS, Errors, draws
+from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.loops import Loop, flight_loops
+from pipeline.flight.trials import SIZE
 from pipeline.flight.world import LinearWorld, World
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.families import SEEDS
 
+MEASURED = ("goal_error", "goal_velocity_error", "delta_v", "missed_burns")
 MAGNITUDES = {NO_ERRORS: Errors(), records.WITH_ERRORS: COLD_GAS}
 """Errors of thrust and navigation by name."""
 
@@ -128,20 +130,16 @@ def _fly(asked: ScenarioFlights, world: World, errors: Errors, loop: Loop) -> pd
     """The flights of one loop in one world, side by side."""
     scenario, count = asked.scenario, 1 if errors == Errors() else asked.flights
     problem, first = scenario.problem, asked.trial * asked.flights
-    drawn = draws(asked.seed, range(first, first + count), scenario.n, problem.intervals)
-    flown, closed = loop.fly(scenario, world, drawn, errors)
-    apart = flown.nearest.distance
+    flown = loop.fly(scenario, world, errors, range(first, first + count), asked.seed)
+    apart, unsafe = flown["min_separation"], flown["unsafe_replans"].astype(float)
     return pd.DataFrame(
         {
             "flight": np.arange(count),
             "min_separation": apart,
             "within_radius": apart <= problem.collision_radius,
-            "within_size": apart <= records.SIZE,
-            "goal_error": flown.goal_error,
-            "goal_velocity_error": flown.goal_velocity_error,
-            "delta_v": flown.delta_v,
-            "missed_burns": flown.missed,
-            "unsafe_replans": closed.unsafe.astype(float) if closed else np.nan,
+            "within_size": apart <= SIZE,
+            **{name: flown[name] for name in MEASURED},
+            "unsafe_replans": unsafe if loop.planner else np.nan,
             "margin": loop.margin,
         }
     )

@@ -81,9 +81,6 @@ ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"
 LOOPS = OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
 """As planned; planned anew at every node; anew, with more separation asked for than r_col."""
 
-SIZE = 0.35
-"""Distance of two craft's centres at which two cubes of 20 cm can touch, m."""
-
 
 @dataclass(frozen=True)
 class Flight:
@@ -100,7 +97,7 @@ class Flight:
     loop: str  # of LOOPS
     min_separation: float  # of any pair at any time, m
     within_radius: bool  # whether a pair came within the collision radius
-    within_size: bool  # whether a pair came within SIZE
+    within_size: bool  # whether a pair came within the physical size
     goal_error: float  # largest distance of a craft from its goal at the end, m
     goal_velocity_error: float  # likewise of velocities, m/s
     delta_v: float  # of all craft, m/s

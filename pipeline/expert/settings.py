@@ -37,6 +37,9 @@ class Settings:
     solver: Literal["simplex", "clarabel"] = "simplex"
 
 
+Effort = Literal["first", "default", "best"]
+"""Names of EFFORTS."""
+
 BEST = Settings(gap_tolerance=1e-4, improvement=2e-4, starts=8, margin=0.005)
 """For the least fuel, at some twenty times the time."""
 

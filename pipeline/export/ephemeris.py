@@ -17,7 +17,6 @@ from pipeline.orbit.inertial import Elements, lvlh_frame
 from pipeline.orbit.reference import radius_at
 from pipeline.plan import Plan
 from pipeline.plan.judge import check_states
-from pipeline.scenario import Scenario
 from pipeline.text import visible
 
 FEWEST = 8  # states of an arc, so that readers that take eight for degree 7 find them
@@ -29,20 +28,20 @@ LONGEST = 100  # characters of a comment on one line; messages have at most 254 
 ORIGINATOR = "ORIGINATOR = PROLEARN"  # the line by which files of ours are known
 
 
-def write_ephemerides(plan: Plan, scenario: Scenario, folder: Path, name: str) -> list[Path]:
+def write_ephemerides(plan: Plan, folder: Path, name: str) -> list[Path]:
     """Write an OEM for each craft into a folder, a segment for each interval of constant thrust.
 
     Thrust jumps at nodes, and no interpolation may reach across a jump. Files of craft that an
     earlier plan had there, and this one has not, are removed. Objects are named by ``name``.
     """
-    arcs = thrust_arcs(plan, scenario)
+    arcs, n = thrust_arcs(plan), plan.scenario.n
     created = _stamp(datetime.now(UTC))
-    width, label = len(str(scenario.n - 1)), re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
+    width, label = len(str(n - 1)), re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     paths = []
-    for k in range(scenario.n):
+    for k in range(n):
         craft = f"craft-{k:0{width}d}"
-        lines = [*_header(plan, scenario, k, created)]
-        for arc in range(scenario.problem.intervals):
+        lines = [*_header(plan, k, created)]
+        for arc in range(plan.scenario.problem.intervals):
             lines += _segment(plan, arcs, k, arc, f"{label}-{craft}")
         paths.append(folder / f"{craft}.oem")
         write_text(paths[-1], "\n".join(lines) + "\n")
@@ -61,7 +60,7 @@ class Arcs:
     states: Float[Array, "n intervals q 6"]  # in EME2000 at those times, m and m/s
 
 
-def thrust_arcs(plan: Plan, scenario: Scenario) -> Arcs:
+def thrust_arcs(plan: Plan) -> Arcs:
     """The arcs of a plan under constant thrust, sampled densely enough to interpolate.
 
     Times are whole microseconds, and states are those at these very times.
@@ -70,14 +69,14 @@ def thrust_arcs(plan: Plan, scenario: Scenario) -> Arcs:
         InputError: where the scenario has no reference orbit, the plan's states are not what its
             controls lead to, or nodes are too near each other for microseconds.
     """
-    problem, reference = scenario.problem, scenario.reference
+    problem, reference = plan.scenario.problem, plan.scenario.reference
     if reference is None:
         raise InputError(
             "the plan has no reference orbit; expected in its scenario "
             '"reference": {"epoch": "2026-03-01T12:00:00Z", "inclination_deg": 97.4, '
             '"raan_deg": 40, "argument_of_latitude_deg": 0} with your values: add it.'
         )
-    check_states(plan, scenario)
+    check_states(plan)
     steps = max(FEWEST - 1, int(np.ceil(problem.mean_motion * problem.time_step / SPACING)))
     start = problem.time_step * np.arange(problem.intervals)[:, None]
     microseconds = np.rint(1e6 * (start + problem.time_step * np.arange(steps + 1) / steps))
@@ -99,10 +98,10 @@ def thrust_arcs(plan: Plan, scenario: Scenario) -> Arcs:
     return Arcs(reference.epoch, microseconds.astype(int), states)
 
 
-def _header(plan: Plan, scenario: Scenario, craft: int, created: str) -> Iterator[str]:
-    problem = scenario.problem
+def _header(plan: Plan, craft: int, created: str) -> Iterator[str]:
+    problem = plan.scenario.problem
     planner = visible(plan.planner).encode("ascii", "replace").decode()
-    about = f"Craft {craft} of {scenario.n}, planned by {planner}: {plan.status}."
+    about = f"Craft {craft} of {plan.scenario.n}, planned by {planner}: {plan.status}."
     about += " Craft are kept apart at the nodes only." * (plan.separation == "nodes")
     yield "CCSDS_OEM_VERS = 2.0"
     yield from (f"COMMENT {line}" for line in wrap(about, LONGEST))

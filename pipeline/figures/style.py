@@ -159,7 +159,7 @@ def fit_scale(
     array = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
     positive = array[array > 0]
     zeros = bool((array == 0).any())
-    wide = positive.size > 0 and positive.max() > SPREAD * positive.min()
+    wide = positive.size > 0 and positive.max() / SPREAD > positive.min()
     axis: Any = ax.xaxis if side == "x" else ax.yaxis
     limits = ax.set_xlim if side == "x" else ax.set_ylim
     scale = ax.set_xscale if side == "x" else ax.set_yscale

@@ -119,16 +119,14 @@ def refuse_distance(scenario: Scenario, controls: Float[Array, "n intervals 3"])
         )
 
 
-def flight_report(
-    plan: Plan, scenario: Scenario, conditions: Conditions, found: Sequence[Effect]
-) -> dict[str, Any]:
+def flight_report(plan: Plan, conditions: Conditions, found: Sequence[Effect]) -> dict[str, Any]:
     """The last flight, with all effects, and under ``effects`` each of them; SI units.
 
     Errors at the goal are distances, of the craft that misses by most. Separations are None for a
     craft alone. It is safe where craft stay apart when the plan was to keep them apart, at all
     times or at the nodes.
     """
-    problem, last = scenario.problem, found[-1]
+    problem, last = plan.scenario.problem, found[-1]
     used = float(fuel(plan.controls))
     safe = last.nearest.bound > problem.collision_radius
     if plan.separation == "nodes":

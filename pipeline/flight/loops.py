@@ -3,28 +3,37 @@
 The margin is separation asked for beyond r_col, so that errors use it up before craft are at risk.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.arrays import Array
+from pipeline.errors import InputError
 from pipeline.flight.closed_loop import ClosedLoop, apart_at
-from pipeline.flight.errors import Draws, Errors
-from pipeline.flight.trials import TrialResults, fly_trials, open_loop
+from pipeline.flight.errors import Errors, draws
+from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import World
-from pipeline.orbit.approaches import TOLERANCE
+from pipeline.orbit.approaches import MOST_PAIRS, TOLERANCE
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED
+from pipeline.plan import SOLVED, Plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
 OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"  # names of the loops
+PORTION = 50  # most trials that are flown side by side
+MOST_TRIALS = 10_000_000  # of one Monte Carlo
 SIGMAS = 3.0  # standard deviations of a relative position that the default margin covers
 
 MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
 """Shares of a margin that are tried in turn at the first node, until there is a safe plan."""
+
+
+Trials = Mapping[str, Array]
+"""Trials of a loop by column, a value a trial, SI units. A craft alone has a ``first_craft`` of -1
+and no separation; ``replan_seconds`` has a row of times a trial, NaN where nobody planned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +49,30 @@ class Loop:
     margin: float = 0.0
 
     def fly(
-        self, scenario: Scenario, world: World, drawn: Draws, errors: Errors
-    ) -> tuple[TrialResults, ClosedLoop | None]:
-        """Fly trials as in ``fly_trials``; with them the replanning, where there is any."""
+        self, scenario: Scenario, world: World, errors: Errors, trials: range, seed: int
+    ) -> Trials:
+        """Fly some trials side by side, as in ``fly_trials``."""
+        drawn = draws(seed, trials, scenario.n, scenario.problem.intervals)
         if self.planner is None:
-            return fly_trials(scenario, world, open_loop(self.controls), drawn, errors), None
-        closed = ClosedLoop(scenario, self.controls, self.planner, len(drawn.bias), self.margin)
-        return fly_trials(scenario, world, closed, drawn, errors), closed
+            closed, guidance = None, open_loop(self.controls)
+        else:
+            closed = ClosedLoop(scenario, self.controls, self.planner, len(trials), self.margin)
+            guidance = closed
+        flown = fly_trials(scenario, world, guidance, drawn, errors)
+        least = flown.nearest
+        return {
+            "trial": np.array(trials),
+            "min_separation": least.distance,
+            "first_craft": least.first,
+            "second_craft": least.second,
+            "min_separation_time": least.time,
+            "goal_error": flown.goal_error,
+            "goal_velocity_error": flown.goal_velocity_error,
+            "delta_v": flown.delta_v,
+            "missed_burns": flown.missed,
+            "unsafe_replans": closed.unsafe if closed else np.zeros(len(trials), dtype=int),
+            "replan_seconds": closed.seconds if closed else np.zeros((len(trials), 0)),
+        }
 
 
 def flight_loops(
@@ -67,6 +93,54 @@ def flight_loops(
     wanted = default_margin(errors, controls, scenario.problem) if margin is None else margin
     wider, allowed = with_margin(scenario, controls, planner, wanted)
     yield Loop(MARGIN, wider, planner, allowed)
+
+
+def portion_of(n: int) -> int:
+    """Trials of n craft that are flown side by side: so few that their pairs fit in memory."""
+    return max(1, min(PORTION, 2 * MOST_PAIRS // n**2))
+
+
+def fly_loops(
+    scenario: Scenario,
+    world: World,
+    errors: Errors,
+    loops: Sequence[Loop],
+    trials: int,
+    seed: int = 0,
+) -> dict[str, Trials]:
+    """Fly each loop so many times, by the loop's name; all trials are in memory.
+
+    Raises:
+        InputError: for no trials, or more than MOST_TRIALS.
+    """
+    refuse_trials(trials)
+    portion = portion_of(scenario.n)
+    parts = [range(k, min(k + portion, trials)) for k in range(0, trials, portion)]
+    found: dict[str, Trials] = {}
+    for loop in loops:
+        flown = [loop.fly(scenario, world, errors, part, seed) for part in parts]
+        found[loop.name] = {name: np.concatenate([p[name] for p in flown]) for name in flown[0]}
+    return found
+
+
+def refuse_replanning(plan: Plan) -> None:
+    """Refuse to plan anew for a risk, which is one of open loop.
+
+    Raises:
+        InputError: where the plan was asked for one.
+    """
+    if (risk := plan.certificate.risk) is not None:
+        raise InputError(
+            f"the plan was asked for a risk of at most {risk.asked:g} in open loop, which planning "
+            "anew does not keep; expected no replanning, or a plan without a risk: a margin is "
+            "what keeps craft apart from their errors then."
+        )
+
+
+def refuse_trials(trials: int) -> None:
+    """Raise InputError for a number of trials that nobody flies."""
+    if not 1 <= trials <= MOST_TRIALS:
+        raise InputError(f"trials is {trials}; expected 1 to {MOST_TRIALS}.")
 
 
 def default_margin(errors: Errors, controls: Controls, problem: Problem) -> float:

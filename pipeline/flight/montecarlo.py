@@ -20,10 +20,9 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import InputError
-from pipeline.flight.errors import Errors, draws
-from pipeline.flight.loops import Loop
+from pipeline.flight.errors import Errors
+from pipeline.flight.loops import PORTION, Loop, Trials, refuse_trials
 from pipeline.flight.world import World
-from pipeline.orbit.approaches import MOST_PAIRS
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.planners.planner import identity
 from pipeline.progress import SILENT, Progress
@@ -49,9 +48,6 @@ from pipeline.storage.shards import (
 SCHEMA = "prolearn.flight/2"
 
 OWNED = rf"({TIMINGS})?loop=[\w-]+/part-\d{{5,}}\.parquet"  # pattern of the names of shards
-PORTION = 50  # most trials that are flown side by side, and rows of a shard
-MOST_TRIALS = 10_000_000  # of one Monte Carlo
-
 MADE_BY: DecidedBy = (
     tuple(
         f"pipeline/{part}"
@@ -157,11 +153,6 @@ class Portion:
         return Size(self.of.portion, self.of.portion * self.of.scenario.problem.intervals)
 
 
-def portion_of(n: int) -> int:
-    """Trials of n craft that are flown side by side: so few that their pairs fit in memory."""
-    return max(1, min(PORTION, 2 * MOST_PAIRS // n**2))
-
-
 def fly_all(
     where: Where | Folder,
     of: MonteCarlo,
@@ -170,7 +161,7 @@ def fly_all(
     *,
     workers: Workers | None = None,
     progress: Progress = SILENT,
-) -> dict[str, pa.Table]:
+) -> dict[str, Trials]:
     """Fly the trials of each loop that are not flown yet, and return all, by the loop's name.
 
     Raises:
@@ -178,8 +169,7 @@ def fly_all(
             begun with other settings or versions.
         ProlearnError: where the folder cannot be written to or workers are killed again and again.
     """
-    if not 1 <= trials <= MOST_TRIALS:
-        raise InputError(f"trials is {trials}; expected 1 to {MOST_TRIALS}.")
+    refuse_trials(trials)
     folder, workers = open_folder(where), workers or Workers()
     with open_ledger(folder, OWNED, lambda: _begin(folder), progress) as ledger:
         portions = [one for loop in loops for one in _portions(of, loop, trials)]
@@ -235,41 +225,33 @@ def _refuse_change(folder: Folder, table: pa.Table, portion: Portion) -> None:
 def _flown(portion: Portion, _: bytes) -> NewShard:
     of, trials = portion.of, portion.rows
     check_worker(of.made_with, MADE_BY)
-    drawn = draws(of.seed, trials, of.scenario.n, of.scenario.problem.intervals)
-    flown, closed = portion.loop.fly(of.scenario, of.world, drawn, of.errors)
-    least = flown.nearest
-    alone = least.first < 0
+    flown = portion.loop.fly(of.scenario, of.world, of.errors, trials, of.seed)
+    alone = flown["first_craft"] < 0
     columns = {
-        "trial": np.array(trials),
-        "min_separation": pa.array(least.distance, mask=alone),
-        "first_craft": pa.array(least.first, mask=alone),
-        "second_craft": pa.array(least.second, mask=alone),
-        "min_separation_time": pa.array(least.time, mask=alone),
-        "goal_error": flown.goal_error,
-        "goal_velocity_error": flown.goal_velocity_error,
-        "delta_v": flown.delta_v,
-        "missed_burns": flown.missed,
-        "unsafe_replans": closed.unsafe if closed else np.zeros(len(trials), dtype=int),
+        field.name: pa.array(flown[field.name], mask=alone if field.nullable else None)
+        for field in FIELDS
     }
     content = encode(pa.table(columns, schema=pa.schema(FIELDS, metadata=portion.metadata)))
-    seconds = closed.seconds if closed else np.zeros((len(trials), 0))
+    seconds = [row[np.isfinite(row)] for row in flown["replan_seconds"]]
     timings = pa.table(
-        {"trial": np.array(trials), "replan_seconds": [row[np.isfinite(row)] for row in seconds]},
+        {"trial": np.array(trials), "replan_seconds": seconds},
         schema=pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest_of(content)}),
     )
     return NewShard(portion.path, content, encode(timings))
 
 
-def _read(ledger: Ledger[TrialsManifest], of: MonteCarlo, loop: Loop, trials: int) -> pa.Table:
-    """The first so many trials of a loop, with what their plans took."""
+def _read(ledger: Ledger[TrialsManifest], of: MonteCarlo, loop: Loop, trials: int) -> Trials:
+    """The first so many trials of a loop, with the times of all their plans."""
 
     def read(digests: Mapping[str, str], top: str = "") -> pa.Table:
         shards = ((top + one.path, digests[one.path], one.most) for one in portions)
-        return pa.concat_tables([_sound(ledger.folder, *shard) for shard in shards])
+        parts = [_sound(ledger.folder, *shard) for shard in shards]
+        return pa.concat_tables(parts).slice(0, trials).combine_chunks()
 
     portions = list(_portions(of, loop, trials))
-    seconds = read(ledger.timed, TIMINGS)["replan_seconds"]
-    return read(ledger.manifest.shards).append_column("replan_seconds", seconds).slice(0, trials)
+    rows, seconds = read(ledger.manifest.shards), read(ledger.timed, TIMINGS)["replan_seconds"]
+    columns = {name: rows[name].to_numpy() for name in rows.column_names}
+    return {**columns, "replan_seconds": seconds.combine_chunks().flatten().to_numpy()}
 
 
 def _sound(folder: Folder, name: str, digest: str, most: Size) -> pa.Table:

@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pipeline.arrays import Array
 from pipeline.figures.intervals import Interval, wilson
 from pipeline.figures.style import (
     CONFLICT_COLOUR,
@@ -19,6 +21,7 @@ from pipeline.figures.style import (
     fit_scale,
     in_style,
 )
+from pipeline.flight.loops import Loop, Trials
 
 HIGH = 0.95  # the quantile of fields whose names end in ``high``
 
@@ -69,41 +72,40 @@ class Summary:
     replan_seconds: float | None  # median time of a plan
 
 
-def summarize(
-    loop: str, planner: str | None, margin: float, rows: pa.Table, radius: float, size: float
-) -> Summary:
-    """The trials of a loop, a row each, in numbers.
+def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary:
+    """The trials of a loop in numbers.
 
-    The margin, the collision radius and the physical size, at which the centres of two craft are
-    when they may touch, are in m.
+    The collision radius and the physical size, at which the centres of two craft are when they may
+    touch, are in m.
     """
-    alone = rows["min_separation"].null_count > 0
-    apart = np.zeros(0) if alone else rows["min_separation"].to_numpy()
+    apart = _separations(trials)
+    alone = len(apart) == 0
     found: dict[str, Any] = {}
     for name, distance in (("within_radius", radius), ("within_size", size)):
         share = None if alone else float((apart <= distance).mean())
         found[name] = share
         found[f"{name}_interval"] = None if share is None else wilson(share, len(apart))
     for name in ("goal_error", "goal_velocity_error", "delta_v"):
-        median, high = np.quantile(rows[name].to_numpy(), [0.5, HIGH]).tolist()
+        median, high = np.quantile(trials[name], [0.5, HIGH]).tolist()
         found |= {f"{name}_median": median, f"{name}_high": high}
-    taken = rows["replan_seconds"].combine_chunks().flatten().to_numpy()
+    taken = trials["replan_seconds"]
+    taken = taken[np.isfinite(taken)]
     return Summary(
-        loop=loop,
-        planner=planner,
-        margin=margin if planner else None,
-        trials=rows.num_rows,
+        loop=loop.name,
+        planner=None if loop.planner is None else loop.planner.name,
+        margin=None if loop.planner is None else loop.margin,
+        trials=len(trials["trial"]),
         least_separation=None if alone else float(apart.min()),
         separation_median=None if alone else float(np.median(apart)),
-        missed_burns=float(rows["missed_burns"].to_numpy().mean()),
-        unsafe_replans=float(rows["unsafe_replans"].to_numpy().mean()) if planner else None,
+        missed_burns=float(trials["missed_burns"].mean()),
+        unsafe_replans=float(trials["unsafe_replans"].mean()) if loop.planner else None,
         replan_seconds=float(np.median(taken)) if len(taken) else None,
         **found,
     )
 
 
 @in_style
-def trials_figure(tables: Mapping[str, pa.Table], radius: float, size: float, title: str) -> Figure:
+def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, title: str) -> Figure:
     """For each quantity the share of trials at or below a value, a line a loop.
 
     The collision radius, m, is marked, and the physical size, m, where trials come near it.
@@ -111,7 +113,8 @@ def trials_figure(tables: Mapping[str, pa.Table], radius: float, size: float, ti
     figure = Figure(figsize=(PAGE_WIDTH, HEIGHT), layout="constrained")
     panels = figure.subplots(1, len(PANELS), sharey=True)
     for ax, (column, label) in zip(panels, PANELS.items(), strict=True):
-        values = [table[column].drop_null().to_numpy() for table in tables.values()]
+        read = _separations if column == "min_separation" else itemgetter(column)
+        values = [read(trials) for trials in tables.values()]
         for loop, found, line in zip(tables, values, LINES, strict=False):
             if len(found):
                 ax.ecdf(found, label=loop, **line)
@@ -127,6 +130,12 @@ def trials_figure(tables: Mapping[str, pa.Table], radius: float, size: float, ti
     if len(tables) > 1:
         figure.legend(handles, labels, loc="outside lower center", ncols=len(tables))
     return figure
+
+
+def _separations(trials: Trials) -> Float[Array, "_"]:
+    """The least separation of each trial, m; none of a craft alone."""
+    apart = trials["min_separation"]
+    return apart[np.isfinite(apart)]
 
 
 def _mark(ax: Axes, distance: float, label: str) -> None:

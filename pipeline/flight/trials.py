@@ -14,6 +14,9 @@ from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.scenario import Scenario
 
+SIZE = 0.35
+"""Distance of two craft's centres at which two cubes of 20 cm can touch, m."""
+
 Guidance = Callable[[int, Float[Array, "K n 6"]], Float[Array, "K n 3"]]
 """Controls, m/s², for the interval that begins at a node, from the number of that node and the
 estimated states there, m and m/s; called for each node once, in order."""

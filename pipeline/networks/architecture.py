@@ -1,14 +1,8 @@
 """What an architecture is: sizes, how it learns, and how it answers swarms of any size.
 
-To add one, write one file and one entry point. The file holds an object with the members of
-``Architecture``; one that learns the expert's plans gets most of them from
-``pipeline.networks.supervised.Supervised``, as ``pipeline/networks/lstm.py`` does. The entry point
-names it:
-
-    [project.entry-points."prolearn.architectures"]
-    mine = "my_package.mine:MINE"
-
-Then ``mine`` can be trained, saved, loaded, evaluated and planned with like the built-in ones.
+One is an object with the members of ``Architecture``, named by an entry point of the group
+``prolearn.architectures``; one that learns the expert's plans gets most of them from
+``pipeline.networks.supervised.Supervised``, as ``pipeline/networks/lstm.py`` does.
 """
 
 from collections.abc import Mapping
@@ -35,16 +29,13 @@ Batch = Mapping[str, Tensor]
 
 @dataclass(frozen=True, eq=False)
 class Swarms:
-    """Some swarms of one size on one orbit and time grid, in float64 on the CPU.
-
-    Attributes:
-        states: the expert's node states; not numbers where it has not planned, or None.
-    """
+    """Some swarms of one size on one orbit and time grid, in float64 on the CPU."""
 
     problem: Problem  # orbit and time grid
     initial: Float64[Tensor, "b n 6"]  # m and m/s
     goal: Float64[Tensor, "b n 6"]  # m and m/s
     collision_radius: Float64[Tensor, "b"]  # of each swarm, m; it need not be the problem's
+    # the expert's at the nodes; not numbers where it has not planned
     states: Float64[Tensor, "b n T 6"] | None = None
 
 
@@ -92,15 +83,11 @@ class Architecture(Protocol):
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """An untrained module.
 
-        It must be a function of its arguments alone, since a stored model is rebuilt with it:
-        ``config`` comes from a file and may hold anything; raise ValueError where it makes no
-        sense. All that it holds is stored as weights, so what follows from the problem alone
-        belongs elsewhere.
-
-        Args:
-            config: sizes, as in the property of this name.
-            encoding: swarm size, nodes and problem that the network is for.
-            dropout: share of each hidden layer's outputs to drop in training.
+        It must be a function of its arguments alone, since a stored model is rebuilt with it: the
+        sizes in ``config`` come from a file and may be anything; raise ValueError where they make
+        no sense. All that it holds is stored as weights, so what follows from the problem alone
+        belongs elsewhere. ``dropout`` is the share of each hidden layer's outputs to drop in
+        training.
         """
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:

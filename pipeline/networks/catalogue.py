@@ -5,23 +5,11 @@ by an entry point of the group ``prolearn.architectures``. Any installed distrib
 """
 
 from importlib.metadata import entry_points
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from pipeline.errors import InputError
 
 GROUP = "prolearn.architectures"
-
-
-@runtime_checkable
-class AnyEntryPoint(Protocol):
-    """An entry point; some packages bring a class of their own for it."""
-
-    @property
-    def value(self) -> str:
-        """Module and object."""
-
-    def load(self) -> Any:
-        """The object."""
 
 
 def architecture_names() -> tuple[str, ...]:
@@ -39,8 +27,8 @@ def distribution_of(name: str) -> str | None:
     return None if found is None else str(found.name)
 
 
-def entry_point(name: str) -> AnyEntryPoint:
-    """Where the architecture of a name is.
+def entry_point(name: str) -> Any:
+    """Where the architecture of a name is; some packages bring a class of their own for it.
 
     Raises:
         InputError: for an unknown name, with the known ones.

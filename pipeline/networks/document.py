@@ -58,12 +58,7 @@ class TrainedNetwork(Protocol):
         """
 
     def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ _"]:
-        """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s².
-
-        Args:
-            initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
-            goal: their goal states.
-            collision_radius: r_col, m, for networks that read it.
+        """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s², for any n ≥ 1.
 
         Raises:
             InputError: where the two differ in shape or are not states of swarms.
@@ -146,15 +141,10 @@ def read_model(folder: Path) -> ModelDocument:
 
 
 def read_weights(folder: Path, digest: str, parse: Callable[[bytes], Weights]) -> Weights:
-    """The weights of a folder, of which nothing is executed.
-
-    Args:
-        folder: where the file is.
-        digest: SHA-256 that it must have.
-        parse: of safetensors, for arrays or tensors.
+    """The weights of a folder, parsed by safetensors; nothing in them is executed.
 
     Raises:
-        InputError: where the file is missing, another or damaged.
+        InputError: where the file is missing, not that of the SHA-256, or damaged.
     """
     path = folder / WEIGHTS_FILE
     try:

@@ -18,41 +18,28 @@ Ends = Float[Array, "*batch 6"]
 Trajectories = Float[Array, "*batch T 6"]
 
 
-def line(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
-    """The straight line from initial to goal state, in m and m/s."""
-    return straight_line(initial, goal, problem.nodes)
-
-
-def zeros(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+def _ends_alone(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
     """Nothing but the first and last state of each craft."""
     states = np.zeros((*initial.shape[:-1], problem.nodes, 6))
     states[..., 0, :], states[..., -1, :] = initial, goal
     return states
 
 
-def least_energy(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
-    """Each craft's own transfer of minimum energy, in closed form."""
-    return fly(initial, minimum_energy(initial, goal, problem), problem)
-
-
 INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
-    "line": line,
-    "zeros": zeros,
-    "minimum-energy": least_energy,
+    "line": lambda initial, goal, problem: straight_line(initial, goal, problem.nodes),
+    "zeros": _ends_alone,
+    "minimum-energy": lambda initial, goal, problem: fly(
+        initial, minimum_energy(initial, goal, problem), problem
+    ),
 }
 """By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
 
-STATES = "states"  # the answer is the trajectory itself, as in the paper
-OFFSET = "offset"  # the answer is the trajectory's offset from the input's
+TARGETS = STATES, OFFSET = "states", "offset"
+"""The answer is the trajectory itself, as in the paper, or its offset from the input's."""
 
-TARGETS = (STATES, OFFSET)
-
-COMMON = "common"
-"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix."""
-
-COMPONENT = "component"  # a scale for each component, so that each is near 1
-
-SCALINGS = (COMMON, COMPONENT)
+SCALINGS = COMMON, COMPONENT = "common", "component"
+"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix, or
+one for each, so that each is near 1."""
 
 LEAST_SHARE = 1e-6
 """Least scale of a component, as a share of the largest of its kind: rounding is no signal."""
@@ -104,12 +91,8 @@ class Encoding:
 def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMPONENT) -> Encoding:
     """The encoding whose scales come from training examples, in one pass over them.
 
-    Args:
-        examples: what is learnt from; where there are no plans, the inputs stand for them.
-        interior: of INTERIORS.
-        target: STATES or OFFSET.
-        scaling: COMMON, by the largest component's root mean square, or COMPONENT, each by its
-            own.
+    They are COMMON, the largest component's root mean square, or of each COMPONENT its own. Where
+    there are no plans, the inputs stand for them.
 
     Raises:
         InputError: for an unknown interior, target or scaling.
@@ -123,18 +106,14 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
         wanted = wanted - given if target == OFFSET else wanted
         squares += [np.square(states).sum(axis=(0, 1, 2)) for states in (given, wanted)]
         count += given.shape[0] * given.shape[1] * given.shape[2]
-    scale = _common_scale if scaling == COMMON else _component_scale
-    scales = (scale(np.sqrt(square / count)) for square in squares)
+    scales = (_scale(np.sqrt(square / count), scaling) for square in squares)
     return Encoding(examples.problem, examples.n, interior, target, *scales)
 
 
-def _common_scale(size: Float[Array, "6"]) -> tuple[float, ...]:
-    """The largest component's root mean square, for all."""
-    return (float(size.max()) or 1.0,) * 6
-
-
-def _component_scale(size: Float[Array, "6"]) -> tuple[float, ...]:
-    """Root mean square of each component; one that never varies gets a harmless scale."""
+def _scale(size: Float[Array, "6"], scaling: str) -> tuple[float, ...]:
+    """Scales from each component's root mean square; what never varies gets a harmless one."""
+    if scaling == COMMON:
+        return (float(size.max()) or 1.0,) * 6
     kind = np.repeat(size.reshape(2, 3).max(axis=1), 3)  # positions, velocities
     size = np.maximum(size, LEAST_SHARE * kind)
     return tuple(float(s) for s in np.where(size > 0, size, 1.0))

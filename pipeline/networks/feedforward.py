@@ -19,15 +19,15 @@ from pipeline.networks.supervised import Supervised
 
 MAX_WIDTH = 1_000_000  # more neurons in a layer than this is a mistake
 
-Width = Annotated[int, Field(ge=1, le=MAX_WIDTH, strict=True)]
-
 
 class Layers(BaseModel):
-    """Neurons of each hidden layer, in order."""
+    """Units of each hidden layer, in order."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    hidden: list[Width] = Field(min_length=1, max_length=100)
+    hidden: list[Annotated[int, Field(ge=1, le=MAX_WIDTH, strict=True)]] = Field(
+        min_length=1, max_length=100
+    )
 
 
 def hidden_layers(config: Mapping[str, Any]) -> list[int]:
@@ -36,20 +36,25 @@ def hidden_layers(config: Mapping[str, Any]) -> list[int]:
 
 
 @dataclass(frozen=True)
-class FeedForward(Supervised):
+class Layered(Supervised):
+    """A network of hidden layers, which its configuration lists."""
+
+    hidden: tuple[int, ...]  # units of each
+    collision: bool = False  # whether the loss has the collision penalty
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """Units of each hidden layer."""
+        return {"hidden": list(self.hidden)}
+
+
+@dataclass(frozen=True)
+class FeedForward(Layered):
     """Dense layers on the flattened 6·n·T matrix, each hidden one with ReLU and dropout.
 
     Its input has a fixed size. A smaller swarm is padded with virtual craft at rest in the
     origin; a larger one is answered with the average over combinations of its craft.
     """
-
-    hidden: tuple[int, ...]  # neurons of each hidden layer
-    collision: bool = False  # whether the loss has the collision penalty
-
-    @property
-    def config(self) -> Mapping[str, Any]:
-        """Neurons of each hidden layer."""
-        return {"hidden": list(self.hidden)}
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """Dense layers from 6·n·T numbers to 6·n·T numbers."""
@@ -108,36 +113,22 @@ def combinations_of(n: int, size: int) -> Int[Array, "k size"]:
 
     All of them where there are at most MOST_COMBINATIONS. Otherwise random permutations, cut into
     pieces of ``size`` with the last piece wrapping round, until there are so many: so craft are in
-    nearly equally many. More only where fewer could not hold every craft.
-
-    Args:
-        n: craft in the swarm, at least ``size``.
-        size: craft in a combination.
-
-    Returns:
-        Indices of craft, ascending in each row; read-only.
+    nearly equally many. More only where fewer could not hold every craft. Indices ascend in each
+    row, and are read-only.
     """
     if comb(n, size) <= MOST_COMBINATIONS:
-        chosen = _all_combinations(n, size)
+        found = np.array(list(combinations(range(n), size)))
     else:
-        chosen = _random_combinations(n, size, max(MOST_COMBINATIONS, ceil(n / size)))
-    chosen.flags.writeable = False
-    return chosen
-
-
-def _all_combinations(n: int, size: int) -> Int[Array, "k size"]:
-    return np.array(list(combinations(range(n), size)))
-
-
-def _random_combinations(n: int, size: int, count: int) -> Int[Array, "k size"]:
-    rng = np.random.default_rng([n, size])
-    pieces = ceil(n / size)
-    chosen: dict[tuple[int, ...], None] = {}  # a set that keeps the order
-    while len(chosen) < count:
-        # The first permutation's pieces are distinct, so all of them stay, and cover every craft.
-        rows = np.resize(rng.permutation(n), (pieces, size))
-        chosen.update(dict.fromkeys(tuple(row) for row in np.sort(rows, axis=1).tolist()))
-    return np.array(list(chosen)[:count])
+        rng, pieces = np.random.default_rng([n, size]), ceil(n / size)
+        count = max(MOST_COMBINATIONS, pieces)
+        chosen: dict[tuple[int, ...], None] = {}  # a set that keeps the order
+        while len(chosen) < count:
+            # The first permutation's pieces are distinct, so they stay, and cover every craft.
+            rows = np.resize(rng.permutation(n), (pieces, size))
+            chosen.update(dict.fromkeys(tuple(row) for row in np.sort(rows, axis=1).tolist()))
+        found = np.array(list(chosen)[:count])
+    found.flags.writeable = False
+    return found
 
 
 FF1 = FeedForward((180,))

@@ -9,8 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.feedforward import hidden_layers
-from pipeline.networks.supervised import Supervised
+from pipeline.networks.feedforward import Layered, hidden_layers
 
 STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
 """Weights that all columns share see nT times as many examples: larger steps, fewer epochs do."""
@@ -39,16 +38,8 @@ class Columns(nn.Module):
 
 
 @dataclass(frozen=True)
-class Lstm(Supervised):
+class Lstm(Layered):
     """LSTM layers over the craft's trajectories, one after the other, so for any number of them."""
-
-    hidden: tuple[int, ...]  # units of each LSTM layer
-    collision: bool = False  # whether the loss has the collision penalty
-
-    @property
-    def config(self) -> Mapping[str, Any]:
-        """Units of each LSTM layer."""
-        return {"hidden": list(self.hidden)}
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:

@@ -77,12 +77,16 @@ class Model:
         encoding = replace(self.encoding, problem=problem)
         try:
             network = _skeleton(self.architecture, self.config, encoding)
+            network.load_state_dict(self.network.state_dict(), assign=True)
         except NO_NETWORK as error:
-            raise _misfit(self, problem) from error
-        weights = self.network.state_dict()
-        if _shapes(weights) != _shapes(network.state_dict()):
-            raise _misfit(self, problem)
-        network.load_state_dict(weights, assign=True)
+            known = self.problem
+            raise InputError(
+                f"the weights of the network {self.architecture}, trained with nodes {known.nodes} "
+                f"and time_step {known.time_step:.9g}, do not fit nodes {problem.nodes} and "
+                f"time_step {problem.time_step:.9g}; expected a problem that they fit: train on "
+                "data of this kind, or take a network whose size does not depend on the time grid, "
+                "such as lstm1."
+            ) from error
         return replace(self, encoding=encoding, network=network)
 
     @property
@@ -95,11 +99,8 @@ class Model:
     ) -> Float[Array, "N n T 6"]:
         """Node states in m and m/s as the network answers, by the training's collision radius.
 
-        States that it answers obey no dynamics; controls are flown, and may miss the goal.
-
-        Args:
-            initial: initial states of N swarms of any n ≥ 1 craft, m and m/s.
-            goal: their goal states.
+        States that it answers obey no dynamics; controls are flown, and may miss the goal. Swarms
+        may have any n ≥ 1 craft, their states in m and m/s.
 
         Raises:
             InputError: where the two differ in shape or are not states of swarms.
@@ -183,20 +184,6 @@ def _skeleton(architecture: str, config: Mapping[str, Any], encoding: Encoding) 
     found = find(architecture)
     with torch.device("meta"):
         return found.network(config, encoding, 0.0)
-
-
-def _shapes(weights: Mapping[str, Tensor]) -> dict[str, torch.Size]:
-    return {name: tensor.shape for name, tensor in weights.items()}
-
-
-def _misfit(model: Model, problem: Problem) -> InputError:
-    known = model.problem
-    return InputError(
-        f"the weights of the network {model.architecture}, trained with nodes {known.nodes} and "
-        f"time_step {known.time_step:.9g}, do not fit nodes {problem.nodes} and time_step "
-        f"{problem.time_step:.9g}; expected a problem that they fit: train on data of this kind, "
-        "or take a network whose size does not depend on the time grid, such as lstm1."
-    )
 
 
 def _check_weights(path: Path, given: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> None:

@@ -1,10 +1,10 @@
 """A model as one ONNX file for use on board, compared with torch before it takes its name."""
 
 import math
-import time
+import timeit
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +29,13 @@ from pipeline.scenario.scenario import MOST_CRAFT
 SCHEMA = "prolearn.onnx/1"
 
 TRACED = 9  # craft with which the graph is traced: neither 0 nor 1, which torch treats as constants
-
-
 TOLERANCE = 1e-5  # largest difference from torch, as a share of a component's root mean square
 
 SIZES = (1, 2, 10, 30, 100)
 """Swarm sizes that are checked and timed, as far as the file answers for them."""
 
-INSTANCES = 4
-WARM_UP = 5
-REPEATS = 50
+INSTANCES = 4  # random swarms of each size that are compared
+WARM_UP, REPEATS = 5, 50  # calls before those that are timed, and these
 
 
 @dataclass(frozen=True)
@@ -67,34 +64,26 @@ def check(path: Path, model: Model, n: int | None, *, flown: bool) -> GraphCheck
         ProlearnError: where its answer differs from torch's by more than TOLERANCE.
     """
     session = open_session(path)
-    differences: dict[int, tuple[float, float]] = {}
-    for sizes, most in _claims(model, n):
-        for size in sizes:
-            differences[size] = _difference(session, model, size, flown=flown)
-        shares, metres = zip(*(differences[size] for size in sizes), strict=True)
-        if max(shares) <= TOLERANCE:
-            seconds = {size: _seconds(session, model, size) for size in sizes}
-            return GraphCheck(n, most, max(shares), max(metres), seconds)
-    raise ProlearnError(
-        f"onnxruntime's answer differs from torch's by {max(shares):.2g} of a component's root "
-        f"mean square; expected at most {TOLERANCE:g}: the file was not written."
-    )
-
-
-def _claims(model: Model, n: int | None) -> list[tuple[list[int], int | None]]:
-    """Swarm sizes to check, the widest claim first, and the greatest size then claimed."""
-    if n is not None:
-        return [([n], n)]
-    sizes = sorted({*SIZES, model.n_train})
-    return [(sizes, None), ([s for s in sizes if s <= model.n_train], model.n_train)]
+    most = n
+    sizes = sorted({*SIZES, model.n_train}) if n is None else [n]
+    found = {size: _difference(session, model, size, flown=flown) for size in sizes}
+    if n is None and max(found.values())[0] > TOLERANCE:  # what serves any n must serve all sizes
+        most = model.n_train
+        found = {size: difference for size, difference in found.items() if size <= most}
+    shares, metres = (max(values) for values in zip(*found.values(), strict=True))
+    if shares > TOLERANCE:
+        raise ProlearnError(
+            f"onnxruntime's answer differs from torch's by {shares:.2g} of a component's root "
+            f"mean square; expected at most {TOLERANCE:g}: the file was not written."
+        )
+    return GraphCheck(n, most, shares, metres, {k: _seconds(session, model, k) for k in found})
 
 
 def _ends(model: Model, n: int, instances: int) -> dict[str, Float[Array, "N n 6"]]:
     """Random end states as large as the training data's, in float32."""
-    rng = np.random.default_rng(n)
     scale = np.array(model.encoding.input_scale)
-    drawn = rng.normal(size=(2, instances, n, 6)) * scale
-    return {"initial": drawn[0].astype(np.float32), "goal": drawn[1].astype(np.float32)}
+    drawn = np.random.default_rng(n).normal(size=(2, instances, n, 6)) * scale
+    return dict(zip(("initial", "goal"), drawn.astype(np.float32), strict=True))
 
 
 def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[float, float]:
@@ -104,7 +93,11 @@ def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[flo
         given: Sequence[Array] = session.run(None, ends)
     except Exception:  # onnxruntime's own kinds, all directly under Exception
         return math.inf, math.inf
-    wanted = _wanted(model, *(e.astype(np.float64) for e in ends.values()), flown=flown)
+    initial, goal = (end.astype(np.float64) for end in ends.values())
+    wanted = [predicted := model.predict(initial, goal)]
+    if flown:
+        controls = project_to_flyable(predicted, initial, goal, model.problem)
+        wanted = [fly(initial, controls, model.problem), controls]
     if [g.shape for g in given] != [w.shape for w in wanted]:
         return math.inf, math.inf
     shares = [
@@ -115,66 +108,42 @@ def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[flo
     return float(np.concatenate(shares).max()), float(metres)
 
 
-def _wanted(
-    model: Model, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"], *, flown: bool
-) -> list[Array]:
-    """Torch's answer."""
-    predicted = model.predict(initial, goal)
-    if not flown:
-        return [predicted]
-    controls = project_to_flyable(predicted, initial, goal, model.problem)
-    return [fly(initial, controls, model.problem), controls]
-
-
 def _seconds(session: Any, model: Model, n: int) -> float:
     """Median time of one instance, after a few to warm up."""
     ends = _ends(model, n, 1)
-    times = []
-    for _ in range(WARM_UP + REPEATS):
-        started = time.perf_counter()
-        session.run(None, ends)
-        times.append(time.perf_counter() - started)
-    return float(np.median(times[WARM_UP:]))
+    call = partial(session.run, None, ends)
+    return float(np.median(timeit.repeat(call, number=1, repeat=WARM_UP + REPEATS)[WARM_UP:]))
 
 
 class OnBoard(nn.Module):
-    """Encoding, network and decoding in float32, all of it torch, for any batch."""
+    """Encoding, network and decoding in float32, all of it torch, for any batch.
+
+    With ``flown`` the prediction is then projected onto the transfers that obey the dynamics and
+    both ends.
+    """
 
     read: Tensor  # linear map from both end states of a craft to its input trajectory, (12, 6T)
-
-    def __init__(self, architecture: Supervised, model: Model) -> None:
-        super().__init__()
-        self.architecture = architecture
-        self.encoding = model.encoding
-        self.network = model.network
-        self.register_buffer("read", torch.from_numpy(input_map(model.encoding)).float())
-
-    def forward(
-        self, initial: Float[Tensor, "b n 6"], goal: Float[Tensor, "b n 6"]
-    ) -> tuple[Tensor, ...]:
-        """Node states (b, n, T, 6), m and m/s, as the network predicts them."""
-        ends = torch.cat([initial, goal], dim=-1)  # (b, n, 12)
-        inputs = (ends @ self.read).reshape(*initial.shape[:2], -1, 6)  # (b, n, T, 6)
-        output = self.architecture.forward(self.network, inputs, self.encoding)
-        return (self.encoding.decode(output, inputs),)
-
-
-class OnBoardFlown(OnBoard):
-    """The same, then projected onto the transfers that obey the dynamics and both ends."""
-
     flyable: Tensor  # from predicted states and both ends to flown ones and controls
 
-    def __init__(self, architecture: Supervised, model: Model) -> None:
-        super().__init__(architecture, model)
-        self.register_buffer("flyable", torch.from_numpy(flyable_map(model.problem)))
+    def __init__(self, architecture: Supervised, model: Model, *, flown: bool) -> None:
+        super().__init__()
+        self.architecture, self.encoding, self.network = architecture, model.encoding, model.network
+        self.flown = flown
+        self.register_buffer("read", torch.from_numpy(input_map(model.encoding)).float())
+        if flown:
+            self.register_buffer("flyable", torch.from_numpy(flyable_map(model.problem)))
 
     def forward(
         self, initial: Float[Tensor, "b n 6"], goal: Float[Tensor, "b n 6"]
     ) -> tuple[Tensor, ...]:
-        """Node states (b, n, T, 6) that can be flown, and their controls (b, n, T-1, 3), m/s²."""
-        (predicted,) = super().forward(initial, goal)
-        T = self.encoding.problem.nodes
-        known = torch.cat([predicted.flatten(2), initial, goal], dim=-1).double()
+        """Node states (b, n, T, 6), m and m/s; if flown also controls (b, n, T-1, 3), m/s²."""
+        ends, T = torch.cat([initial, goal], dim=-1), self.encoding.problem.nodes  # (b, n, 12)
+        inputs = (ends @ self.read).reshape(*initial.shape[:2], T, 6)
+        output = self.architecture.forward(self.network, inputs, self.encoding)
+        predicted = self.encoding.decode(output, inputs)
+        if not self.flown:
+            return (predicted,)
+        known = torch.cat([predicted.flatten(2), ends], dim=-1).double()
         # In float64: what the controls reach is a small difference of large terms.
         flown = (known @ self.flyable).float()  # (b, n, 6T + 3(T-1))
         states, controls = flown[..., : 6 * T], flown[..., 6 * T :]
@@ -222,13 +191,9 @@ def export(
     Inputs ``initial`` and ``goal``, (batch, n, 6); output ``states``, (batch, n, T, 6), and
     with ``flown`` also ``controls``, (batch, n, T-1, 3).
 
-    Args:
-        model: what to export.
-        path: the file, replaced where it exists.
-        n: craft that the file is for; by default any number that one graph of the architecture
-            answers for.
-        flown: project the prediction onto the transfers that can be flown.
-        about: JSON values that are stored in the file's metadata.
+    The file is for n craft, or for any number that one graph of the architecture answers for.
+    ``flown`` projects the prediction onto the transfers that can be flown; the file's metadata has
+    the JSON values ``about``.
 
     Raises:
         InputError: where onnx or onnxruntime is not installed, n is no number of craft, or the
@@ -238,18 +203,6 @@ def export(
     """
     if n is not None:
         check_range("n", n, 1, MOST_CRAFT)
-    outputs = ("states", "controls") if flown else ("states",)
-    made = _traced(model, n, outputs)
-    with published(path) as temporary:
-        axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
-        write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
-        checked = check(temporary, model, n, flown=flown)
-        kib = temporary.stat().st_size / 1024
-    return Exported(path, kib, flown, checked)
-
-
-def _traced(model: Model, n: int | None, outputs: Sequence[str]) -> torch.onnx.ONNXProgram:
-    """The graph of a model."""
     architecture = find(model.architecture)
     if not isinstance(architecture, Supervised):
         raise InputError(
@@ -257,8 +210,15 @@ def _traced(model: Model, n: int | None, outputs: Sequence[str]) -> torch.onnx.O
             "own; expected one derived from pipeline.networks.supervised.Supervised, or refiner: "
             "these alone are exported."
         )
-    module = (OnBoardFlown if "controls" in outputs else OnBoard)(architecture, model)
+    outputs = ("states", "controls") if flown else ("states",)
+    module = OnBoard(architecture, model, flown=flown)
     craft = n or max(2, min(TRACED, model.n_train - 1))
-    axes = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
+    free = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
     ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}
-    return traced(module, ends, outputs, (axes, axes), model.architecture)
+    made = traced(module, ends, outputs, (free, free), model.architecture)
+    with published(path) as temporary:
+        axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
+        write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
+        checked = check(temporary, model, n, flown=flown)
+        kib = temporary.stat().st_size / 1024
+    return Exported(path, kib, flown, checked)

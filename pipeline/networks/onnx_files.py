@@ -23,7 +23,7 @@ def traced(
     module: nn.Module,
     examples: Mapping[str, Tensor],
     outputs: Sequence[str],
-    dynamic: Sequence[Mapping[int, Any]],
+    dynamic: Sequence[Any],
     name: str,
 ) -> torch.onnx.ONNXProgram:
     """The graph of a module, traced with example inputs by name.
@@ -97,14 +97,11 @@ def open_session(path: Path) -> Any:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep to ourselves what torch and its exporter say about what we do not use."""
-    loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnx_ir")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", category=Warning)
             yield
     finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
+        logging.disable(before)

@@ -137,7 +137,8 @@ def _least_at_nodes(states: States, swarms: Swarms) -> Float[Array, "swarms"]:
     least = np.full(len(swarms.sizes), np.inf)
     i, j = swarms.pairs
     distance = norm(states[i, :, :3] - states[j, :, :3]).min(axis=1)
-    np.minimum.at(least, swarms.label[i], distance)
+    with np.errstate(invalid="ignore"):  # what is NaN stays NaN, which nothing is safe by
+        np.minimum.at(least, swarms.label[i], distance)
     return least
 
 

@@ -86,25 +86,21 @@ class PlanDocument(BaseModel):
             raise ValueError(f"assignment.slots is no order of the {n} goals")
         return self
 
-    @property
-    def plan(self) -> Plan:
-        """The plan that the fields describe."""
+    def plan(self, scenario: Scenario) -> Plan:
+        """The plan that the other fields describe, for the scenario."""
         given: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(Plan)}
         arrays = {name: np.array(given[name]) for name in ("states", "controls")}
-        return Plan(**given | arrays)
+        return Plan(**given | arrays | {"scenario": scenario})
 
 
-def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
-    """The fields of a plan file for the scenario that it flies, its goals in assigned order.
-
-    What is infinite or absent becomes null.
-    """
-    problem = scenario.problem
+def plan_document(plan: Plan) -> dict[str, Any]:
+    """The fields of a plan file; what is infinite or absent becomes null."""
+    problem = plan.scenario.problem
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
     asked = {"separation": plan.separation} if plan.separation == "nodes" else {}
     return {
         "schema": SCHEMA,
-        "scenario": document_of(scenario),
+        "scenario": document_of(plan.scenario),
         "planner": plan.planner,
         "status": plan.status,
         "message": plan.message,
@@ -119,33 +115,25 @@ def plan_document(plan: Plan, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def write_plan(path: Path, plan: Plan, scenario: Scenario) -> None:
+def write_plan(path: Path, plan: Plan) -> None:
     """Write a plan file, a line for each node of each craft."""
-    write_document(path, plan_document(plan, scenario))
+    write_document(path, plan_document(plan))
 
 
-def read_plan(path: Path) -> tuple[Plan, Scenario | None]:
-    """The plan in a file, with its certificate as claimed there, and the scenario it is for.
-
-    The scenario is None in files of version 1, which do not hold it.
+def read_plan(path: Path) -> Plan:
+    """The plan in a file, with its certificate as claimed there.
 
     Raises:
-        InputError: where the file cannot be read or a field is missing or wrong, by its name.
+        InputError: where the file cannot be read, a field is missing or wrong, by its name, or the
+            scenario is missing, as in files of version 1.
     """
     document = read_document(path, PlanDocument, WHAT)
-    asked = document.scenario
-    return document.plan, None if asked is None else asked.scenario_of(path)
-
-
-def read_whole_plan(path: Path) -> tuple[Plan, Scenario]:
-    """The plan in a file and its scenario; a file without one is an InputError."""
-    plan, scenario = read_plan(path)
-    if scenario is None:
+    if document.scenario is None:
         raise InputError(
             f"{path} has schema prolearn.plan/1, which leaves out the scenario; expected {SCHEMA}: "
             "plan again with `prolearn plan`."
         )
-    return plan, scenario
+    return document.plan(document.scenario.scenario_of(path))
 
 
 def json_schema() -> dict[str, Any]:

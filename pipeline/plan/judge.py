@@ -49,10 +49,12 @@ def planned_all(
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     flown, burned = np.split(states, ends), np.split(controls, ends)
     plans = []
-    for one, theirs, burns, certificate in zip(made, flown, burned, certificates, strict=True):
+    every = zip(scenarios, made, flown, burned, certificates, strict=True)
+    for scenario, one, theirs, burns, certificate in every:
         status, message = judge(certificate, burns, problem, requirements)
         plans.append(
             Plan(
+                scenario,
                 planner,
                 status,
                 theirs,
@@ -116,10 +118,10 @@ def is_safe(
     return certificate.min_separation_bound > problem.collision_radius
 
 
-def check_states(plan: Plan, scenario: Scenario) -> None:
+def check_states(plan: Plan) -> None:
     """Refuse a plan whose states start elsewhere or break the dynamics with an InputError."""
-    defect = dynamics_defect(plan.states, plan.controls, scenario.problem)[..., :3]
-    start = (plan.states[:, 0] - scenario.initial)[:, :3]
+    defect = dynamics_defect(plan.states, plan.controls, plan.scenario.problem)[..., :3]
+    start = (plan.states[:, 0] - plan.scenario.initial)[:, :3]
     off = max(float(np.abs(defect).max()), float(np.abs(start).max()))
     if not off <= POSITION_TOLERANCE:
         raise InputError(

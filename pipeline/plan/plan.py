@@ -51,11 +51,12 @@ class Assignment:
     saving: float | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """What each craft of a scenario is to do.
 
     Attributes:
+        scenario: what it is for; its goals in the order of the assignment, where there is one.
         planner: name of the planner.
         status: SOLVED, UNSAFE, INFEASIBLE or UNSOLVED.
         states: node states, m and m/s.
@@ -64,11 +65,11 @@ class Plan:
         convex_solves: joint convex programs that it took.
         timing: seconds by stage; "plan" is from scenario to controls.
         message: why, where the status is not SOLVED.
-        assignment: who takes which of the given goals, where that was chosen: the plan is for the
-            scenario's goals in that order.
+        assignment: who takes which of the given goals, where that was chosen.
         separation: when craft were to be kept apart: at all times, or at the nodes only.
     """
 
+    scenario: Scenario
     planner: str
     status: str
     states: States
@@ -80,15 +81,22 @@ class Plan:
     assignment: Assignment | None = None
     separation: Separation = "continuous"
 
+    def __repr__(self) -> str:
+        """Who made it, its status, cost and closest approach; without the arrays."""
+        found = self.certificate
+        said = [f"{self.scenario.n} craft by {self.planner}, {self.status}"]
+        said.append(f"Δv {found.delta_v:.4g} m/s, gap {found.optimality_gap:.2%}")
+        if found.min_separation_pair is not None:
+            i, j = found.min_separation_pair
+            at = f"{found.min_separation:.2f} m at {found.min_separation_time:.0f} s"
+            said.append(f"closest {i} and {j}, {at}")
+        return f"Plan({'; '.join(said)})"
+
     @property
     def requirements(self) -> Requirements:
         """What was asked of its flight without errors; the certificate has the limit of a risk."""
         drifting = self.certificate.passive_safety
         return Requirements(self.separation, None if drifting is None else drifting.orbits)
-
-    def flown(self, scenario: Scenario) -> Scenario:
-        """The scenario that it is for: the one given, its goals in the order of the assignment."""
-        return scenario if self.assignment is None else scenario.taking(self.assignment.slots)
 
 
 def summary(plan: Plan) -> dict[str, Any]:

@@ -12,12 +12,14 @@ from pipeline.orbit.risk import FAR, collision_risk
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.judge import POSITION_TOLERANCE, Made, planned, violations
 from pipeline.plan.plan import SOLVED, Plan
-from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
 # Share by which a claimed risk may be below the one found anew: its quadrature is so exact
 SAME = 1e-2
+
+FalseClaim = tuple[str, float, float, str]
+"""Name of a field, the value that a file claims, the value found anew, and the unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +35,18 @@ class Rechecked:
     faults: tuple[str, ...]  # what is wrong with it, in sentences; empty where it is solved
 
 
-def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
+def recheck(claimed: Plan) -> Rechecked:
     """Fly a plan's controls from its scenario's initial states and certify the outcome.
 
     Controls too large for numbers are an InputError, and so is passive safety that is claimed for
     no length of a drift or with separation at the nodes only.
     """
-    _refuse_overflow(claimed, scenario)
-    problem, said, asked = scenario.problem, claimed.certificate, claimed.requirements
+    _refuse_overflow(claimed)
+    problem, said = claimed.scenario.problem, claimed.certificate
+    asked = claimed.requirements
     bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
     made = Made(claimed.controls, *bound, claimed.convex_solves)
-    flown = planned(claimed.planner, scenario, made, asked)
+    flown = planned(claimed.planner, claimed.scenario, made, asked)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])
@@ -70,23 +73,31 @@ def recheck(claimed: Plan, scenario: Scenario) -> Rechecked:
     return Rechecked(plan, not unsafe, tuple(fault.rstrip(".") + "." for fault in faults))
 
 
-def _refuse_overflow(claimed: Plan, scenario: Scenario) -> None:
+def _refuse_overflow(claimed: Plan) -> None:
     """Raise InputError for controls so large that arithmetic on them has no meaning."""
     most = float(np.abs(claimed.controls).max())
-    if not most * scenario.problem.duration**2 <= FURTHEST:
+    if not most * claimed.scenario.problem.duration**2 <= FURTHEST:
         raise InputError(
             f"the controls reach {most:.3g} m/s², which leads beyond "
             f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
         )
 
 
-def _false_claims(
-    said: Certificate, found: Certificate, problem: Problem
-) -> Iterator[tuple[str, float, float, str]]:
-    """Fields that a file claims more of than its controls give, with both values and the unit.
+def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> Iterator[FalseClaim]:
+    """Fields that a file claims more of than its controls give.
 
     NaN is a false claim.
     """
+    yield from _false_spending(said, found)
+    yield from _false_separations(said, found)
+    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
+        yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
+    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
+        yield "risk.bound", said.risk.bound, found.risk.bound, ""
+
+
+def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
+    """Fuel, Δv of the swarm and of each craft, and the count of collisions at nodes."""
     for name, unit in (("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")):
         theirs, ours = getattr(said, name), getattr(found, name)
         if not abs(theirs - ours) <= RELATIVE * abs(ours):
@@ -97,6 +108,10 @@ def _false_claims(
             if not abs(theirs - ours) <= RELATIVE * found.delta_v:
                 yield f"{name}[{k}]", theirs, ours, " m/s"
                 break
+
+
+def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
+    """The least separations, in flight and after a loss of thrust, and the bounds below them."""
     parts = (("", said, found), ("passive_safety.", said.passive_safety, found.passive_safety))
     for prefix, claim, truth in parts:
         for name in ("min_separation", "min_separation_bound"):
@@ -105,7 +120,3 @@ def _false_claims(
                 continue
             if not theirs <= ours + 2 * TOLERANCE:
                 yield prefix + name, theirs, ours, " m"
-    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
-        yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
-    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
-        yield "risk.bound", said.risk.bound, found.risk.bound, ""

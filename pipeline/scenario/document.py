@@ -295,6 +295,11 @@ def write_scenario(path: Path, scenario: Scenario) -> None:
     write_document(path, document_of(scenario))
 
 
+def scenario_from(fields: Mapping[str, Any], name: str) -> Scenario:
+    """The scenario of a file's fields; a missing or wrong one is an InputError with its name."""
+    return document_from({"schema": SCHEMA, **fields}, ScenarioDocument).scenario(name)
+
+
 def write_by_hand(path: Path, fields: Mapping[str, Any]) -> Scenario:
     """Write a scenario file of fields as a person gives them, and return the scenario.
 

@@ -18,7 +18,7 @@ FURTHEST, FASTEST = 1e9, 1e6
 RELATIVE = 0.1  # share of the reference orbit's radius beyond which no motion is relative
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scenario:
     """Initial and goal states of a swarm, with the problem they belong to.
 
@@ -78,6 +78,11 @@ class Scenario:
                 f"initial has {len(self.initial)} states and goal has {len(self.goal)}; expected "
                 "one of each for every spacecraft."
             )
+
+    def __repr__(self) -> str:
+        """Name, size and time grid; without the arrays."""
+        grid = f"{self.problem.intervals} intervals of {self.problem.time_step:g} s"
+        return f"Scenario({', '.join(filter(None, [self.name, f'{self.n} craft', grid]))})"
 
     @property
     def n(self) -> int:

@@ -47,6 +47,11 @@ class Diagnostic:
         """Whether nothing is wrong."""
         return not self.cases
 
+    def __str__(self) -> str:
+        lines = [f"{self.end}, {self.rule}: {'fine' if self.fine else 'WRONG'}: {self.text}"]
+        lines += [f"    {case.text}" for case in self.cases]
+        return "\n".join(lines + [f"    to mend it, {self.cure}"] * bool(self.cure))
+
 
 def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     """All that is wrong with a scenario, and what is fine."""

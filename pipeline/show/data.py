@@ -15,7 +15,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_distances
 from pipeline.orbit.transfer import free_drift, track
 from pipeline.plan import Plan
-from pipeline.scenario import Scenario
 
 SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference problem's 20 minutes
 CROWD = 100  # craft beyond which a page would grow too large: each then has fewer samples
@@ -36,12 +35,13 @@ class Pair:
     time: float  # when, s since the start
 
 
-def page_data(plan: Plan, scenario: Scenario) -> tuple[dict[str, Any], list[Pair]]:
+def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
     """What the page draws, JSON-ready, and the pairs whose separation is among it.
 
     Positions are in cm, separations in mm, controls in mm/s², times in s.
     """
-    problem, found = scenario.problem, plan.certificate
+    scenario, found = plan.scenario, plan.certificate
+    problem = scenario.problem
     pairs = closest_pairs(plan.states, plan.controls, problem)
     closest = [pair.time for pair in pairs]
     if found.min_separation_time is not None:

@@ -9,11 +9,9 @@ import hashlib
 from pathlib import Path
 
 from jinja2.utils import htmlsafe_json_dumps
-from markupsafe import Markup
 
 from pipeline.files import write_text
 from pipeline.plan import Plan, Rechecked, recheck
-from pipeline.scenario import Scenario
 from pipeline.show.data import page_data, steps_of
 from pipeline.show.tables import certificate_rows, planner_rows, scenario_rows, verdict
 from pipeline.templates import template
@@ -21,13 +19,13 @@ from pipeline.templates import template
 HERE = Path(__file__).parent
 
 
-def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Rechecked]:
+def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
     """The page of a plan, and what it says of it.
 
     It refers to nothing outside itself, and its policy lets it run no script but its own two.
     """
-    shown = recheck(claimed, scenario)
-    data, pairs = page_data(shown.plan, scenario)
+    shown, scenario = recheck(claimed), claimed.scenario
+    data, pairs = page_data(shown.plan)
     found = shown.plan.certificate
     script = (HERE / "page.js").read_text(encoding="utf-8")
     plotly = (HERE / "vendor" / "plotly-gl3d.min.js").read_bytes()
@@ -45,16 +43,16 @@ def page(claimed: Plan, scenario: Scenario, name: str) -> tuple[str, Rechecked]:
         spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
         hashes=[_hash(script.encode()), _hash(plotly)],
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
-        script=Markup(script),  # ours, without user's words in it
+        script=script,
         plotly=base64.b64encode(gzip.compress(plotly, mtime=0)).decode(),
-        licence=Markup((HERE / "vendor" / "LICENSE").read_text(encoding="utf-8")),
+        licence=(HERE / "vendor" / "LICENSE").read_text(encoding="utf-8"),
     )
     return text, shown
 
 
-def write_page(path: Path, claimed: Plan, scenario: Scenario, name: str) -> Rechecked:
+def write_page(path: Path, claimed: Plan, name: str) -> Rechecked:
     """Write the page of a plan, which appears whole, and return what it says of the plan."""
-    text, shown = page(claimed, scenario, name)
+    text, shown = page(claimed, name)
     write_text(path, text)
     return shown
 

@@ -42,15 +42,14 @@ LESS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A transfer time and the plan for it."""
+    """The plan for one transfer time."""
 
-    scenario: Scenario  # as it is flown
-    plan: Plan  # with its certificate
+    plan: Plan
 
     @property
     def duration(self) -> float:
         """Of the transfer, s."""
-        return self.scenario.problem.duration
+        return self.plan.scenario.problem.duration
 
     @property
     def safe(self) -> bool:
@@ -67,7 +66,7 @@ class Point:
         """No plan of this duration needs less, m/s; None where it is proven that there is none."""
         if self.plan.status == INFEASIBLE:
             return None
-        return self.plan.certificate.fuel_lower_bound * self.scenario.problem.time_step
+        return self.plan.certificate.fuel_lower_bound * self.plan.scenario.problem.time_step
 
 
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
@@ -123,7 +122,7 @@ def tradeoff(
     for number in arcs:
         asked = with_arcs(scenario, number, goal)
         (plan,) = planner.plan([asked])
-        points.append(Point(plan.flown(asked), plan))
+        points.append(Point(plan))
         progress.done()
     return points
 
@@ -153,3 +152,11 @@ def knee(time: Float[Array, "points"], cost: Float[Array, "points"]) -> int | No
     before = (y[0] - y[bend]) / (x[bend] - x[0])
     after = (y[bend] - y[-1]) / (x[-1] - x[bend])
     return int(efficient[bend]) if after <= LESS * before else None
+
+
+def knee_of(points: Sequence[Point]) -> int | None:
+    """The knee among the safe plans, by its number among all of the points, or None."""
+    safe = [k for k, point in enumerate(points) if point.safe]
+    time, cost = ([getattr(points[k], name) for k in safe] for name in ("duration", "delta_v"))
+    found = knee(np.array(time, dtype=float), np.array(cost, dtype=float))
+    return None if found is None else safe[found]

@@ -1,17 +1,16 @@
 """What is learned from: scenarios of a dataset or fresh ones, prepared, in batches."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import count
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from pipeline.dataset.examples import Examples, ExampleSource
+from pipeline.dataset.examples import Examples, ExampleSource, ExampleStream
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import MEMORY, examples_within
 from pipeline.errors import InputError
@@ -24,98 +23,42 @@ from pipeline.scenario import draw
 from pipeline.storage.folder import Where
 
 
-@dataclass(frozen=True)
-class FreshDraws:
-    """Training scenarios of a family that nobody has planned, others on each pass.
+def fresh_draws(family: str, seed: int, n: int, problem: Problem, count: int) -> ExampleStream:
+    """Training scenarios of a family that nobody has planned, others on each pass of ``count``."""
 
-    A part is a pass of ``count`` scenarios. There is always another one, though the source is as
-    long as one of them.
-    """
+    def read(number: int) -> Examples:
+        return _drawn(family, seed, n, problem, range(number * count, (number + 1) * count))
 
-    family: str
-    seed: int
-    n: int
-    problem: Problem
-    count: int
-    part_count: int = 1
-
-    def __len__(self) -> int:
-        """Number of scenarios a pass."""
-        return self.count
-
-    @property
-    def buffer(self) -> int:
-        """A pass is held at once."""
-        return self.count
-
-    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
-        """The passes of some numbers, or the first."""
-        for number in [0] if order is None else order:
-            yield _drawn(self, number)
+    return ExampleStream(problem, n, count, count, 1, read, endless=True)
 
 
 @lru_cache(maxsize=1)  # the first pass is looked at several times
-def _drawn(source: FreshDraws, number: int, progress: Progress = SILENT) -> Examples:
-    """The scenarios of a pass, whose indices go on from the pass before."""
-    first, scenarios = number * source.count, []
-    progress.expect(source.count)
-    for index in range(first, first + source.count):
-        one = draw(source.family, source.seed, source.n, index, source.problem, "train")
-        scenarios.append(one)
-        progress.done(note=f"{source.family} scenarios drawn")
-    initial = np.stack([scenario.initial for scenario in scenarios])
-    goal = np.stack([scenario.goal for scenario in scenarios])
-    return Examples(source.problem, initial, goal)
+def _drawn(
+    family: str, seed: int, n: int, problem: Problem, which: range, progress: Progress = SILENT
+) -> Examples:
+    """The training scenarios of some indices."""
+    ends = []
+    progress.expect(len(which))
+    for index in which:
+        scenario = draw(family, seed, n, index, problem, "train")
+        ends.append((scenario.initial, scenario.goal))
+        progress.done(note=f"{family} scenarios drawn")
+    return Examples(problem, *map(np.stack, zip(*ends, strict=True)))
 
 
-@dataclass(frozen=True, eq=False)
-class Joined:
-    """Scenarios in memory or read part by part, with others in memory after them.
+def joined(first: ExampleSource, second: Examples) -> ExampleSource:
+    """Examples with others after them, which nobody has planned: in one part where all fit in.
 
-    Nobody has planned the others: where they stand in one part with the first, whose states are
-    known, theirs are not numbers.
+    There the states of the others are not numbers, if those of the first are known.
     """
+    if isinstance(first, ExampleStream):
+        last = first.part_count
 
-    first: ExampleSource
-    second: Examples
+        def read(part: int) -> Examples:
+            return second if part == last else first.read(part)
 
-    @property
-    def problem(self) -> Problem:
-        """The problem that they share."""
-        return self.first.problem
-
-    @property
-    def n(self) -> int:
-        """Number of spacecraft in each instance."""
-        return self.first.n
-
-    @property
-    def buffer(self) -> int | None:
-        """As of the first."""
-        return self.first.buffer
-
-    @property
-    def part_count(self) -> int:
-        """One part more, or one where all of them are in memory."""
-        return 1 if self.buffer is None else self.first.part_count + 1
-
-    def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
-        """The parts of the first, and the second as the last one."""
-        if self.buffer is None:
-            (first,) = self.first.parts()
-            yield _together(first, self.second)
-            return
-        last = self.part_count - 1
-        for number in range(self.part_count) if order is None else order:
-            yield from [self.second] if number == last else self.first.parts([number])
-
-    def __len__(self) -> int:
-        """Number of instances."""
-        return len(self.first) + len(self.second)
-
-
-def _together(first: Examples, second: Examples) -> Examples:
-    """Both in one; with states where the first have some."""
+        both = len(first) + len(second)
+        return replace(first, count=both, part_count=last + 1, read=read)
     initial = np.concatenate([first.initial, second.initial])
     goal = np.concatenate([first.goal, second.goal])
     states = first.states
@@ -136,14 +79,9 @@ def sources(
 ) -> tuple[ExampleSource, ExampleSource]:
     """What a recipe learns from, and what decides which weights are kept.
 
-    Args:
-        recipe: whose ``draws`` replace the dataset's training split by fresh scenarios, drawn like
-            it, or whose ``crowded`` adds some.
-        data: a solved dataset; its test split stays untouched.
-        n: swarm size.
-        seed: of fresh scenarios.
-        memory: bytes that each of the two may take; what is larger streams from the dataset.
-        progress: told of crowded scenarios as they are drawn.
+    The recipe's ``draws`` replace the training split of a solved dataset by fresh scenarios, drawn
+    like it from the seed, or its ``crowded`` adds some, of which ``progress`` is told; the test
+    split stays untouched. Each of the two may take so many bytes of memory; what is larger streams.
 
     Raises:
         InputError: where there is no dataset, the size is not in it, it is not solved, or no
@@ -152,13 +90,13 @@ def sources(
     if recipe.draws:
         valid = examples_within(data, n, "valid", memory)
         family = read_manifest(data).samples[n].family
-        return FreshDraws(family, seed, n, valid.problem, recipe.draws), valid
+        return fresh_draws(family, seed, n, valid.problem, recipe.draws), valid
     learn = examples_within(data, n, "train", memory)
     valid = examples_within(data, n, "valid", memory)
     if not recipe.crowded:
         return learn, valid
-    crowded = FreshDraws("dense", seed, n, valid.problem, recipe.crowded)
-    return Joined(learn, _drawn(crowded, 0, progress)), valid
+    which = range(recipe.crowded)
+    return joined(learn, _drawn("dense", seed, n, valid.problem, which, progress)), valid
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,20 +130,6 @@ class Prepared:
             yield Prepared({name: t[k : k + size] for name, t in self.tensors.items()})
 
 
-@runtime_checkable
-class Batches(Protocol):
-    """Prepared examples, batch by batch, as often as they are asked for."""
-
-    def __len__(self) -> int:
-        """Number of instances."""
-
-    def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
-        """All of them once, in random batches."""
-
-    def in_order(self, size: int) -> Iterator[Prepared]:
-        """All of them once, in batches."""
-
-
 @dataclass(frozen=True)
 class Preparation:
     """How examples become what the network of an architecture reads, on its device."""
@@ -223,24 +147,25 @@ class Preparation:
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """Examples that are read and prepared part by part on every pass.
+    """Examples that are prepared part by part as every pass reads or draws them."""
 
-    Attributes:
-        buffer: instances among which they are shuffled, two batches at least; a part may come
-            on top.
-    """
-
-    source: ExampleSource
+    source: ExampleStream
     preparation: Preparation
-    buffer: int
+    passes: Iterator[int] = field(default_factory=count)  # of what is endless, those to come
 
     def __len__(self) -> int:
         """Number of instances."""
         return len(self.source)
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
-        """Parts in random order go through a buffer that gives out half of itself at random."""
-        full = max(self.buffer, 2 * size)
+        """Parts in random order go through a buffer that gives out half of itself at random.
+
+        It holds two batches at least. What is endless has nothing to shuffle.
+        """
+        if self.source.endless:
+            yield from self.preparation.of(self.source.read(next(self.passes))).in_order(size)
+            return
+        full = max(self.source.buffer, 2 * size)
         parts = torch.randperm(self.source.part_count, generator=order).tolist()
         held: Prepared | None = None
         for examples in self.source.parts(parts):
@@ -260,26 +185,14 @@ class Streamed:
             yield from self.preparation.of(examples).in_order(size)
 
 
-@dataclass(frozen=True, eq=False)
-class Drawn(Streamed):
-    """Scenarios of which every pass draws others, so that there is nothing to shuffle."""
-
-    passes: Iterator[int] = field(default_factory=count)
-
-    def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
-        """The next pass, in batches."""
-        for examples in self.source.parts([next(self.passes)]):
-            yield from self.preparation.of(examples).in_order(size)
+Batches = Prepared | Streamed
 
 
 def batches(source: ExampleSource, preparation: Preparation) -> Batches:
     """Examples that are in memory, prepared once; others, prepared as they are read or drawn."""
-    if isinstance(source, FreshDraws):
-        return Drawn(source, preparation, source.buffer)
-    if source.buffer is not None:
-        return Streamed(source, preparation, source.buffer)
-    (examples,) = source.parts()
-    return preparation.of(examples)
+    if isinstance(source, ExampleStream):
+        return Streamed(source, preparation)
+    return preparation.of(source)
 
 
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:

@@ -121,15 +121,10 @@ def train(
 ) -> Trained:
     """Train a network; on one machine's CPU the same arguments give the same bits.
 
-    Args:
-        arch: name of the architecture.
-        recipe: how to train it.
-        train: what it learns from; its n and problem become the model's.
-        valid: what decides when to stop and which weights to keep.
-        seed: of initial weights, order and dropout.
-        device: "auto", "cpu", "cuda" or "mps".
-        epochs: most passes over the data, instead of the recipe's.
-        progress: told of each epoch.
+    The n and problem of the training examples become the model's; those for validation decide when
+    to stop and which weights to keep. The seed is of initial weights, order and dropout; the device
+    "auto", "cpu", "cuda" or "mps"; ``epochs`` the most passes over the data, instead of the
+    recipe's.
 
     Raises:
         InputError: for an unknown architecture or device, or examples that cannot be used.

@@ -1,9 +1,8 @@
 """A search for better recipes as an Optuna study, which several processes may share."""
 
 import warnings
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,27 +20,11 @@ HEARTBEAT_SECONDS = 60
 GRACE_SECONDS = 180  # a trial that has not been heard of for so long has died
 
 
-@dataclass(frozen=True)
-class Between:
-    """A number between two limits; ``log`` says whether its logarithm is what is drawn evenly."""
-
-    low: float
-    high: float
-    log: bool = False
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """One of some numbers or names."""
-
-    values: tuple[int | str, ...]
-
-
-SPACE: Mapping[str, Between | OneOf] = {
-    "learning_rate": Between(1e-4, 2e-2, log=True),
-    "batch_size": OneOf((16, 32, 64, 128, 256)),
-    "dropout": Between(0.0, 0.5),
-    "interior": OneOf(tuple(INTERIORS)),
+SPACE: Mapping[str, Callable[["Trial", str], Any]] = {
+    "learning_rate": lambda trial, name: trial.suggest_float(name, 1e-4, 2e-2, log=True),
+    "batch_size": lambda trial, name: trial.suggest_categorical(name, (16, 32, 64, 128, 256)),
+    "dropout": lambda trial, name: trial.suggest_float(name, 0.0, 0.5),
+    "interior": lambda trial, name: trial.suggest_categorical(name, tuple(INTERIORS)),
 }
 """By field of a recipe. The collision weight is not in it: the distance from the expert's plans,
 which the search makes small, says nothing about collisions."""
@@ -51,10 +34,8 @@ which the search makes small, says nothing about collisions."""
 def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
     """The study of a name in an SQLite file, both made where they are missing.
 
-    Args:
-        path: the file.
-        name: the same for searches whose trials can be compared.
-        seed: of what is drawn next.
+    The name is the same for searches whose trials can be compared; the seed is of what is drawn
+    next.
 
     Raises:
         InputError: where Optuna is not installed, or the path is a folder or below a file.
@@ -99,10 +80,4 @@ def complete(study: "Study") -> int:
 
 def suggested(trial: "Trial", unused: Collection[str] = ()) -> dict[str, Any]:
     """Fields of a recipe, of SPACE, for a trial; without those that change nothing."""
-    return {
-        name: trial.suggest_float(name, space.low, space.high, log=space.log)
-        if isinstance(space, Between)
-        else trial.suggest_categorical(name, space.values)
-        for name, space in SPACE.items()
-        if name not in unused
-    }
+    return {name: draw(trial, name) for name, draw in SPACE.items() if name not in unused}

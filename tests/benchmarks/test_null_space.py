@@ -4,7 +4,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from benchmarks.rule import LEAST_CHANGE, Rule
+from benchmarks.rule import LEAST_CHANGE, rule
 from pipeline.networks.refiner.model import task_of
 from pipeline.networks.refiner.programs import sides_of
 from pipeline.orbit.problem import Problem
@@ -55,7 +55,7 @@ def test_rounds_in_the_null_space_are_safe_and_dearer():
     some = [draw("rings", 0, 10, k, PROBLEM, "valid") for k in range(40)]
     fuel = {}
     for null_space in (False, True):
-        plans = Rule(10, null_space).plan(some)
+        plans = rule(10, null_space).plan(some)
         assert sum(plan.status == "solved" for plan in plans) >= 39
         fuel[null_space] = sum(plan.certificate.fuel for plan in plans)
     assert 1.003 * fuel[False] < fuel[True] < 1.03 * fuel[False]

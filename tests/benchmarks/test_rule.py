@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from judged import judged
 
-from benchmarks.rule import Rule, own_rounds, with_rounds
+from benchmarks.rule import rule, with_rounds
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
@@ -26,7 +26,7 @@ def untrained():
 
 
 def test_the_judge_finds_of_the_rule_s_plans_what_they_claim():
-    plans = Rule(8).plan(SCENARIOS)
+    plans = rule(8).plan(SCENARIOS)
     for scenario, plan in zip(SCENARIOS, plans, strict=True):
         assert judged(scenario, plan).wrong == ()
     assert {(plan.planner, plan.status) for plan in plans} == {("rule", "solved")}
@@ -36,20 +36,20 @@ def test_the_judge_finds_of_the_rule_s_plans_what_they_claim():
 def test_an_untrained_refiner_burns_what_the_rule_does_after_as_many_rounds(rounds):
     model = untrained()
     asked = with_rounds(model, rounds)
-    assert (own_rounds(model), own_rounds(asked)) == (REFINER.config["rounds"], rounds)
+    assert (model.network.rounds, asked.network.rounds) == (REFINER.config["rounds"], rounds)
     fuels = [
         [plan.certificate.fuel for plan in planner.plan(SCENARIOS)]
-        for planner in (Rule(rounds), NetworkPlanner(asked, "refiner"))
+        for planner in (rule(rounds), NetworkPlanner(asked, "refiner"))
     ]
     np.testing.assert_allclose(*fuels, rtol=1e-7)
 
 
 def test_without_rounds_the_rule_plans_each_craft_s_own_optimum():
     own = next(planner for planner in BASELINES if planner.name == "own LP")
-    for plan, other in zip(Rule(0).plan(SCENARIOS), own.plan(SCENARIOS), strict=True):
+    for plan, other in zip(rule(0).plan(SCENARIOS), own.plan(SCENARIOS), strict=True):
         assert plan.certificate.fuel == pytest.approx(other.certificate.fuel, rel=1e-9)
         np.testing.assert_allclose(plan.states, other.states, atol=1e-6)
 
 
 def test_the_rule_without_scenarios_plans_nothing():
-    assert Rule(3).plan([]) == []
+    assert rule(3).plan([]) == []

@@ -1,15 +1,19 @@
 """The command line as a person meets it: a process of its own, in a folder of its own."""
 
 import os
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
+from forked import Forked
 
 
 @pytest.fixture
-def prolearn(forked, tmp_path):
+def prolearn(forked: Forked, tmp_path: Path) -> Callable[..., CompletedProcess[str]]:
     """Run prolearn in an empty folder; the result has returncode, stdout and stderr."""
 
-    def run(*arguments, **environment):
+    def run(*arguments: object, **environment: str) -> CompletedProcess[str]:
         given = os.environ | {"COLUMNS": "80"} | environment
         return forked.run([str(one) for one in arguments], tmp_path, given)
 

@@ -151,7 +151,7 @@ def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
     (tmp_path / "foreign" / "file").touch()
     scenario = draw("rings", 0, 2, 0, Problem())
     write_scenario(tmp_path / "good.json", scenario)
-    write_plan(tmp_path / "plan.json", solve(scenario), scenario)
+    write_plan(tmp_path / "plan.json", solve(scenario))
     before = sorted(tmp_path.rglob("*"))
     done = prolearn(*arguments)
     assert done.returncode == 2, done.stderr

@@ -22,7 +22,7 @@ REFERENCE = Reference(datetime(2026, 3, 1, tzinfo=UTC), 51.6, 40.0, 10.0)
 @pytest.fixture
 def flown(prolearn, tmp_path):
     """Fly the expert's plan with options."""
-    write_plan(tmp_path / "plan.json", solve(SCENARIO), SCENARIO)
+    write_plan(tmp_path / "plan.json", solve(SCENARIO))
     return lambda *options: prolearn("fly", "plan.json", *options)
 
 
@@ -54,7 +54,7 @@ def test_defaults_are_those_of_the_conditions(flown):
 
 
 def test_the_scenarios_reference_orbit_is_flown_unless_options_say_otherwise(prolearn, tmp_path):
-    write_plan(tmp_path / "plan.json", solve(SCENARIO), replace(SCENARIO, reference=REFERENCE))
+    write_plan(tmp_path / "plan.json", solve(replace(SCENARIO, reference=REFERENCE)))
     said = json.loads(prolearn("fly", "plan.json", "--raan", "7", "--json").stdout)["conditions"]
     assert said == asdict(Conditions(0.001, 51.6, 7.0, 90.0, 10.0))
 
@@ -64,7 +64,7 @@ def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_
     plan = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
     i, j = plan.certificate.min_separation_pair
     assert plan.certificate.min_separation < 14
-    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    write_plan(tmp_path / "plan.json", plan)
     done = prolearn("fly", "plan.json")
     assert done.returncode == 1
     assert f"Not safe: craft {i} and {j} come within " in done.stdout.replace("\n", " ")
@@ -72,7 +72,7 @@ def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_
 
 def test_a_craft_alone_is_safe(prolearn, tmp_path):
     scenario = draw("rings", 0, 1, 0, Problem())
-    write_plan(tmp_path / "plan.json", solve(scenario), scenario)
+    write_plan(tmp_path / "plan.json", solve(scenario))
     done = prolearn("fly", "plan.json")
     assert done.returncode == 0, done.stderr
     told = json.loads(prolearn("fly", "plan.json", "--json").stdout)
@@ -119,7 +119,7 @@ def low(document):
     ],
 )
 def test_a_plan_that_cannot_be_flown_is_answered_in_a_sentence(prolearn, tmp_path, change, words):
-    document = json.loads(json.dumps(plan_document(solve(SCENARIO), SCENARIO)))
+    document = json.loads(json.dumps(plan_document(solve(SCENARIO))))
     change(document)
     (tmp_path / "plan.json").write_text(json.dumps(document))
     done = prolearn("fly", "plan.json", "--drag", "0.01")

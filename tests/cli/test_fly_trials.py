@@ -29,7 +29,7 @@ def plan(tmp_path):
     """A plan with a pair at the collision radius."""
     scenario = draw("rings", 0, 6, 5, Problem(nodes=7, collision_radius=25.0), "test")
     made = solve(scenario)
-    write_plan(tmp_path / "plan.json", made, scenario)
+    write_plan(tmp_path / "plan.json", made)
     return made
 
 
@@ -126,7 +126,7 @@ def test_a_plan_is_planned_anew_for_what_it_was_asked_for(prolearn, tmp_path):
         safe = solve(scenario, requirements=Requirements(passive_safety=0.5))
         if orbits is None:  # the same controls, of which nothing is said
             safe = replace(safe, certificate=replace(safe.certificate, passive_safety=None))
-        write_plan(tmp_path / "plan.json", safe, scenario)
+        write_plan(tmp_path / "plan.json", safe)
         done = prolearn("fly", "plan.json", *exact, "--out", f"{orbits}")
         assert done.returncode == 0, done.stderr
         told = json.loads(done.stdout)
@@ -138,7 +138,7 @@ def test_a_plan_is_planned_anew_for_what_it_was_asked_for(prolearn, tmp_path):
 def test_a_plan_for_a_risk_is_not_planned_anew(prolearn, tmp_path):
     scenario = draw("rings", 0, 3, 0, Problem(), "valid")
     made = within_risk(scenario, solve(scenario), Requirements(risk=RiskLimit(0.1, 0.1)))
-    write_plan(tmp_path / "plan.json", made, scenario)
+    write_plan(tmp_path / "plan.json", made)
     done = prolearn("fly", "plan.json", *REPLANNED)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "risk of at most 0.1 in open loop, which planning anew does not keep" in done.stderr

@@ -46,7 +46,7 @@ app({arguments})
 def test_a_plan_that_is_too_large_to_look_at_is_refused_in_a_sentence(command, tmp_path):
     scenario = draw("rings", 0, 500, 0, Problem())
     (plan,) = named_planner("minimum-energy").plan([scenario])
-    write_plan(tmp_path / "plan.json", plan, scenario)
+    write_plan(tmp_path / "plan.json", plan)
     program = COMMAND.format(arguments=[command, str(tmp_path / "plan.json")])
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 1, done.stderr

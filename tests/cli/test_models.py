@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from cli.main import app
 from registry import models
-from registry.version import ModelVersion
+from registry.models import ModelVersion
 
 VERSION = ModelVersion(
     name="prolearn-lstmcol",

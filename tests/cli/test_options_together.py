@@ -10,8 +10,8 @@ from judge import Case, closest_adrift, judge_plan
 from judged import document
 from trials import Errors, frequency, wilson
 
-from benchmarks.rule import Rule
-from cli.plan import planner_of
+from benchmarks.rule import rule
+from cli.jobs.planner import planner_of
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.networks.architecture import find
@@ -67,7 +67,7 @@ PLANNERS = {
     **{name: named(name) for name in ("straight-line", "minimum-energy", "own-LP")},
     "refiner": named("refiner", raw=True),
     "refiner + expert": named("refiner"),
-    "rule": lambda asked: Rule(4, requirements=asked),
+    "rule": lambda asked: rule(4, requirements=asked),
     "network": lambda asked: NetworkPlanner(untrained("ff1"), "ff1", asked),
     "network + expert": lambda asked: Seeded(NetworkPlanner(untrained("ff1"), "ff1", asked)),
 }
@@ -90,7 +90,7 @@ def planned(planner, options, limited):
     except InputError as error:
         return None, str(error)
     (plan,) = (GoalAssignment(found) if OPTIMAL in options else found).plan([scenario])
-    return plan.flown(scenario), plan
+    return plan.scenario, plan
 
 
 def broken(scenario, plan, options):

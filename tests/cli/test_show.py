@@ -15,11 +15,11 @@ SCENARIO = draw("rings", 0, 10, 3, Problem())
 
 @pytest.fixture
 def document():
-    return json.loads(json.dumps(plan_document(solve(SCENARIO), SCENARIO)))
+    return json.loads(json.dumps(plan_document(solve(SCENARIO))))
 
 
 def test_a_page_is_written_beside_the_plan_or_where_one_says(prolearn, tmp_path):
-    write_plan(tmp_path / "swarm.json", solve(SCENARIO), SCENARIO)
+    write_plan(tmp_path / "swarm.json", solve(SCENARIO))
     done = prolearn("show", "swarm.json")
     assert (done.returncode, done.stdout) == (0, "swarm.html: 10 craft by expert.\n")
     done = prolearn("show", "swarm.json", "--out", "pages/look.html")
@@ -32,7 +32,7 @@ def test_a_page_is_written_beside_the_plan_or_where_one_says(prolearn, tmp_path)
 def test_an_unsafe_plan_is_shown_and_called_so(prolearn, tmp_path):
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
     plan = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
-    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    write_plan(tmp_path / "plan.json", plan)
     done = prolearn("show", "plan.json")
     i, j = plan.certificate.min_separation_pair
     assert done.returncode == 0

@@ -1,13 +1,15 @@
+from collections.abc import Iterator
+
 import documented
 import pytest
 
-from pipeline.networks import architecture
+from pipeline.networks import architecture, catalogue
 
 
 @pytest.fixture
-def gentle(monkeypatch):
+def gentle(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The documented architecture that learns without plans, by its name."""
-    known = architecture.entry_point
+    known = catalogue.entry_point
     here = documented.entry_point("my_controls", "GENTLE")
     monkeypatch.setattr(
         architecture, "entry_point", lambda name: here if name == "gentle" else known(name)

@@ -26,8 +26,8 @@ from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
 from pipeline.training.loop import Epoch, Trained, train
+from registry.models import ModelVersion
 from registry.training import DatasetInfo, record_training
-from registry.version import ModelVersion
 
 CRAFT = 3
 

@@ -13,8 +13,7 @@ from judged import check_rows, judged
 
 from benchmarks.ablate import Ablations, ablate, dense_beside
 from benchmarks.rule import with_rounds
-from cli.jobs.experiments import evaluate
-from cli.jobs.held_out import HeldOut
+from cli.jobs.experiments import HeldOut, evaluate
 from cli.jobs.networks import networks
 from cli.jobs.report import report
 from cli.settings import Evaluation

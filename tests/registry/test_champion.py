@@ -7,14 +7,12 @@ from pathlib import Path
 import pytest
 from noisy import network
 
-from cli.jobs.champion import challenge, flown_metrics, promote, validation_trials
-from cli.jobs.train import train_model
+from cli.jobs.train import challenge, flown_metrics, promote, train_model, validation_trials
 from cli.settings import TrainingSettings
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import REFINER, SHORT
-from registry.models import list_versions, resolve
-from registry.version import ModelVersion
+from registry.models import ModelVersion, list_versions, resolve
 
 Register = Callable[..., tuple[ModelVersion, Model]]
 

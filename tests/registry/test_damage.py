@@ -178,6 +178,7 @@ def test_a_part_with_values_that_make_no_report_is_left_out_with_a_note(
     assert parts["Experiment 3, expert"][:12] in text
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning:matplotlib")
 def test_an_evaluation_with_values_that_make_no_report_is_refused(folder: Path) -> None:
     nonsense = TRIALS.assign(fuel=[1e308, *TRIALS["fuel"][1:]])
     run_id = record(EVALUATION, nonsense, params=PARAMS)

@@ -12,9 +12,8 @@ from cli.main import app
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.on_board.check import CraftCheck
-from pipeline.networks.refiner.on_board.export import ExportedCraft
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes, told_each_round
+from pipeline.networks.refiner.on_board.export import CraftCheck, ExportedCraft
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs, told_each_round
 from pipeline.networks.refiner.packaged import packaged
 from pipeline.training.loop import Trained
 from registry.models import resolve
@@ -81,7 +80,7 @@ def test_a_refiner_becomes_a_folder_with_a_card_that_names_every_input_and_outpu
         part = card.split(f"\n## {name}\n")[1].split("\n## ")[0]
         rows = [line.split("|")[1:3] for line in part.splitlines() if line.startswith("|")]
         named = [(way.strip(), one.strip().strip("`")) for way, one in rows[2:]]
-        wanted = [("input", one) for one in takes(step)]
+        wanted = [("input", one) for one in step.takes]
         assert named == wanted + [("output", one) for one in outputs(step)]
     for words in ("50 numbers", "x y z (m), vx vy vz (m/s)", "(P, 2, 6)", "another optimum"):
         assert words in card

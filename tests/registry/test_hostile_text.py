@@ -25,6 +25,9 @@ from registry.results import record
 from registry.store import EVALUATION, TRANSFER_TIMES, connect
 from registry.training import DatasetInfo, record_training
 
+# Such a name is longer than a figure is wide.
+pytestmark = pytest.mark.filterwarnings("ignore:constrained_layout not applied:UserWarning")
+
 OUTSIDE = "../../../outside"
 """A recipe that would lead figures out of their folder."""
 

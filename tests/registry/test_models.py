@@ -13,10 +13,9 @@ from cli.jobs.networks import networks
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from registry.models import list_versions, load, newest_trainings, resolve
+from registry.models import ModelVersion, list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
 from registry.training import DatasetInfo, record_training, training_tables
-from registry.version import ModelVersion
 
 
 class Project:

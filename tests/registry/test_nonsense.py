@@ -18,8 +18,8 @@ from noisy import network
 from planted import one_size
 from typer.testing import CliRunner
 
-from cli.jobs.champion import challenge, validation_trials
 from cli.jobs.networks import networks
+from cli.jobs.train import challenge, validation_trials
 from cli.main import app
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
@@ -231,6 +231,7 @@ def test_names_of_files_that_lead_elsewhere_are_passed_over(
         assert [path.name for path in paths] == ["example.npz"]
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning:matplotlib")
 @pytest.mark.parametrize("value", [float("inf"), 1.7e308, -1.0])
 def test_nonsense_in_everything_that_a_training_run_says_leaves_all_commands_working(
     sql: Callable[..., None], solved: Path, value: float

@@ -19,12 +19,11 @@ from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy
 from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY
-from registry.models import resolve
+from registry.models import ModelVersion, resolve
 from registry.results import arrays_of, earlier_run, evaluation, latest, record, table_of
 from registry.running import recorded_run
 from registry.store import EVALUATION, WARMSTART, connect
 from registry.training import DatasetInfo, add_model_results, record_training
-from registry.version import ModelVersion
 
 TRIALS = pd.DataFrame(
     {
@@ -157,7 +156,6 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
         "pipeline/experiments/trials.py",
         "pipeline/experiments/warmstart.py",
         "cli/jobs/experiments.py",
-        "cli/jobs/held_out.py",
         "cli/jobs/networks.py",
     }
 

@@ -13,7 +13,7 @@ from rights import read_only
 from cli.jobs.tune import tune
 from cli.settings import TuningSettings
 from pipeline.errors import ProlearnError
-from registry.running import recorded_run, reopened_run
+from registry.running import recorded_run
 from registry.store import EVALUATION, connect
 
 pytestmark = pytest.mark.system
@@ -109,13 +109,13 @@ def test_a_run_that_two_processes_write_is_open_until_the_last_of_them_ends(
     with recorded_run(store, EVALUATION, "search", {}) as run_id:
         pass
     shares = f"""
-from registry.running import reopened_run
-from registry.store import connect
+from registry.running import recorded_run
+from registry.store import EVALUATION, connect
 
-with reopened_run(connect(), {run_id!r}):
+with recorded_run(connect(), EVALUATION, "search", {{}}, again={run_id!r}):
     {DIES}
 """
-    with reopened_run(store, run_id):
+    with recorded_run(store, EVALUATION, "search", {}, again=run_id):
         assert child(shares) == -signal.SIGKILL
         connect()
         assert runs(folder) == [("search", "RUNNING")]

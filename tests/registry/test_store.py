@@ -1,4 +1,5 @@
 import logging
+import os
 import shutil
 import socket
 import sqlite3
@@ -15,7 +16,7 @@ from processes import SOON
 from pipeline.errors import InputError, ProlearnError
 from registry.models import list_versions
 from registry.running import recorded_run
-from registry.store import EXPERIMENTS, connect, explained, opened, tracking_uri
+from registry.store import EXPERIMENTS, connect, explained, opened
 
 
 def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:
@@ -36,7 +37,7 @@ def test_the_environment_variable_decides_and_stays_as_it_is(
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///elsewhere/runs.db")
 
     assert connect().uri == f"sqlite:///{folder / 'elsewhere' / 'runs.db'}"
-    assert tracking_uri() == "sqlite:///elsewhere/runs.db"
+    assert os.environ["MLFLOW_TRACKING_URI"] == "sqlite:///elsewhere/runs.db"
 
 
 def test_a_change_of_folder_is_a_change_of_store(

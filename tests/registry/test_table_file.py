@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.errors import InputError
-from registry.run_files import table_bytes, table_from
+from registry.results import table_bytes, table_from
 
 TABLE = pd.DataFrame(
     {

@@ -4,7 +4,9 @@ import numpy as np
 from judge.motion import after
 
 
-def position(initial, controls, mean_motion, time_step, time):
+def position(
+    initial: np.ndarray, controls: np.ndarray, mean_motion: float, time_step: float, time: float
+) -> np.ndarray:
     """Where one craft is, m, so long after the start, s; controls are held over each interval."""
     state, left = np.array(initial), time
     for control in controls:

@@ -11,7 +11,7 @@ MODULES = dict(re.findall(r"`(my_\w+)\.py`.*?```python\n(.*?)```", PAGE, re.DOTA
 """Source by name of the module."""
 
 
-def install(site):
+def install(site: Path) -> None:
     """Puts them into a folder like site-packages, as pip would."""
     info = site / "their_networks-1.2.dist-info"
     info.mkdir(parents=True)
@@ -24,13 +24,13 @@ def install(site):
     )
 
 
-def entry_point(module, name):
+def entry_point(module: str, name: str) -> EntryPoint:
     """An entry point to an object of one of them, made on the spot."""
     made = ModuleType(module)
     exec(MODULES[module], vars(made))
 
     class Here(EntryPoint):
-        def load(self):
+        def load(self) -> object:
             return getattr(made, name)
 
     return Here(name.lower(), f"{module}:{name}", "prolearn.architectures")

@@ -4,9 +4,17 @@ import json
 import os
 import socket
 import sys
+from collections.abc import Mapping, Sequence
 
 
-def ask(path, streams, arguments=(), code="", folder=None, environment=os.environ):
+def ask(
+    path: str,
+    streams: Sequence[int],
+    arguments: Sequence[str] = (),
+    code: str = "",
+    folder: os.PathLike[str] | None = None,
+    environment: Mapping[str, str] = os.environ,
+) -> socket.socket:
     """A connection on which the process id and then the exit status come."""
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     connection.connect(path)

@@ -18,6 +18,7 @@ import tempfile
 import threading
 import traceback
 from contextlib import suppress
+from typing import Any
 
 LATE = (
     "cli.main",
@@ -98,7 +99,7 @@ def say(connection: socket.socket, number: int) -> None:
         connection.send(str(number).encode())
 
 
-def run(asked: dict[str, object], streams: list[int]) -> int:
+def run(asked: dict[str, Any], streams: list[int]) -> int:
     """The exit status of a command or of a piece of code, in this process."""
     os.environ.clear()
     os.environ.update(asked["environment"])
@@ -123,7 +124,7 @@ def run(asked: dict[str, object], streams: list[int]) -> int:
 
 def leave(status: int) -> None:
     """All that an interpreter does at its end, except taking each module apart."""
-    threading._shutdown()
+    threading._shutdown()  # type: ignore[attr-defined]
     atexit._run_exitfuncs()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -59,7 +59,7 @@ def die_at_flush(step: int) -> None:
         left[0] -= 1
         flush(handle)
 
-    os.fsync = fsync
+    os.fsync = fsync  # type: ignore[assignment]
 
 
 def kills(killed: Callable[[int], object]) -> Iterator[int]:

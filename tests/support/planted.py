@@ -1,19 +1,36 @@
 """Results with planted numbers, small enough to average by hand."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.experiments.trials import Example
+from pipeline.figures.tables import Table
 from pipeline.report import Results
 
+Row = dict[str, Any]
+"""The columns of a table's row by name."""
 
-def planted(planner, recipe, reading, n, collisions, fuel, safe, **more):
+Made = Callable[..., list[Row]]
+"""`planted`, as a fixture."""
+
+
+def planted(
+    planner: str,
+    recipe: str,
+    reading: str,
+    n: int,
+    collisions: Iterable[int],
+    fuel: Iterable[float],
+    safe: Iterable[bool | None],
+    **more: object,
+) -> list[Row]:
     """One row for each trial; the bound is 1 m/s² everywhere, so fuel is its own ratio."""
     predicted = reading == "predicted"
-    row = {
+    row: Row = {
         "planner": planner,
         "recipe": recipe,
         "training_seed": 0,
@@ -33,7 +50,7 @@ def planted(planner, recipe, reading, n, collisions, fuel, safe, **more):
     ]
 
 
-def one_size(n):
+def one_size(n: int) -> list[Row]:
     """Two trials each of an expert, a baseline, two networks and one the paper does not know."""
     return [
         *planted("expert", "", "plan", n, [0, 0], [1.0, 1.02], [True, True], seconds=0.5),
@@ -46,7 +63,16 @@ def one_size(n):
     ]
 
 
-def warm(n, rule, seed, solves, seconds, gaps, safe=True, training_seed=0):
+def warm(
+    n: int,
+    rule: str,
+    seed: str,
+    solves: Sequence[int],
+    seconds: Sequence[float],
+    gaps: Sequence[float],
+    safe: bool = True,
+    training_seed: int = 0,
+) -> list[Row]:
     return [
         {
             "optimizer": "expert",
@@ -77,7 +103,7 @@ def trials_at() -> Callable[..., pd.DataFrame]:
 
 
 @pytest.fixture
-def rows() -> Callable[..., list[dict[str, object]]]:
+def rows() -> Made:
     return planted
 
 
@@ -93,7 +119,7 @@ def warmstarts() -> pd.DataFrame:
 
 
 @pytest.fixture
-def both(warmstarts) -> pd.DataFrame:
+def both(warmstarts: pd.DataFrame) -> pd.DataFrame:
     """The expert's warm starts, and those of the plain SCP, most of them unsafe between nodes."""
     plain = [
         *warm(10, "converged", "none", [8, 10, 12], [2.0, 4.0, 9.0], [0.1] * 3, False),
@@ -114,7 +140,7 @@ def example() -> Example:
 
 
 @pytest.fixture
-def results(trials, warmstarts, example) -> Results:
+def results(trials: pd.DataFrame, warmstarts: pd.DataFrame, example: Example) -> Results:
     training = pd.DataFrame(
         [
             {
@@ -163,31 +189,40 @@ def results(trials, warmstarts, example) -> Results:
     return Results(trials, warmstarts, training, curves, [example], provenance)
 
 
-def cells(table):
-    """The printed table as {row's left cells: other cells}."""
+def cells(table: Table) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows of a printed table."""
     lines = [
         [c.strip() for c in line.strip("|").split("|")] for line in table.markdown.splitlines()
     ]
     return lines[0], lines[2:]
 
 
-def shares(safe, of=400):
+def shares(safe: int, of: int = 400) -> list[bool]:
     """So many safe trials, in an order that has nothing to do with other planners'."""
     return [k * 7 % of < safe for k in range(of)]
 
 
-def trained(*rows):
+def trained(*rows: tuple[object, ...]) -> pd.DataFrame:
     """Networks with their share of safe validation scenarios and their fuel there."""
     columns = ["arch", "recipe", "valid_flown_safe_share", "valid_flown_fuel"]
     return pd.DataFrame(rows, columns=columns).assign(valid_flown_trials=500)
 
 
-def flown(rows, planner, recipe, safe, fuel, n=10, seed=0, reading="flown"):
+def flown(
+    rows: Made,
+    planner: str,
+    recipe: str,
+    safe: Sequence[bool],
+    fuel: float,
+    n: int = 10,
+    seed: int = 0,
+    reading: str = "flown",
+) -> list[Row]:
     fuels = [fuel + 0.01 * (-1) ** k for k in range(len(safe))]
     return rows(planner, recipe, reading, n, [0] * len(safe), fuels, safe, training_seed=seed)
 
 
-def row(table, **keys):
+def row(table: pd.DataFrame, **keys: object) -> Any:
     chosen = table
     for key, value in keys.items():
         chosen = chosen[chosen[key] == value]

@@ -29,7 +29,8 @@ def check_once() -> None:
             return decorate(function, typechecker=typechecker)
         return remembering(function, lambda one: decorate(one, typechecker=typechecker))
 
-    jaxtyping.jaxtyped = jaxtyping._decorator.jaxtyped = jaxtyped
+    for module in (jaxtyping, jaxtyping._decorator):
+        vars(module)["jaxtyped"] = jaxtyped
 
 
 def remembering(function: FunctionType, checking: Callable[[Function], Function]) -> Function:
@@ -74,7 +75,7 @@ def remembering(function: FunctionType, checking: Callable[[Function], Function]
 
 def kind_of(value: Any) -> Hashable:
     """All of a value that an annotation can ask for."""
-    kind = type(value)
+    kind: Any = type(value)
     if is_array(kind):
         return kind, value.dtype, value.shape
     if kind is str or issubclass(kind, type):

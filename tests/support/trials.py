@@ -4,6 +4,7 @@ What is drawn, and how it moves, is written out here anew, so that a claimed ris
 against how often craft really come too close.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,11 +30,11 @@ class Flown:
     planned: np.ndarray
     trials: np.ndarray
 
-    def least(self):
+    def least(self) -> np.ndarray:
         """The least distance in each trial."""
         return np.sqrt(np.square(self.trials).sum(axis=-1).min(axis=-1))
 
-    def passages(self, radius):
+    def passages(self, radius: float) -> np.ndarray:
         """How often n·Δp falls below a radius in each trial, n the planned direction; a trial that
         begins below counts once more."""
         normal = self.planned / np.linalg.norm(self.planned, axis=-1, keepdims=True)
@@ -41,7 +42,13 @@ class Flown:
         return (above[:, :-1] & ~above[:, 1:]).sum(axis=1) + ~above[:, 0]
 
 
-def drawn(initial, controls, errors, trials, rng):
+def drawn(
+    initial: np.ndarray,
+    controls: np.ndarray,
+    errors: Errors,
+    trials: int,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
     """Initial states (trials, n, 6) and controls (trials, n, T-1, 3) with their errors.
 
     A burn errs by a share of its size along it, and by that share to two sides across it.
@@ -60,7 +67,15 @@ def drawn(initial, controls, errors, trials, rng):
     return starts, controls + np.einsum("niab,knib->knia", size[..., None] * axes, share)
 
 
-def pairs_flown(problem: Case, initial, controls, errors, trials, seed, within):
+def pairs_flown(
+    problem: Case,
+    initial: np.ndarray,
+    controls: np.ndarray,
+    errors: Errors,
+    trials: int,
+    seed: int,
+    within: float,
+) -> Iterator[Flown]:
     """Every pair that is planned to come within a distance, m, with its relative motion."""
     rng = np.random.default_rng(seed)
     planned = _positions(problem, fly(problem, initial, controls), controls)
@@ -75,7 +90,15 @@ def pairs_flown(problem: Case, initial, controls, errors, trials, seed, within):
         yield Flown(planned[one] - planned[other], tracks[:, one] - tracks[:, other])
 
 
-def frequency(problem: Case, initial, controls, errors, trials, seed=0, within=60.0):
+def frequency(
+    problem: Case,
+    initial: np.ndarray,
+    controls: np.ndarray,
+    errors: Errors,
+    trials: int,
+    seed: int = 0,
+    within: float = 60.0,
+) -> int:
     """In how many trials any pair comes within the collision radius."""
     hit = np.zeros(trials, dtype=bool)
     for pair in pairs_flown(problem, initial, controls, errors, trials, seed, within):
@@ -83,7 +106,7 @@ def frequency(problem: Case, initial, controls, errors, trials, seed=0, within=6
     return int(hit.sum())
 
 
-def wilson(hits, trials, z=3.3):
+def wilson(hits: int, trials: int, z: float = 3.3) -> tuple[float, float]:
     """Wilson's interval of a probability; at z = 3.3 it misses one time in a thousand."""
     share, extra = hits / trials, z**2 / trials
     middle = (share + extra / 2) / (1 + extra)
@@ -91,7 +114,7 @@ def wilson(hits, trials, z=3.3):
     return middle - half, middle + half
 
 
-def _positions(problem, states, controls):
+def _positions(problem: Case, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
     """Positions at PIECES times an interval, and the last."""
     offsets = problem.step / PIECES * np.arange(1, PIECES + 1)
     maps = [exact_step(problem.rate, float(at)) for at in offsets]

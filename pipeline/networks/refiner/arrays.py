@@ -71,13 +71,6 @@ def where(mask: Bool[Any, "*k"], other: Callable[[], Any], values: Any) -> Any:
     return xp.where(mask, other(), values)
 
 
-def segment_sum(values: Float[Any, "k"], segment: Int[Any, "k"], count: int) -> Float[Any, "count"]:
-    """The sum over each segment of what belongs to it."""
-    if isinstance(values, np.ndarray):
-        return np.bincount(segment, values, minlength=count)
-    return values.new_zeros(count).index_add(0, like(segment, values), values)
-
-
 def sigmoid(values: Float[Any, "*k"]) -> Float[Any, "*k"]:
     """1 / (1 + exp(-x)); numpy's own is fast and does not overflow."""
     return 0.5 * np.tanh(0.5 * values) + 0.5 if isinstance(values, np.ndarray) else values.sigmoid()

@@ -23,11 +23,9 @@ from pipeline.networks.refiner.nearest import close_pairs, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
-NEAR = 4.0
-"""Distance in r_col within which decoupled optima must come for a pair to be looked at at all."""
-
-NEAR_OF_EXTENT = 0.15
-"""The same as a share of the swarm's extent: who flies far can be sent far off at little cost."""
+# Distance within which decoupled optima must come for a pair to be looked at at all: in r_col, and
+# as a share of the swarm's extent, since who flies far can be sent far off at little cost
+NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
 TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
 STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move past each other
@@ -35,18 +33,14 @@ STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move pa
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The constant maps of a problem, scaled: all node states are drift · s₁ + reach · u.
-
-    Attributes:
-        ends: rows of ``reach`` for the states at both ends of each interval.
-    """
+    """The constant maps of a problem, scaled: all node states are drift · s₁ + reach · u."""
 
     nodes: int  # T
     step: float  # Δt, s
     drift: Float[Any, "_ 6"]  # effect of the initial state on the states of all nodes
     reach: Float[Any, "_ m"]  # effect of the m = 3(T-1) controls on them
     free: Float[Any, "m m"]  # takes from controls the part that changes the final state; symmetric
-    ends: Float[Any, "intervals 12 m"]
+    ends: Float[Any, "intervals 12 m"]  # rows of ``reach`` for both ends of each interval
 
     def fly(self, initial: Float[Any, "N 6"], controls: Float[Any, "N m"]) -> Float[Any, "N T 6"]:
         """Node states, by Eq. 2."""
@@ -55,12 +49,7 @@ class Grid:
 
 @lru_cache(maxsize=32)
 def grid_of(problem: Problem, device: Any = None) -> Grid:
-    """The grid of a problem, whose collision radius has no part in it.
-
-    Args:
-        problem: orbit and time grid.
-        device: of torch, for tensors; None for arrays of numpy.
-    """
+    """The grid of a problem, whose collision radius has no part in it; on a device, as tensors."""
     if device is not None:
         grid, torch = grid_of(problem), sys.modules["torch"]
         with torch.inference_mode(False):  # what is kept must serve training too
@@ -114,16 +103,11 @@ class Encounters:
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """The closest approach of each encounter, through which no gradient runs.
-
-    Attributes:
-        turns: whether the pair comes closer before and parts after it; where not, they are closer
-            in the interval before or after.
-    """
+    """The closest approach of each encounter, through which no gradient runs."""
 
     share: Float[Array, "E"]  # when, as a share of the interval; 0 where it was not looked at
     distance: Float[Array, "E"]  # r_col; infinite where it was not looked at
-    turns: Bool[Array, "E"]
+    turns: Bool[Array, "E"]  # whether the pair comes closer before and parts after it
 
 
 def encounters(
@@ -131,11 +115,7 @@ def encounters(
 ) -> Encounters:
     """Pairs of the same swarm of n craft, and intervals in which they come near each other.
 
-    Args:
-        states: of all craft.
-        n: craft of each swarm.
-        near: within which distance, r_col.
-        of_extent: the same as a share of the swarm's extent, where that is more.
+    That is within a distance of ``near`` r_col, or a share of the swarm's extent where it is more.
     """
     within = np.maximum(near, of_extent * extents(states, n))
     return Encounters(*close_pairs(np.ascontiguousarray(states), n, within))
@@ -154,14 +134,9 @@ def approaches(
     before: Approaches | None = None,
     moved: Bool[Array, "N"] | None = None,
 ) -> Approaches:
-    """The closest approach of each encounter.
+    """The closest approach of each encounter; beyond a distance it may be left infinite.
 
-    Args:
-        met: pairs and intervals.
-        states: of all craft.
-        within: distance beyond which it may be left infinite, r_col; by default none is.
-        before: what was found before some craft moved; pairs of which neither has keep that.
-        moved: which craft those are; all of them by default.
+    Pairs of which neither craft has moved keep what was found before; by default all have.
     """
     E = len(met.first)
     share, distance, turns = np.empty(E), np.empty(E), np.empty(E, dtype=bool)
@@ -174,18 +149,39 @@ def approaches(
     return Approaches(share, distance, turns)
 
 
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """L encounters at a share of their intervals, as the first craft of each sees them."""
+
+    interval: Int[Any, "L"]  # which it is, from 0
+    share: Float[Any, "L"]  # when, through which no gradient runs
+    ends: Float[Any, "L 2 6"]  # states relative to the second craft at both ends of the interval
+    distance: Float[Any, "L"]  # to it
+    along: Float[Any, "L 3"]  # unit vector along the gap, from the second craft: the normal
+    gain: Float[Any, "L m"]  # how the craft's controls move it along the normal
+
+    @property
+    def plain(self) -> "Scene":
+        """The same as arrays."""
+        return Scene(*map(plain, vars(self).values()))
+
+
+def scene_of(
+    interval: Int[Any, "L"], share: Float[Any, "L"], ends: Float[Any, "L 2 6"], grid: Grid
+) -> Scene:
+    """The encounters with distances, normals and gains."""
+    distance, along = normals(ends, share)
+    return Scene(interval, share, ends, distance, along, gains(interval, share, along, grid))
+
+
 def normals(
     ends: Float[Any, "L 2 6"], share: Float[Any, "L"]
 ) -> tuple[Float[Any, "L"], Float[Any, "L 3"]]:
     """Distance between the craft of each pair at a share of an interval, and the unit vector along.
 
     Where two craft touch, that is any across their motion, and gradients do not turn it.
-
-    Args:
-        ends: states of the first craft relative to the second at both ends.
-        share: when, through which no gradient runs.
     """
-    gap = _weighted(_hermite(like(share, ends)), ends)  # (L, 3)
+    gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING
     along = _unit(where(touching, lambda: _across(velocities(constant(ends), share)), gap))
     return (gap * along).sum(axis=1), along
@@ -199,11 +195,23 @@ def gains(
     return (weights.reshape(-1, 1, 12) @ rows(grid.ends, interval))[:, 0]
 
 
+def positions(ends: Float[Any, "L 2 6"], share: Float[Any, "*k L"]) -> Float[Any, "*k L 3"]:
+    """Relative positions at shares of an interval."""
+    return _weighted(_hermite(like(share, ends)), ends)
+
+
 def velocities(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
     """Relative velocities at a share of an interval."""
     s = like(share, ends)
     weights = [6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)]
-    return _weighted(namespace(ends).stack(weights, axis=1), ends)
+    return _weighted(namespace(ends).stack(weights, axis=-1), ends)
+
+
+def accelerations(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
+    """Relative accelerations at a share of an interval."""
+    s = like(share, ends)
+    weights = [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2]
+    return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
 def passing(
@@ -216,15 +224,15 @@ def passing(
     return _unit(past), _length(speed)[:, 0]
 
 
-def _hermite(s: Float[Any, "L"]) -> Float[Any, "L 4"]:
+def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
     """What a position is of position and velocity at one end, then at the other."""
     r = 1 - s
     weights = [r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r]
-    return namespace(s).stack(weights, axis=1)
+    return namespace(s).stack(weights, axis=-1)
 
 
-def _weighted(weights: Float[Any, "L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "L 3"]:
-    return namespace(ends).einsum("lk,lkx->lx", weights, ends.reshape(-1, 4, 3))
+def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "*k L 3"]:
+    return namespace(ends).einsum("...lk,lkx->...lx", weights, ends.reshape(-1, 4, 3))
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:

@@ -32,7 +32,6 @@ from pipeline.networks.refiner.arrays import (
     namespace,
     plain,
     rows,
-    segment_sum,
     self_adjoint,
     sigmoid,
     with_rows,
@@ -41,13 +40,14 @@ from pipeline.networks.refiner.geometry import (
     Approaches,
     Encounters,
     Grid,
+    Scene,
     approaches,
     encounters,
-    gains,
     grid_of,
     in_units,
     normals,
     passing,
+    scene_of,
 )
 from pipeline.networks.refiner.programs import (
     LEAST_FUEL,
@@ -59,24 +59,19 @@ from pipeline.networks.refiner.programs import (
 )
 from pipeline.orbit.problem import Problem
 
-WATCHED = 1.3
-"""Distance in r_col within which a pair that turns from coming closer to parting gets a plane."""
+WATCHED = 1.3  # distance in r_col within which a pair that turns from coming closer gets a plane
 
 SAFE = 1 + 1e-4
 """Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
 centimetres in intervals of four minutes; planes ask for more, and certificates are exact."""
 
-TURNS_ONLY = 3
-"""Rounds in which pairs get planes only where they turn; after them also wherever unsafe."""
-
+TURNS_ONLY = 3  # rounds in which pairs get planes only where they turn, then wherever unsafe
 MARGIN = 0.2 / 15  # separation beyond r_col that is asked for, in r_col
 SHARPNESS = 4.0  # power of the other's dual by which a craft gives way
 LEAST_DUAL = 1e-4  # dual that stands for none, so that there is a ratio of duals
 MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
 
-STEADY = 1e-4
-"""Share by which fuel must change in a round that leaves a swarm safe, or it is its last."""
-
+STEADY = 1e-4  # share by which fuel must change in a round that leaves a swarm safe to go on
 FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter meet its plane
 FEATURES = 18  # F: edge features, as one of the two craft sees them
 
@@ -89,37 +84,26 @@ is 0 where messages are left out and else 1."""
 
 
 def edge_features(
-    distance: Float[Any, "L"],
-    gain: Float[Any, "L m"],
-    along: Float[Any, "L 3"],
-    motion: tuple[Float[Any, "L 3"], Float[Any, "L"]],
-    time: Float[Any, "L"],
+    scene: Scene,
+    nodes: int,
     dual: Float[Any, "L 2"],
     first_dual: Float[Any, "L 2"],
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
-    """Edge features, as either craft sees them.
+    """Edge features, as either craft sees them, in the round of a number.
 
-    Args:
-        distance: to the other craft.
-        gain: of the first craft's controls.
-        along: normal, from the second craft to the first.
-        motion: direction past each other, and speed.
-        time: of the closest approach, as a share of the transfer.
-        dual: of each plane in the round before, for either craft.
-        first_dual: what its first unit costs.
-        load: of either craft: planes, the sum of their duals, fuel beyond the decoupled optimum.
-        number: of the round, from 0.
+    ``dual`` is of the round before; ``load`` has planes, the sum of their duals, and fuel beyond
+    the decoupled optimum.
     """
-    past, speed = motion
+    past, speed = passing(scene.ends, scene.share, scene.along)
     xp = namespace(dual)
     shared = [
-        3 * xp.clip(1 - distance, -2, 2),
-        cast(distance < 1, dual),
-        time,
+        3 * xp.clip(1 - scene.distance, -2, 2),
+        cast(scene.distance < 1, dual),
+        (scene.interval + scene.share) / (nodes - 1),
         xp.log(speed + 0.1),
-        xp.log(xp.linalg.vector_norm(gain, axis=1) + 1e-3),
+        xp.log(xp.linalg.vector_norm(scene.gain, axis=1) + 1e-3),
         xp.zeros_like(speed) + number / 8,
     ]
     own = [
@@ -131,7 +115,7 @@ def edge_features(
         xp.clip(load[..., 2], None, 5),
     ]
     both = [xp.broadcast_to(values[:, None], dual.shape) for values in shared]
-    around = xp.concatenate([along, past], axis=1)  # (L, 6)
+    around = xp.concatenate([scene.along, past], axis=1)  # (L, 6)
     around = xp.stack([around, -around], axis=1)  # (L, 2, 6)
     return xp.concatenate([xp.stack(both + own, axis=2), around], axis=2)
 
@@ -146,14 +130,7 @@ def free_directions(gain: Float[Any, "L m"], grid: Grid) -> Float[Any, "L m"]:
 def agree(
     weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
 ) -> Float[Any, "L"]:
-    """Message passing: the trade of each encounter, r_col.
-
-    Args:
-        weights: of the network.
-        features: of each edge, as either craft sees it.
-        free: unit vectors by which planes are alike.
-        sides: whose the planes are.
-    """
+    """Message passing: the trade of each encounter, r_col; ``free`` says which planes are alike."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
     said = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
@@ -183,14 +160,9 @@ def aggregate(
 @no_type_check
 @njit(cache=True, fastmath=True)
 def add_up(told, free, start, order, result):
-    """Both sums, where sides 2l and 2l + 1 are those of encounter l.
+    """Both sums, into ``result``, which begins as zeros; sides are those of ``Sides``.
 
-    Args:
-        told: what goes into the first sum and into the second, (L, 2, 2H).
-        free: unit vectors, (L, m).
-        start: where the sides of each craft begin in ``order``, (C + 1,).
-        order: all sides, (2L,).
-        result: zeros, which become the sums, (L, 2, 2H).
+    What is told, (L, 2, 2H), has what goes into the first sum and what goes into the second.
     """
     m, H = free.shape[1], told.shape[2] // 2
     every = np.empty(H, told.dtype)
@@ -286,37 +258,28 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """What the rounds have come to.
-
-    Attributes:
-        first_dual: what the first unit of separation costs either craft; 0 before there is a plane.
-    """
+    """What the rounds have come to."""
 
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
     near: Approaches  # closest approaches of the encounters
     dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
-    first_dual: Float[Array, "E 2"]
+    first_dual: Float[Array, "E 2"]  # what its first unit costs; 0 before there is one
 
 
 def task_of(
     problem: Problem,
-    initial: Float[Array, "b n 6"],
-    goal: Float[Array, "b n 6"],
-    radius: Float[Array, "b"],
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
     device: Any = None,
 ) -> Task:
-    """Swarms with their decoupled optima and their encounters.
+    """Swarms with their decoupled optima and their encounters, from m and m/s.
 
-    Args:
-        problem: orbit and time grid.
-        initial: initial states, m and m/s.
-        goal: goal states.
-        radius: collision radius of each swarm, m.
-        device: of torch where gradients are wanted; None for numpy.
+    ``device`` is torch's, where gradients are wanted.
     """
     grid, n = grid_of(problem), initial.shape[1]
-    begin, end = (in_units(states, radius, problem) for states in (initial, goal))
+    begin, end = (in_units(plain(ends), plain(radius), problem) for ends in (initial, goal))
     own = decoupled_optima(begin, end, grid, problem)
     met = encounters(grid.fly(begin, own.controls), n)
     grid = grid_of(problem, device)
@@ -342,15 +305,9 @@ def play(
     among: Bool[Array, "b"] | None = None,
     programs: Programs = LEAST_FUEL,
 ) -> Iterate:
-    """One round.
+    """The next iterate, by the round of a number from 0; without trades if there are no weights.
 
-    Args:
-        weights: of the network; None for rounds without trades.
-        task: the swarms.
-        now: the iterate before.
-        number: of the round, from 0.
-        among: swarms that go on, while the others keep their controls; by default all.
-        programs: what each craft solves.
+    ``among`` has the swarms that go on, while the others keep their controls; by default all do.
     """
     # A plane stays, or pairs would forget each other and meet again.
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
@@ -360,34 +317,25 @@ def play(
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or task.own.others.shape[1] == 0:
         return now
-    met, share = task.met.of(which), now.near.share[which]
-    ends, craft = met.relative(now.states), met.craft  # (L, 2, 6), (L, 2)
-    distance, along = normals(ends, share)  # (L,), (L, 3)
-    gain = gains(met.interval, share, along, task.grid)  # (L, m)
+    met, grid = task.met.of(which), task.grid
+    craft = met.craft  # (L, 2)
+    scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
+    distance, gain = scene.distance, scene.gain  # (L,), (L, m)
     first_dual = _with_first_duals(task, now.first_dual, which, plain(gain), programs)
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
     trade = constant(distance) * 0
     if weights is not None:
-        features = edge_features(
-            plain(distance),
-            plain(gain),
-            plain(along),
-            passing(plain(ends), share, plain(along)),
-            (met.interval + share) / (task.grid.nodes - 1),
-            dual,
-            first,
-            _load(craft, dual, task, plain(now.controls)),
-            number,
-        )  # (L, 2, F)
-        free = free_directions(gain, task.grid)  # (L, m)
+        load = _load(craft, dual, task, plain(now.controls))  # (L, 2, 3)
+        features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
+        free = free_directions(gain, grid)  # (L, m)
         trade = agree(weights, like(features, gain), free, sides)  # (L,)
     give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = programs.optima(task.own, sides, gain, asked, task.grid)  # (C, m), (L, 2)
+    best, paid = programs.optima(task.own, sides, gain, asked, grid)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)
-    flown = task.grid.fly(rows(task.initial, sides.craft), best)
+    flown = grid.fly(rows(task.initial, sides.craft), best)
     states = with_rows(now.states, sides.craft, flown)
     dual = with_rows(np.zeros_like(now.dual), which, paid)
     moved = np.zeros(len(controls), dtype=bool)
@@ -442,14 +390,14 @@ def answer(
     weights: Weights | None,
     rounds: int,
     problem: Problem,
-    initial: Float[Array, "b n 6"],
-    goal: Float[Array, "b n 6"],
-    radius: Float[Array, "b"],
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
     programs: Programs = LEAST_FUEL,
 ) -> Float[Array, "b n intervals 3"]:
     """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
     controls, _ = cheapest_safe(weights, task_of(problem, initial, goal, radius), rounds, programs)
-    unit = radius / problem.time_step**2
+    unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 
 
@@ -492,4 +440,5 @@ def lack(task: Task, now: Iterate, distance: float) -> Float[Any, "b"]:
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
     distances, _ = normals(task.met.of(which).relative(now.states), now.near.share[which])
-    return segment_sum(distance - distances, task.swarm[which], len(task.initial) // task.n)
+    of_swarm = np.equal.outer(np.arange(len(task.initial) // task.n), task.swarm[which])
+    return cast(like(of_swarm, distances), distances) @ (distance - distances)

@@ -23,18 +23,12 @@ AT_FIRST = 1024  # encounters for which there is room before it is doubled
 @no_type_check
 @njit(cache=True)
 def nearest(states, first, second, interval, within, moved, share, distance, turns):
-    """The closest approach of pairs of craft in intervals; lengths in r_col, times in Δt.
+    """The closest approach of pairs of craft in intervals, (k,) each; lengths in r_col.
 
-    Args:
-        states: node states of all craft, (N, T, 6).
-        first: first craft of each pair, (k,).
-        second: second craft, (k,).
-        interval: which interval, (k,).
-        within: distance beyond which a pair need not be looked at closely, (k,).
-        moved: which craft have moved, (N,); the results of pairs of which none has stay.
-        share: result: when, as a share of the interval, (k,); 0 where it was not looked at.
-        distance: result, (k,); infinite where it was not looked at.
-        turns: result: whether the pair comes closer before and parts after it, (k,).
+    Node states are (N, T, 6), ``moved`` says of each craft whether it has, (N,), and results of
+    pairs of which none has stay. Results are when, as a share of the interval, and the distance,
+    which are 0 and infinite where it is sure to be beyond ``within``; and whether the pair comes
+    closer before and parts after it.
     """
     motion = np.empty((4, 3))
     for k in range(len(first)):
@@ -52,15 +46,10 @@ def nearest(states, first, second, interval, within, moved, share, distance, tur
 @no_type_check
 @njit(cache=True)
 def close_pairs(states, n, within):
-    """All pairs of the same swarm, and intervals in which they come within a distance.
+    """All pairs of the same swarm of n craft, and intervals in which they come within a distance.
 
-    Args:
-        states: node states of all craft, one swarm's after the other's, (N, T, 6).
-        n: craft of each swarm.
-        within: the distance in each swarm, (N / n,).
-
-    Returns:
-        First craft, second craft and interval of each, (3, k), in that order.
+    Node states are (N, T, 6), one swarm's after the other's; the distance is that of each swarm,
+    (N / n,). The result, (3, k), has first craft, second craft and interval of each, in that order.
     """
     found, count = np.empty((3, AT_FIRST), np.int64), 0
     motion = np.empty((4, 3))

@@ -13,6 +13,7 @@ from pipeline.arrays import Array
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.model import Weights, answer
+from pipeline.networks.refiner.programs import LEAST_FUEL, Programs
 from pipeline.orbit.problem import Problem
 
 FOLDER = Path(__file__).parent / "default"  # weights, description and model card
@@ -22,10 +23,11 @@ FOLDER = Path(__file__).parent / "default"  # weights, description and model car
 class TrainedRefiner:
     """A trained refiner as arrays: a ``TrainedNetwork`` for any n, on any orbit and time grid."""
 
-    weights: Weights  # by name
+    weights: Weights | None  # by name; None for rounds without trades
     rounds: int  # that an answer takes
     problem: Problem  # of its training data, or that it is asked about
     digest: str  # SHA-256 of all that decides its answers
+    programs: Programs = LEAST_FUEL  # what each craft solves
 
     architecture: ClassVar[str] = REFINER
     answers: ClassVar[Answer] = "controls"
@@ -37,8 +39,9 @@ class TrainedRefiner:
     def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ 3"]:
         """Controls of each swarm, m/s²."""
         radius = np.full(len(initial), collision_radius)
+        how = self.weights, self.rounds, self.problem
         found = [
-            answer(self.weights, self.rounds, self.problem, initial[k], goal[k], radius[k])
+            answer(*how, initial[k], goal[k], radius[k], self.programs)
             for k in portions(initial, goal, self.problem.nodes)
         ]
         return np.concatenate(found)

@@ -1,12 +1,7 @@
 """Each craft's own program: least fuel to its goal, on its side of some separating planes.
 
-For one craft, with controls u, rows g of the planes and what they ask for, d:
-
-    min ‖u‖₁ + Λ Σ max(0, d - g·u)   subject to   R u = b.
-
-It is solved by a dual simplex method on the tableau (``simplex``), from the decoupled optimum, the
-one without planes, whose basis a table knows. The dual λ of a plane, in [0, Λ], is what another
-unit of separation would cost.
+That of ``model`` is solved by a dual simplex method on the tableau (``simplex``), from the
+decoupled optimum, the one without planes, whose basis a table knows.
 """
 
 from collections.abc import Callable
@@ -87,14 +82,9 @@ def optima(
 ) -> tuple[Float[Any, "C m"], Float[Array, "L 2"]]:
     """The optimal controls of each craft's program, and the dual of each plane for either craft.
 
-    With tensors, gradients run from the controls to rows and what is asked for, since the optimum
-    is linear in both as long as its basis stays; none runs through duals.
-
-    Args:
-        own: decoupled optima of all craft.
-        sides: which planes are whose.
-        gain: row g of each plane for its first craft; that of the second is -g.
-        asked: d of each plane, for either craft.
+    ``gain`` has the row g of each plane for its first craft, whose negative is that of the second;
+    ``asked`` has d. With tensors, gradients run from the controls to both, since the optimum is
+    linear in them as long as its basis stays; none runs through duals.
     """
     (L, m), C = gain.shape, len(sides.craft)
     is_tensor = not isinstance(gain, np.ndarray)
@@ -125,15 +115,12 @@ def first_duals(
 
 @dataclass(frozen=True)
 class Programs:
-    """What each craft solves: the program above, or another for comparison.
+    """What each craft solves: the program of least fuel, or another for comparison."""
 
-    Attributes:
-        first_duals: what the first unit along a row costs a craft that has no planes yet.
-        optima: controls of each craft that has planes, and duals of these for either craft.
-    """
-
+    # what the first unit along a row costs a craft that has no planes yet
     first_duals: Callable[[Decoupled, Array, Array, Grid], Array]
+    # controls of each craft that has planes, and duals of these for either craft
     optima: Callable[[Decoupled, Sides, Any, Any, Grid], tuple[Any, Array]]
 
 
-LEAST_FUEL = Programs(first_duals, optima)  # the program above
+LEAST_FUEL = Programs(first_duals, optima)

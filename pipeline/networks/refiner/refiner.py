@@ -7,7 +7,7 @@ collision radius as far as both formations allow: in units of r_col nothing else
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import torch
@@ -15,7 +15,6 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
-from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.networks.architecture import Batch, Swarms
 from pipeline.networks.document import Answer
@@ -41,9 +40,7 @@ EPOCHS = 6  # of ``short`` and of every recipe that it is compared with
 UNSAFE = 0.1  # what an unsafe swarm counts as in the score, as fuel over the lower bound
 CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
 
-RAISED = 2.5
-"""Most by which they are raised; what is more crowded is hardly to be planned by anybody."""
-
+RAISED = 2.5  # most by which they are raised; what is more crowded hardly anybody can plan
 NO_FUEL = 1e-9  # fuel in r_col/Δt² that counts as none
 AT_ONCE = 500  # formations whose free drift is looked at together
 
@@ -53,45 +50,35 @@ class Sizes(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    width: int = Field(ge=1, le=4096, strict=True)
-    message: int = Field(ge=1, le=4096, strict=True)
-    rounds: int = Field(ge=0, le=1000, strict=True)
+    width: int = Field(default=32, ge=1, le=4096, strict=True)
+    message: int = Field(default=16, ge=1, le=4096, strict=True)
+    rounds: int = Field(default=14, ge=0, le=1000, strict=True)
 
 
 class LossSettings(BaseModel):
-    """The options of a refiner's recipe.
-
-    Attributes:
-        violation: what a r_col that an encounter lacks counts as, as fuel over the lower bound.
-        clear: distance beyond r_col up to which an encounter lacks something, r_col; nobody is seen
-            beyond ``WATCHED``.
-        labels: what a r_col of average distance from the expert's nodes counts as, where it has
-            planned; these swarms' collision radii are not raised then.
-    """
+    """The options of a refiner's recipe; what is lacking counts as fuel over the lower bound."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     rounds: int = Field(default=8, ge=1)  # in training
-    violation: float = 2.5
+    violation: float = 2.5  # what a r_col that an encounter lacks counts as
+    # distance beyond r_col up to which it lacks something; nobody is seen beyond ``WATCHED``
     clear: float = Field(default=0.008, ge=0, le=WATCHED - 1)
     earlier: float = 0.5  # weight of a round, as a share of that of the next
     raised: bool = True  # whether collision radii are raised
     third: bool = True  # whether craft tell each other of their other encounters
+    # what a r_col of average distance from the expert's nodes counts as, where it has planned;
+    # these swarms' collision radii are not raised then
     labels: float = Field(default=0.0, ge=0)
 
 
 class MessagePassing(nn.Module):
     """The weights of the network, of which ``model.agree`` is the forward pass.
 
-    Untrained its trades are 0.
-
-    Attributes:
-        message: numbers in a message.
-        rounds: that an answer takes.
-        hears: 1, or 0 where messages are left out; stored with the weights.
+    Untrained its trades are 0. A message has so many numbers, and an answer takes so many rounds.
     """
 
-    hears: Float[Tensor, ""]
+    hears: Float[Tensor, ""]  # 1, or 0 where messages are left out; stored with the weights
 
     def __init__(self, width: int, message: int, rounds: int) -> None:
         super().__init__()
@@ -118,24 +105,15 @@ def _two_layers(before: int, width: int, after: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(before, width), nn.SiLU(), nn.Linear(width, after))
 
 
-@dataclass(frozen=True)
 class Refiner:
-    """An ``Architecture`` that answers with controls, by its sizes."""
+    """An ``Architecture`` that answers with controls."""
 
-    width: int = 32
-    message: int = 16
-    rounds: int = 14
-
+    config: ClassVar[Mapping[str, Any]] = Sizes().model_dump()
     answers: ClassVar[Answer] = "controls"
     objective: ClassVar[str] = "best_valid_loss"
     unused: ClassVar[frozenset[str]] = frozenset(
         {"dropout", "interior", "target", "scaling", "collision_weight"}
     )
-
-    @property
-    def config(self) -> Mapping[str, Any]:
-        """Its sizes."""
-        return {"width": self.width, "message": self.message, "rounds": self.rounds}
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
@@ -167,7 +145,10 @@ class Refiner:
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
         """Ends, collision radii and those to which they may be raised, and plans: m and m/s."""
-        radius = swarms.collision_radius
+        radius, states = swarms.collision_radius, swarms.states
+        if states is None:  # nobody has planned them
+            (b, n, _), T = swarms.initial.shape, swarms.problem.nodes
+            states = torch.full((b, n, T, 6), torch.nan)
         apart = torch.full_like(radius, torch.inf)
         for k in range(0, len(apart), AT_ONCE):
             for ends in (swarms.initial, swarms.goal):
@@ -176,7 +157,7 @@ class Refiner:
         return {
             **{"initial": swarms.initial, "goal": swarms.goal, "radius": radius},
             "most": (apart / CROWDED).clamp(min=radius, max=RAISED * radius),
-            "states": _planned(swarms).float(),
+            "states": states.float(),
         }
 
     def loss(
@@ -192,7 +173,8 @@ class Refiner:
                 "has planned; expected labels 0, or draws 0 to learn from a dataset's plans."
             )
         given = _turned(_crowded(batch, encoding, settings))
-        task, terms = _task(given, given.initial.device), []
+        ends = given.initial, given.goal, given.collision_radius
+        task, terms = task_of(given.problem, *ends, given.initial.device), []
         now, weights = start(task), network.weights
         for number in range(settings.rounds):
             now = play(weights, task, now, number)
@@ -214,7 +196,7 @@ class Refiner:
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         scores = []
         for radius in (batch["radius"], batch["most"]):
-            task = _task(Swarms(encoding.problem, batch["initial"], batch["goal"], radius))
+            task = task_of(encoding.problem, batch["initial"], batch["goal"], radius)
             controls, safe = cheapest_safe(network.arrays, task, network.rounds)
             ratio = _ratio(task, torch.from_numpy(controls))
             scores.append((ratio.log() + UNSAFE * torch.from_numpy(~safe)).mean())
@@ -225,8 +207,8 @@ class Refiner:
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
-        weights, rounds = network.arrays, network.rounds
-        return torch.from_numpy(answer(weights, rounds, swarms.problem, *_arrays(swarms)))
+        ends = swarms.initial, swarms.goal, swarms.collision_radius
+        return torch.from_numpy(answer(network.arrays, network.rounds, swarms.problem, *ends))
 
 
 def _options(**changes: Any) -> dict[str, Any]:
@@ -234,27 +216,10 @@ def _options(**changes: Any) -> dict[str, Any]:
     return LossSettings(**changes).model_dump(mode="json")
 
 
-def _task(swarms: Swarms, device: torch.device | None = None) -> Task:
-    return task_of(swarms.problem, *_arrays(swarms), device)
-
-
-def _arrays(swarms: Swarms) -> tuple[Array, Array, Array]:
-    """Initial and goal states, and collision radii."""
-    return plain(swarms.initial), plain(swarms.goal), plain(swarms.collision_radius)
-
-
 def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
     """Fuel over the lower bound of each swarm, 1 where none is needed."""
     bound = task.fuel(torch.from_numpy(task.own.controls).to(controls))
     return task.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
-
-
-def _planned(swarms: Swarms) -> Float[Tensor, "b n T 6"]:
-    """The expert's states; not numbers where it has not planned."""
-    if swarms.states is not None:
-        return swarms.states
-    b, n, _ = swarms.initial.shape
-    return swarms.initial.new_full((b, n, swarms.problem.nodes, 6), torch.nan)
 
 
 def _crowded(batch: Batch, encoding: Encoding, settings: LossSettings) -> Swarms:

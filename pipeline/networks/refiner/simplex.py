@@ -36,24 +36,11 @@ def solve_all(
 ):  # fmt: skip
     """The optimum of each of C programs; all arrays are contiguous float64 or int64.
 
-    A plane has two sides, 2l and 2l + 1, for the two craft between which it is.
-
-    Args:
-        tableau: B⁻¹ R of decoupled optima, (N, 6, m - 6).
-        own: their controls, (N, m).
-        basis: basic controls there, (N, 6).
-        others: the other controls, (N, m - 6).
-        sides: sign of each basic control, (N, 6).
-        costs: duals of the others, (N, m - 6).
-        craft_of: whose programs they are, (C,).
-        start: where the sides of each begin in ``order``, and their number, (C + 1,).
-        order: sides of planes, one craft's after the other's, (S,).
-        gain: rows of planes for the first craft of each, (L, m); the second's are their negatives.
-        asked: what is asked of either, (L, 2).
-        largest: cost of what is missing at a plane, and so its largest dual.
-        controls: result, (C, m).
-        dual: zeros, which become the result, (L, 2).
-        change: zeros, which become ∂u/∂asked, (L, 2, m); (0, 2, m) where it is not wanted.
+    The first six arguments are the fields of ``programs.Decoupled``, the next three those of
+    ``programs.Sides``; gain (L, m), asked (L, 2) and largest are g, d and Λ. Results are controls
+    (C, m), and what begins as zeros: duals (L, 2), and ∂u/∂asked (L, 2, m), which is (0, 2, m)
+    where it is not wanted. A plane has two sides, 2l and 2l + 1, for the two craft between which
+    it is.
     """
     C, m = len(craft_of), own.shape[1]
     most = np.max(start[1:] - start[:-1])
@@ -86,7 +73,10 @@ def solve_all(
             for _ in range(MOST_PIVOTS):
                 if not pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
                     break
-            read_controls(rows, m, value, basic, u)
+            u[:] = 0.0
+            for i in range(rows):
+                if basic[i] < m:
+                    u[basic[i]] = value[i]
         read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change)
 
 
@@ -119,10 +109,7 @@ def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
 @no_type_check
 @njit(cache=True)
 def first_ratios(tableau, basis, others, costs, craft_of, gain, dual):
-    """What the first unit along rows ``gain``, (k, m), costs craft at their decoupled optima.
-
-    The result, (k,), is the dual simplex ratio; other arguments are those of ``solve_all``.
-    """
+    """What the first unit along rows (k, m) costs craft, (k,): the dual simplex ratio."""
     moved = np.empty(others.shape[1])
     for c in range(len(craft_of)):
         craft, g = craft_of[c], gain[c]
@@ -183,7 +170,10 @@ def entering_variable(sign, line, cost, other, m, largest, ratio):
     """
     least, steepest, found = np.inf, 0.0, -1
     for k in range(len(other)):
-        ratio[k] = dual_ratio(sign * line[k], cost[k], other[k], m, largest)
+        slope, (low, high) = sign * line[k], slopes(other[k], m, largest)
+        ratio[k] = np.inf
+        if abs(slope) >= NO_PIVOT:
+            ratio[k] = max((cost[k] - (low if slope > 0 else high)) / slope, 0.0)
         least = min(least, ratio[k])
     for k in range(len(other)):
         if ratio[k] <= least + TIE:
@@ -193,16 +183,6 @@ def entering_variable(sign, line, cost, other, m, largest, ratio):
         if tied and (found < 0 or other[k] < other[found]):
             found = k
     return found
-
-
-@no_type_check
-@njit(cache=True)
-def dual_ratio(slope, cost, variable, m, largest):
-    """Dual of the leaving row at which another variable would enter."""
-    if abs(slope) < NO_PIVOT:
-        return np.inf
-    low, high = slopes(variable, m, largest)
-    return max((cost - (low if slope > 0 else high)) / slope, 0.0)
 
 
 @no_type_check
@@ -224,16 +204,6 @@ def exchange(rows, leaving, entering, body, value, basic, other):
             value[i] -= share * amount
     value[leaving] = amount
     basic[leaving], other[entering] = other[entering], basic[leaving]
-
-
-@no_type_check
-@njit(cache=True)
-def read_controls(rows, m, value, basic, controls):
-    """Read the controls off the tableau."""
-    controls[:] = 0.0
-    for i in range(rows):
-        if basic[i] < m:
-            controls[basic[i]] = value[i]
 
 
 @no_type_check

@@ -12,8 +12,9 @@ import pyarrow as pa
 import pytest
 import torch
 
+from pipeline.dataset.examples import ExampleStream
 from pipeline.dataset.manifest import recorded
-from pipeline.dataset.reading import COPIES, ExampleStream, bytes_of_one, examples, examples_within
+from pipeline.dataset.reading import COPIES, bytes_of_one, examples, examples_within
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import SOLVED_FIELDS, metadata
 from pipeline.errors import InputError

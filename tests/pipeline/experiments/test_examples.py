@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.experiments.examples import _orbits, figure_transfer, within
+from pipeline.experiments.examples import figure_of
 from pipeline.experiments.trials import Example, read_example, write_example
+from pipeline.figures.transfer import _orbits, within
 
 
 def test_conflicts_are_marked_where_two_craft_are_within_the_radius(example):
@@ -39,7 +40,7 @@ def test_states_that_drift_show_as_points():
 def test_a_transfer_has_a_panel_for_each_planner_at_one_equal_scale(example, count):
     tracks = {f"planner {k}": example.tracks["expert"] * (1 + k) for k in range(count)}
     shown = Example(example.title, example.initial, example.goal, tracks, 15.0)
-    figure = figure_transfer(shown)
+    figure = figure_of(shown)
     assert len(figure.axes) == count
     for ax in figure.axes:
         ranges = _ranges(ax)
@@ -101,12 +102,12 @@ def _ranges(ax):
 
 def test_drawing_leaves_the_callers_settings_alone(example):
     before = dict(matplotlib.rcParams)
-    figure_transfer(example)
+    figure_of(example)
     assert dict(matplotlib.rcParams) == before
 
 
 def test_panels_are_named_after_planner_and_recipe(example):
     tracks = dict.fromkeys(("expert", "ff1 tuned", "own LP"), example.tracks["expert"])
-    figure = figure_transfer(Example("", example.initial, example.goal, tracks, 15.0))
+    figure = figure_of(Example("", example.initial, example.goal, tracks, 15.0))
     names = [ax.get_title() for ax in figure.axes]
     assert names == ["Expert", "FF1 tuned", "Own LP"]

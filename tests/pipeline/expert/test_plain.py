@@ -117,8 +117,7 @@ def test_its_programs_have_the_optima_that_cvxpy_finds(limit):
 
 def by_cvxpy(scenario, aim):
     """Least fuel with every pair apart along its direction in a trajectory."""
-    model = SwarmModel(scenario.n, scenario.problem)
-    model.set_ends(scenario)
+    model = SwarmModel(scenario)
     i, j = np.triu_indices(scenario.n, 1)
     apart = []
     for t, gap in enumerate(model.gaps(), start=1):

@@ -24,8 +24,8 @@ def made():
 
 
 def test_csv_holds_every_number_to_the_last_digit(made, tmp_path):
-    plan, scenario = made
-    write_csv(plan, scenario, tmp_path / "p.csv")
+    plan, _ = made
+    write_csv(plan, tmp_path / "p.csv")
     with (tmp_path / "p.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * 5
@@ -41,9 +41,9 @@ def test_csv_holds_every_number_to_the_last_digit(made, tmp_path):
 
 
 def test_parquet_is_read_by_duckdb_and_polars_alike(made, tmp_path):
-    plan, scenario = made
+    plan, _ = made
     path = tmp_path / "p.parquet"
-    write_parquet(plan, scenario, path)
+    write_parquet(plan, path)
     frame = polars.read_parquet(path)
     assert (frame.select(STATE).to_numpy().reshape(3, 5, 6) == plan.states).all()
     found = duckdb.sql(
@@ -54,7 +54,7 @@ def test_parquet_is_read_by_duckdb_and_polars_alike(made, tmp_path):
 
 def test_parquet_carries_certificate_and_scenario(made, tmp_path):
     plan, scenario = made
-    write_parquet(plan, scenario, tmp_path / "p.parquet")
+    write_parquet(plan, tmp_path / "p.parquet")
     kept = json.loads(pq.read_schema(tmp_path / "p.parquet").metadata[b"prolearn"])
     assert kept["certificate"]["min_separation"] == plan.certificate.min_separation
     assert kept["status"] == "solved"

@@ -133,7 +133,7 @@ def test_the_document_of_a_plan_is_plain_json_with_null_for_what_is_not_there():
     controls = np.full((1, 3, 3), 1e-3)
     scenario, _ = scenario_of([0] * 6, controls=controls)
     plan = planned("one", scenario, Made(controls, 0.0))
-    document = json.loads(json.dumps(plan_document(plan, scenario), allow_nan=False))
+    document = json.loads(json.dumps(plan_document(plan), allow_nan=False))
     assert document["schema"] == "prolearn.plan/2"
     assert document["times"] == [0, 10, 20, 30]
     assert np.shape(document["states"]) == (1, 4, 6)

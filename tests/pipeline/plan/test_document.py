@@ -25,7 +25,7 @@ KNOWN = {"rank": 1, "tried": 1, "given_fuel_lower_bound": None, "saving": None}
 def written(tmp_path):
     """A plan and its file."""
     plan = solve(SCENARIO)
-    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    write_plan(tmp_path / "plan.json", plan)
     return plan, tmp_path / "plan.json"
 
 
@@ -37,7 +37,8 @@ def test_a_plan_file_alone_is_enough_to_judge_it(written):
 
 def test_what_is_read_is_what_was_written_to_the_bit(written):
     plan, path = written
-    read, scenario = read_plan(path)
+    read = read_plan(path)
+    scenario = read.scenario
     for name in ("states", "controls"):
         assert np.array_equal(getattr(read, name), getattr(plan, name))
     rest = ("planner", "status", "message", "certificate", "convex_solves", "timing")
@@ -51,33 +52,33 @@ def test_an_assignment_comes_back_with_the_scenario_that_is_flown(tmp_path):
     (plan,) = GoalAssignment(Expert()).plan([SCENARIO])
     slots = list(plan.assignment.slots)
     assert slots != [0, 1, 2, 3]
-    write_plan(tmp_path / "plan.json", plan, SCENARIO.taking(slots))
+    write_plan(tmp_path / "plan.json", plan)
     document = json.loads((tmp_path / "plan.json").read_text())
     assert judge_plan(document["scenario"], document).wrong == ()
-    read, scenario = read_plan(tmp_path / "plan.json")
+    read = read_plan(tmp_path / "plan.json")
     assert read.assignment == plan.assignment
-    assert np.array_equal(scenario.goal, SCENARIO.goal[slots])
+    assert np.array_equal(read.scenario.goal, SCENARIO.goal[slots])
 
 
 def test_a_plan_of_the_given_order_says_nothing_of_an_assignment(written):
     assert "assignment" not in json.loads(written[1].read_text())
-    assert read_plan(written[1])[0].assignment is None
+    assert read_plan(written[1]).assignment is None
 
 
 def test_separation_at_the_nodes_comes_back_and_at_all_times_is_what_is_not_said(written, tmp_path):
     assert "separation" not in json.loads(written[1].read_text())
-    assert read_plan(written[1])[0].requirements == Requirements()
+    assert read_plan(written[1]).requirements == Requirements()
     plan = solve(SCENARIO, requirements=Requirements("nodes"))
-    write_plan(tmp_path / "nodes.json", plan, SCENARIO)
+    write_plan(tmp_path / "nodes.json", plan)
     assert json.loads((tmp_path / "nodes.json").read_text())["separation"] == "nodes"
-    assert read_plan(tmp_path / "nodes.json")[0].requirements == Requirements("nodes")
+    assert read_plan(tmp_path / "nodes.json").requirements == Requirements("nodes")
 
 
 def test_a_risk_comes_back(tmp_path):
     plan = within_risk(SCENARIO, solve(SCENARIO), Requirements(risk=RiskLimit(1e-3, 0.05, 1e-3)))
     assert plan.certificate.risk.uncertainty.direction == 1e-3
-    write_plan(tmp_path / "plan.json", plan, SCENARIO)
-    assert read_plan(tmp_path / "plan.json")[0].certificate == plan.certificate
+    write_plan(tmp_path / "plan.json", plan)
+    assert read_plan(tmp_path / "plan.json").certificate == plan.certificate
     text = (tmp_path / "plan.json").read_text()
     assert '"position": 0.05' in text
     (tmp_path / "plan.json").write_text(text.replace('"position": 0.05', '"position": -1'))
@@ -97,18 +98,26 @@ def test_each_node_has_a_line(written):
 def test_an_infinite_gap_comes_back_as_such(tmp_path):
     idle = np.zeros((SCENARIO.n, SCENARIO.problem.intervals, 3)) + 1e-3
     plan = planned("one", SCENARIO, Made(idle, 0.0))
-    write_plan(tmp_path / "plan.json", plan, SCENARIO)
+    write_plan(tmp_path / "plan.json", plan)
     assert json.loads((tmp_path / "plan.json").read_text())["certificate"]["optimality_gap"] is None
-    assert read_plan(tmp_path / "plan.json")[0].certificate == plan.certificate
+    assert read_plan(tmp_path / "plan.json").certificate == plan.certificate
 
 
-def test_files_of_version_1_are_read_without_a_scenario(written):
-    plan, path = written
+def test_files_of_version_1_which_leave_out_the_scenario_are_refused(written):
+    _, path = written
     document = json.loads(path.read_text())
     del document["scenario"], document["certificate"]["goal_velocity_error"]
     path.write_text(json.dumps(document | {"schema": "prolearn.plan/1"}))
-    read, scenario = read_plan(path)
-    assert scenario is None
+    with pytest.raises(InputError, match=r"plan/1, which leaves out the scenario.*plan again"):
+        read_plan(path)
+
+
+def test_certificates_that_do_not_say_by_which_velocity_the_goal_is_missed_are_read(written):
+    plan, path = written
+    document = json.loads(path.read_text())
+    del document["certificate"]["goal_velocity_error"]
+    path.write_text(json.dumps(document))
+    read = read_plan(path)
     assert np.array_equal(read.controls, plan.controls)
     assert np.isnan(read.certificate.goal_velocity_error)
 

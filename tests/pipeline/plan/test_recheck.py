@@ -30,12 +30,12 @@ def unsafe():
 
 
 def said(plan, scenario=SCENARIO):
-    shown = recheck(plan, scenario)
+    shown = recheck(plan)
     return verdict(shown, scenario.problem, plan.status)
 
 
 def test_a_true_plan_is_safe_without_a_fault(plan):
-    shown = recheck(plan, SCENARIO)
+    shown = recheck(plan)
     assert (shown.safe, shown.faults) == (True, ())
     assert shown.plan.certificate == plan.certificate
     assert said(plan).good
@@ -80,7 +80,7 @@ def test_states_that_the_controls_do_not_lead_to_are_told(plan):
     found = said(replace(plan, states=moved))
     assert not found.good
     assert "up to 5 m from where its controls lead" in found.reasons[0]
-    shown = recheck(replace(plan, states=moved), SCENARIO).plan.states
+    shown = recheck(replace(plan, states=moved)).plan.states
     np.testing.assert_allclose(shown, plan.states, atol=1e-9)
 
 
@@ -95,7 +95,7 @@ def test_an_infeasible_plan_says_so_and_has_no_gap():
     found = said(plan, scenario)
     assert (found.good, found.headline) == (False, "Infeasible")
     assert "cannot reach its goal within max_acceleration" in found.reasons[0]
-    rows = dict(certificate_rows(recheck(plan, scenario).plan.certificate, plan.status))
+    rows = dict(certificate_rows(recheck(plan).plan.certificate, plan.status))
     assert rows["Gap to that bound"] == "–"
 
 
@@ -108,7 +108,7 @@ def test_a_gap_to_a_bound_of_nothing_is_no_number(plan):
 
 def test_controls_beyond_all_measure_are_refused_in_a_sentence(plan):
     with pytest.raises(InputError, match=r"controls reach 1e\+200 m/s²"):
-        recheck(replace(plan, controls=np.full_like(plan.controls, 1e200)), SCENARIO)
+        recheck(replace(plan, controls=np.full_like(plan.controls, 1e200)))
 
 
 def test_a_proven_bound_is_never_rounded_up(plan):
@@ -120,14 +120,14 @@ def test_a_proven_bound_is_never_rounded_up(plan):
 def test_a_risk_is_found_anew_and_a_false_one_named(plan):
     limit = Requirements(risk=RiskLimit(0.01, navigation_sigma=0.2, thrust_sigma=0.01))
     careful = within_risk(SCENARIO, plan, limit)
-    shown = recheck(careful, SCENARIO)
+    shown = recheck(careful)
     assert (shown.faults, careful.status) == ((), SOLVED)
     risk = careful.certificate.risk
     rows = dict(certificate_rows(shown.plan.certificate, SOLVED))
     assert rows["Risk of a pair within r_col in open loop, at most"] == f"{risk.bound:.3g}"
     assert rows["Asked for"] == "0.01"
     less = replace(careful.certificate, risk=replace(risk, bound=risk.bound / 2))
-    (fault,) = recheck(replace(careful, certificate=less), SCENARIO).faults
+    (fault,) = recheck(replace(careful, certificate=less)).faults
     assert fault.startswith(f"The file claims risk.bound {risk.bound / 2:.6g}, its controls give")
 
 
@@ -146,9 +146,7 @@ def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
     assert any("passive_safety.min_separation_bound" in reason for reason in found.reasons)
     endless = replace(claim, orbits=1e12)
     with pytest.raises(InputError, match="at most 100"):
-        recheck(
-            replace(plan, certificate=replace(plan.certificate, passive_safety=endless)), SCENARIO
-        )
+        recheck(replace(plan, certificate=replace(plan.certificate, passive_safety=endless)))
 
 
 @pytest.mark.parametrize("name", ["craft_delta_v", "craft_delta_v_2norm"])

@@ -47,7 +47,7 @@ def test_every_plan_is_safe_and_says_who_made_it(family, count, rounds, tmp_path
         assert plan.status == SOLVED
         files = tmp_path / f"{k}.json", tmp_path / f"{k}.plan.json"
         write_scenario(files[0], scenario)
-        write_plan(files[1], plan, scenario)
+        write_plan(files[1], plan)
         assert judge_plan(*(json.loads(file.read_text()) for file in files)).wrong == ()
 
 

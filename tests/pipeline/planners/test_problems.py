@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.rule import Rule
+from benchmarks.rule import rule
 from pipeline.errors import InputError
 from pipeline.expert import solve_many
 from pipeline.orbit.problem import Problem
@@ -12,7 +12,7 @@ from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import NAMES, named_planner
 from pipeline.scenario import draw
 
-PLANNERS = [*map(named_planner, NAMES), GoalAssignment(named_planner("expert")), Rule(2)]
+PLANNERS = [*map(named_planner, NAMES), GoalAssignment(named_planner("expert")), rule(2)]
 
 
 @pytest.mark.parametrize("planner", PLANNERS, ids=lambda one: type(one).__name__ + one.name)

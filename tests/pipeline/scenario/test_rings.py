@@ -56,11 +56,11 @@ def test_a_plan_holds_raw_states_and_the_reference_orbit_of_a_scenario_of_rings(
     }
     ring = [{"craft": 2, "size": 100}]
     made = written(tmp_path / "s.json", ring, ring, reference=where)
-    write_plan(tmp_path / "p.json", named_planner("own-LP").plan([made])[0], made)
+    write_plan(tmp_path / "p.json", named_planner("own-LP").plan([made])[0])
     kept = json.loads((tmp_path / "p.json").read_text())["scenario"]
     assert kept["initial"] == made.initial.tolist()
     assert kept["reference"] == where | {"epoch": "2026-03-01T12:00:00.250000Z"}
-    _, again = read_plan(tmp_path / "p.json")
+    again = read_plan(tmp_path / "p.json").scenario
     assert again.reference == made.reference
     assert (again.goal == made.goal).all()
     assert again.problem == Problem()

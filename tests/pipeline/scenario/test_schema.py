@@ -92,6 +92,6 @@ def test_an_independent_validator_accepts_what_is_read_and_refuses_what_is_refus
 def test_an_independent_validator_accepts_plans_and_refuses_others(accepts):
     for limit in (None, 1e-6):
         scenario = draw("rings", 0, 2, 0, Problem(max_acceleration=limit))
-        document = json.loads(json.dumps(plan_document(solve(scenario), scenario)))
+        document = json.loads(json.dumps(plan_document(solve(scenario))))
         assert accepts(of_plans(), document)
         assert not accepts(of_plans(), document | {"status": "done"})

@@ -68,12 +68,12 @@ def browser(tmp_path_factory):
 def opened(browser, tmp_path):
     """Open the page of a plan; at the end nothing has gone wrong and nothing was asked for."""
 
-    def shown(plan, scenario, name="plan.json", width=1400, theme="light"):
+    def shown(plan, name="plan.json", width=1400, theme="light"):
         media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-        write_page(tmp_path / "page.html", plan, scenario, name)
+        write_page(tmp_path / "page.html", plan, name)
         browser.get("about:blank")
         browser.get_log("performance")  # what the browser's own first page asks for
         browser.get((tmp_path / "page.html").as_uri())
@@ -145,7 +145,7 @@ def test_the_slider_and_play_move_thirty_craft_to_where_they_are(browser, opened
 
     scenario = draw("rings", 0, 30, 0, Problem())
     plan = solve(scenario)
-    opened(plan, scenario, width=390)  # software draws a small picture in reasonable time
+    opened(plan, width=390)  # software draws a small picture in reasonable time
     assert_true_to(browser, plan, scenario, 0.0)
     assert browser.execute_script(RADIUS, 30) == pytest.approx(7.5, abs=1e-6)
     slider = by(browser, "#time")
@@ -167,7 +167,7 @@ def test_the_closest_approach_is_seen_at_its_time_with_its_distance(browser, ope
     plan = solve(scenario)
     found = plan.certificate
     i, j = found.min_separation_pair
-    opened(plan, scenario)
+    opened(plan)
     by(browser, "[data-time]").click()
     wait_for(browser, "return state.sample > 0")
     when = browser.execute_script("return data.times[state.sample]")
@@ -192,7 +192,7 @@ def test_the_closest_approach_is_seen_at_its_time_with_its_distance(browser, ope
 def test_few_craft_are_shown_on_a_phone_in_the_dark(browser, opened, n):
     scenario = draw("rings", 0, n, 0, Problem())
     plan = solve(scenario)
-    opened(plan, scenario, width=390, theme="dark")
+    opened(plan, width=390, theme="dark")
     by(browser, "#time").send_keys("\ue010")  # the key End
     assert_true_to(browser, plan, scenario, 1200.0)
     wide, ink, page = browser.execute_script(
@@ -209,7 +209,7 @@ def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, op
     scenario = draw("rings", 0, 10, 3, Problem())
     own = decoupled_optima(scenario.initial, scenario.goal, scenario.problem)
     plan = planned("own LP", scenario, Made(own.controls, float(own.lower_bound.sum())))
-    opened(replace(plan, planner=hostile), scenario, hostile, theme="dark")
+    opened(replace(plan, planner=hostile), hostile, theme="dark")
     assert by(browser, "h1").text == f"Transfer of 10 craft, planned by {hostile}"
     assert browser.title.startswith(hostile)
     top = by(browser, ".verdict").text

@@ -122,7 +122,7 @@ def test_craft_in_one_place_are_two_craft():
 def test_the_certificates_closest_approach_is_among_the_samples():
     scenario = draw("rings", 0, 10, 0, PROBLEM)
     plan = solve(scenario)
-    data, _ = page_data(plan, scenario)
+    data, _ = page_data(plan)
     k = data["times"].index(plan.certificate.min_separation_time)
     closest = [mm[k] for mm in data["separations"]]
     assert min(closest) / 1000 == pytest.approx(plan.certificate.min_separation, abs=1e-3)
@@ -131,7 +131,7 @@ def test_the_certificates_closest_approach_is_among_the_samples():
 
 def test_all_that_is_drawn_is_in_the_box_whose_sides_are_never_too_unequal():
     scenario = draw("rings", 0, 3, 0, PROBLEM)
-    data, _ = page_data(solve(scenario), scenario)
+    data, _ = page_data(solve(scenario))
     drawn = [data["positions"], data["orbits"]["initial"], data["orbits"]["goal"]]
     points = np.concatenate([np.array(part).reshape(-1, 3) / 100 for part in drawn])
     low, high = np.array(data["box"]).T

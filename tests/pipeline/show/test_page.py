@@ -43,22 +43,21 @@ def parsed(text):
 
 @pytest.fixture(scope="module")
 def planned_swarm():
-    """A scenario and its plan, of any size."""
+    """A plan for a swarm of any size."""
 
     def made(n):
-        scenario = draw("rings", 0, n, 0, Problem())
-        return solve(scenario), scenario
+        return solve(draw("rings", 0, n, 0, Problem()))
 
     return made
 
 
 def test_a_page_of_30_craft_is_smaller_than_2_mb(planned_swarm):
-    text, _ = page(*planned_swarm(30), "plan.json")
+    text, _ = page(planned_swarm(30), "plan.json")
     assert len(text.encode()) < 2_000_000
 
 
 def test_the_page_refers_to_nothing_and_its_policy_forbids_all_but_its_own_scripts(planned_swarm):
-    parts = parsed(page(*planned_swarm(3), "plan.json")[0])
+    parts = parsed(page(planned_swarm(3), "plan.json")[0])
     links = [v for _, a in parts.tags for k, v in a.items() if k in {"src", "href", "action"}]
     assert links == ["data:,"]
     assert {"iframe", "object", "form", "base"}.isdisjoint(tag for tag, _ in parts.tags)
@@ -70,12 +69,12 @@ def test_the_page_refers_to_nothing_and_its_policy_forbids_all_but_its_own_scrip
 
 
 def test_words_from_the_file_stay_words(planned_swarm):
-    plan, scenario = planned_swarm(2)
+    plan = planned_swarm(2)
 
     def saying(words):
         proof = replace(plan.certificate, fuel_lower_bound_proof=words)
         said = replace(plan, planner=words, message=words, status="unsolved", certificate=proof)
-        return parsed(page(said, scenario, words)[0])
+        return parsed(page(said, words)[0])
 
     parts = saying(HOSTILE)
     assert parts.text.count(HOSTILE) >= 6, "title, heading, name, reason, proof, planner"
@@ -83,8 +82,8 @@ def test_words_from_the_file_stay_words(planned_swarm):
 
 
 def test_the_same_plan_gives_the_same_bytes(planned_swarm):
-    plan, scenario = planned_swarm(2)
-    assert page(plan, scenario, "a")[0] == page(plan, scenario, "a")[0]
+    plan = planned_swarm(2)
+    assert page(plan, "a")[0] == page(plan, "a")[0]
 
 
 def test_plotlys_bundle_is_the_recorded_one_with_its_licence():
@@ -97,8 +96,7 @@ def test_plotlys_bundle_is_the_recorded_one_with_its_licence():
 
 
 def page_of_one():
-    scenario = draw("rings", 0, 1, 0, Problem())
-    return page(solve(scenario), scenario, "plan.json")[0]
+    return page(solve(draw("rings", 0, 1, 0, Problem())), "plan.json")[0]
 
 
 def test_of_what_is_not_ours_only_the_recorded_files_are_there():

@@ -61,7 +61,7 @@ def test_every_plan_is_sound_for_its_own_duration(planner, goal):
             "certificate": asdict(point.plan.certificate),
             "assignment": point.plan.assignment,
         }
-        report = judge_plan(document(point.scenario), plan | claims)
+        report = judge_plan(document(point.plan.scenario), plan | claims)
         assert report.wrong == ()
         assert point.delta_v == pytest.approx(report.delta_v, rel=1e-9)
         assert point.delta_v_lower_bound <= point.delta_v * (1 + 1e-9)

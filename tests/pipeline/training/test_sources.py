@@ -19,11 +19,11 @@ from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.scenario import draw
-from pipeline.training.data import FreshDraws, Preparation, batches, sources
+from pipeline.training.data import Preparation, batches, fresh_draws, sources
 from pipeline.training.loop import train
 
 PROBLEM = Problem(nodes=6)
-FRESH = FreshDraws("rings", 4, 3, PROBLEM, count=40)
+FRESH = fresh_draws("rings", 4, 3, PROBLEM, 40)
 
 
 class Counting(Progress):
@@ -84,7 +84,9 @@ def test_every_epoch_sees_scenarios_that_no_other_has_seen(gentle):
 
 def test_a_network_learns_without_plans_and_the_best_score_is_kept(gentle):
     before = trained(gentle, epochs=1, learning_rate=1e-12, averaging=0.0)
-    after = trained(gentle, epochs=12, source=replace(FRESH, count=400), averaging=0.9)
+    after = trained(
+        gentle, epochs=12, source=fresh_draws("rings", 4, 3, PROBLEM, 400), averaging=0.9
+    )
     scores = [epoch.valid_loss for epoch in after.history]
     assert min(scores) < before.history[0].valid_loss
     assert after.best_epoch == 1 + int(np.argmin(scores))

@@ -84,7 +84,16 @@ def place(problem: Case, states: np.ndarray, controls: np.ndarray, time: float) 
     return after(problem.rate, round(time - k * problem.step, 9), states[:, k], held)[:, :3]
 
 
-def _refined(problem, states, controls, near, lost, node, other, around) -> Adrift:
+def _refined(
+    problem: Case,
+    states: np.ndarray,
+    controls: np.ndarray,
+    near: float,
+    lost: int,
+    node: int,
+    other: int,
+    around: tuple[float, float],
+) -> Adrift:
     begin = node * problem.step
 
     def apart(since: float) -> float:

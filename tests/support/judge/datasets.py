@@ -5,11 +5,15 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 
 from judge.plans import judge_plan
+
+Row = dict[str, Any]
+"""The columns of a row, or the fields of a file's metadata, by name."""
 
 SCENARIO = ("scenario_id", "n_spacecraft", "family", "split", "initial", "goal", "status")
 PLAN = (
@@ -40,7 +44,7 @@ class DatasetReport:
 def judge_dataset(folder: Path) -> DatasetReport:
     """Judge every row of every Parquet file whose path has no name that begins with _ or a dot."""
     faults: list[str] = []
-    rows: list[dict] = []
+    rows: list[Row] = []
     problems = set()
     for file in sorted(folder.rglob("*.parquet")):
         place = file.relative_to(folder)
@@ -66,14 +70,14 @@ def judge_dataset(folder: Path) -> DatasetReport:
     return DatasetReport(statuses, splits, tuple(faults))
 
 
-def _read(file: Path) -> tuple[dict, list[str], list[dict]]:
+def _read(file: Path) -> tuple[Row, list[str], list[Row]]:
     """Metadata, columns and rows of a file, its checksums checked."""
     with pq.ParquetFile(file, page_checksum_verification=True) as opened:
         table = opened.read()
     return json.loads(table.schema.metadata[b"prolearn"]), table.column_names, table.to_pylist()
 
 
-def _row_faults(row: Mapping, about: Mapping) -> Iterator[str]:
+def _row_faults(row: Row, about: Row) -> Iterator[str]:
     n, T = row["n_spacecraft"], about["nodes"]
     for name, known in (("status", STATUSES), ("split", SPLITS)):
         if row[name] not in known:
@@ -99,12 +103,12 @@ def _row_faults(row: Mapping, about: Mapping) -> Iterator[str]:
         yield f"cannot be judged: {error}"
 
 
-def _shared(rows: list[dict]) -> Iterator[str]:
+def _shared(rows: list[Row]) -> Iterator[str]:
     """Names that two rows have, and scenarios of two splits, whatever order their craft are in."""
     for name, count in Counter(row["scenario_id"] for row in rows).items():
         if count > 1:
             yield f"{count} rows are called {name}"
-    seen: dict[tuple, dict] = {}
+    seen: dict[tuple[tuple[float, ...], ...], Row] = {}
     for row in rows:
         ends = np.reshape([row["initial"], row["goal"]], (2, -1, 6))
         swarm = tuple(sorted(map(tuple, np.concatenate(ends, axis=1).tolist())))

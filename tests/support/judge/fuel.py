@@ -59,6 +59,7 @@ def _least(reach: np.ndarray, miss: np.ndarray, limit: float | None) -> tuple[fl
         return np.inf, np.inf
     if solved.status != 0:
         raise ArithmeticError(f"HiGHS cannot tell the least fuel: {solved.message}")
+    assert solved.fun is not None
     price = solved.eqlin.marginals
     worth = np.abs(price @ reach)  # of each control; what is worth more than its cost of 1 is used
     if limit is None:

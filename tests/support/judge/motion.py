@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
@@ -25,13 +26,15 @@ class Case:
     limit: float | None = None
 
     @classmethod
-    def of(cls, document: Mapping) -> "Case":
+    def of(cls, document: Mapping[str, Any]) -> "Case":
         """The problem in the fields of scenario.json."""
         rate = document.get("mean_motion")
         if rate is None:
             rate = (GRAVITY / (RADIUS + document["altitude"]) ** 3) ** 0.5
-        fields = (document[name] for name in ("time_step", "nodes", "collision_radius"))
-        return cls(rate, *fields, document.get("max_acceleration"))
+        step, nodes, radius = (
+            document[name] for name in ("time_step", "nodes", "collision_radius")
+        )
+        return cls(rate, step, nodes, radius, document.get("max_acceleration"))
 
     @property
     def duration(self) -> float:

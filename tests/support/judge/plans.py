@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,9 @@ class _Flight:
     adrift: Adrift | None = None
 
 
-def judge_plan(scenario: Mapping, plan: Mapping, *, at_nodes: bool = False) -> Report:
+def judge_plan(
+    scenario: Mapping[str, Any], plan: Mapping[str, Any], *, at_nodes: bool = False
+) -> Report:
     """Judge a plan by its controls; its states and its certificate are claims like any other.
 
     Args:
@@ -154,7 +157,7 @@ def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
         yield f"burns {flight.fuel:.6g} m/s² where none burns less than {flight.proven:.6g}"
 
 
-def _untrue_states(flight: _Flight, states: np.ndarray, times: list | None) -> Iterator[str]:
+def _untrue_states(flight: _Flight, states: np.ndarray, times: list[float] | None) -> Iterator[str]:
     off = np.abs(states - flight.states).max(axis=(0, 1))
     if off[:3].max() > METRES or off[3:].max() > METRES_A_SECOND:
         yield f"states are {off[:3].max():.3g} m, {off[3:].max():.3g} m/s from what is flown"
@@ -163,7 +166,7 @@ def _untrue_states(flight: _Flight, states: np.ndarray, times: list | None) -> I
         yield "times are not those of the nodes"
 
 
-def _untrue(flight: _Flight, states: np.ndarray, said: Mapping) -> Iterator[str]:
+def _untrue(flight: _Flight, states: np.ndarray, said: Mapping[str, Any]) -> Iterator[str]:
     """Claims of a certificate, of which any may be left out, against what is found."""
     problem, alone = flight.problem, len(flight.goal) == 1
     moved = after(problem.rate, problem.step, states[:, :-1], flight.controls)
@@ -200,7 +203,7 @@ def _untrue(flight: _Flight, states: np.ndarray, said: Mapping) -> Iterator[str]
             yield f"craft {pair[0]} and {pair[1]} are {found:.6g} m apart at {time:.6g} s"
 
 
-def _untrue_adrift(flight: _Flight, said: Mapping) -> Iterator[str]:
+def _untrue_adrift(flight: _Flight, said: Mapping[str, Any]) -> Iterator[str]:
     """What a certificate says of losses of thrust, against what is found."""
     claim, found = said.get("passive_safety"), flight.adrift
     if claim is None or found is None:

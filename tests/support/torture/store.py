@@ -50,7 +50,7 @@ def _table(folder: Path, run: Any) -> str:
     if not found:
         return ""
     table = pd.read_parquet(found[0])
-    kept = [name for name in table if not any(word in name for word in VARYING)]
+    kept = [name for name in table.columns if not any(word in name for word in VARYING)]
     return table[kept].to_csv()
 
 

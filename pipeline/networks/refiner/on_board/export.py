@@ -1,60 +1,240 @@
-"""A refiner as a folder of ONNX files, one for each step of a craft."""
+"""A refiner as ONNX files, one for each step of a craft, and swarms whose craft run them.
+
+Each craft runs the steps by itself; before the files take their names, its controls are compared
+with those of the whole swarm at once.
+"""
 
 import hashlib
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+from jaxtyping import Float
 from torch.export import Dim
 
-from pipeline.errors import InputError
+from pipeline.arrays import Array
+from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published
 from pipeline.networks.model import Model
-from pipeline.networks.onnx_files import traced, write
+from pipeline.networks.onnx_files import open_session, traced, write
 from pipeline.networks.recipes import REFINER
-from pipeline.networks.refiner.on_board.check import CraftCheck, check
+from pipeline.networks.refiner.model import play, start, task_of
 from pipeline.networks.refiner.on_board.steps import (
+    ROUND,
     STEPS,
+    TOLD,
     Step,
     outputs,
     sizes_of,
-    takes,
     told_each_round,
     value,
 )
 from pipeline.networks.refiner.refiner import MessagePassing
+from pipeline.orbit.problem import Problem
+from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder
 
 SCHEMA = "prolearn.onnx.craft/1"
 
 ANY = {"P": 5, "Q": 4}  # axes of any length, and the length with which graphs are traced
 
+TOLERANCE = 1e-5
+"""Largest difference of a control from the whole swarm's, as a share of the largest control."""
+
+MOST_TIES = 1 / 3  # share of the swarms that may meet another optimum of the same fuel
+SIZES = (2, 10, 30)  # swarm sizes that are flown
+DRAWS = 2  # swarms of each
+AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``steps.VALUES``
+
+Run = Callable[[str, AgentMemory], Mapping[str, Any]]
+"""Runs the step of a name on what one craft knows, and gives its outputs by name."""
+
+
+Edge = tuple[int, int, int, int]
+"""One side of an encounter: a craft, the encounter's place among its own, the craft that it meets,
+and the place there."""
+
+
+def fly_rounds(
+    run: Run,
+    initial: Float[Array, "n 6"],
+    goal: Float[Array, "n 6"],
+    r_col: float,
+    *,
+    rounds: int,
+) -> Iterator[Float[Array, "n m"]]:
+    """Controls of all craft, m/s²: the decoupled optima, and after each round; by m and m/s."""
+    swarm: list[AgentMemory] = [
+        {"initial": start, "goal": end, "r_col": np.array(r_col)}
+        for start, end in zip(initial, goal, strict=True)
+    ]
+    for craft in swarm:
+        craft.update(run("begin", craft))
+    edges = _met(run, swarm)
+    _exchange(swarm, edges, ("nodes", "price"))
+    yield np.stack([craft["controls"] for craft in swarm])
+    for number in range(rounds):
+        for name, step in ROUND.items():
+            for k in {edge[0] for edge in edges}:  # others keep their decoupled optimum
+                swarm[k].update(run(name, {**swarm[k], "number": np.array(number)}))
+            live = [e for e in edges if step.tells_all or swarm[e[0]]["live"][e[1]]]
+            _exchange(swarm, live, step.tells)
+        yield np.stack([craft["controls"] for craft in swarm])
+
+
+def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
+    """Both sides of all encounters, which every craft finds by itself."""
+    places: dict[tuple[int, int, int], int] = {}
+    for k, craft in enumerate(swarm if len(swarm) > 1 else ()):
+        others = [j for j in range(len(swarm)) if j != k]
+        told = np.stack([swarm[j]["states"] for j in others])
+        which, interval = np.nonzero(run("meet", {**craft, TOLD + "states": told})["met"])
+        places |= {
+            (k, others[q], int(t)): place
+            for place, (q, t) in enumerate(zip(which, interval, strict=True))
+        }
+        states = craft["states"]
+        craft["interval"] = interval
+        craft["nodes"] = np.stack([states[interval], states[interval + 1]], axis=1)
+        craft["price"], craft["first_price"] = np.zeros((2, len(interval)))
+    return [(k, place, j, places[j, k, t]) for (k, j, t), place in places.items()]
+
+
+def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequence[str]) -> None:
+    """On each of some edges, a craft is told what has these names by the one that it meets."""
+    for name in names:
+        for craft in swarm:  # who is told nothing knows nothing, but in the right shape
+            if name in craft:
+                craft.setdefault(TOLD + name, np.zeros_like(craft[name]))
+        for k, place, other, there in edges:
+            swarm[k][TOLD + name][place] = swarm[other][name][there]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The controls of one swarm."""
+
+    difference: float  # the largest, as a share of the largest control
+    tie: bool  # whether another optimum of the same fuel was met, before which this holds
+
+
+@dataclass(frozen=True)
+class CraftCheck:
+    """What was measured."""
+
+    swarms: int  # swarms that were flown
+    ties: int  # those in which another optimum of the same fuel was met
+    encounters: int  # most encounters of a craft in them
+    difference: float  # largest from the whole swarm's, as a share of its largest control
+    seconds: Mapping[str, float]  # median time of a step on one core, by its name
+
+
+class Files:
+    """Runs steps by their files, and keeps the times."""
+
+    def __init__(self, files: Mapping[str, Path]) -> None:
+        self.session = {name: open_session(path) for name, path in files.items()}
+        self.seconds: dict[str, list[float]] = {name: [] for name in files}
+        self.encounters = 0
+
+    def __call__(self, name: str, known: AgentMemory) -> Mapping[str, Any]:
+        """The outputs of a step by name."""
+        given = {one: known[one] for one in STEPS[name].takes}
+        started = time.perf_counter()
+        found = self.session[name].run(None, given)
+        self.seconds[name].append(time.perf_counter() - started)
+        self.encounters = max(self.encounters, len(known.get("interval", ())))
+        return dict(zip(STEPS[name].gives, found, strict=True))
+
+
+def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
+    """Fly random swarms by the files, all rounds, and compare all controls with the model's.
+
+    Raises:
+        InputError: where onnxruntime is not installed.
+        ProlearnError: where a control differs by more than TOLERANCE for no good reason, or little
+            could be compared.
+    """
+    network, problem = model.network, model.problem
+    assert isinstance(network, MessagePassing), "a refiner's"
+    run, compared, radius = Files(files), [], problem.collision_radius
+    for n in SIZES:
+        for k in range(DRAWS):
+            scenario = draw("rings", 0, n, k, problem, "valid")
+            ends = scenario.initial, scenario.goal
+            given = np.stack(list(fly_rounds(run, *ends, radius, rounds=network.rounds)))
+            compared.append(compare(given, together(network, problem, *ends)))
+    difference = max(one.difference for one in compared)
+    if difference > TOLERANCE:
+        raise ProlearnError(
+            f"onnxruntime's controls differ from the model's by {difference:.2g} of the largest; "
+            f"expected at most {TOLERANCE:g}: no file was written."
+        )
+    seconds = {name: float(np.median(times or [0.0])) for name, times in run.seconds.items()}
+    ties = sum(one.tie for one in compared)
+    if ties > MOST_TIES * len(compared):
+        raise ProlearnError(
+            f"{ties} of {len(compared)} swarms met another optimum of the same fuel, so little "
+            f"was compared; expected at most {MOST_TIES:.0%}: no file was written."
+        )
+    return CraftCheck(len(compared), ties, run.encounters, difference, seconds)
+
+
+def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Compared:
+    """Controls before and after each round against those that are wanted.
+
+    A craft's program may have several optima that cost the same; then rounding decides between
+    them, and the rounds after may differ. So rounds are compared up to the first that differs, and
+    that one by the fuel of each craft.
+    """
+    share = np.abs(given - wanted).max(axis=(1, 2)) / np.abs(wanted).max()
+    if share.max() <= TOLERANCE:
+        return Compared(float(share.max()), tie=False)
+    first = int((share > TOLERANCE).argmax())
+    fuel, same = (np.abs(controls[first]).sum(axis=1) for controls in (given, wanted))
+    if np.abs(fuel - same).max() > TOLERANCE * same.max():
+        return Compared(float(share[first]), tie=False)
+    return Compared(float(share[:first].max(initial=0.0)), tie=True)
+
+
+def together(
+    network: MessagePassing,
+    problem: Problem,
+    initial: Float[Array, "n 6"],
+    goal: Float[Array, "n 6"],
+) -> Float[Array, "_ n m"]:
+    """Controls before and after each round of the whole swarm at once, m/s²."""
+    radius = np.array([problem.collision_radius])
+    task = task_of(problem, initial[None], goal[None], radius)
+    now = start(task)
+    controls = [now.controls]
+    for number in range(network.rounds):
+        now = play(network.arrays, task, now, number)
+        controls.append(now.controls)
+    return np.stack(controls) * radius / problem.time_step**2
+
 
 @dataclass(frozen=True)
 class ExportedCraft:
-    """The files of one craft and what was measured of them.
-
-    Attributes:
-        told: numbers that a craft tells in each round for each live encounter, by name.
-    """
+    """The files of one craft and what was measured of them."""
 
     folder: Path  # where they are, each named after its step
     kib: Mapping[str, float]  # size of each, by step, KiB
     sha256: Mapping[str, str]  # digest of each, by step
-    told: Mapping[str, int]
+    told: Mapping[str, int]  # numbers told in each round for each live encounter, by name
     checked: CraftCheck  # how near they are to torch, and how fast
 
 
 def export_craft(
     model: Model, folder: Path, *, about: Mapping[str, Any] | None = None
 ) -> ExportedCraft:
-    """Write the steps that one craft runs, as ``begin.onnx`` and so on.
+    """Write the steps that one craft of a refiner runs, as ``begin.onnx`` and so on.
 
-    Args:
-        model: a refiner.
-        folder: where the files go; those of these names are replaced.
-        about: JSON values that are stored in each file's metadata.
+    Files of these names are replaced; each has the JSON values ``about`` in its metadata.
 
     Raises:
         InputError: where onnx or onnxruntime is not installed, or the folder is a file.
@@ -83,11 +263,12 @@ def export_craft(
 def _write(step: Step, message: int, path: Path, about: Mapping[str, Any]) -> None:
     """The file of a step."""
     sizes = sizes_of(step.problem.nodes, message, ANY["P"], ANY["Q"])
-    inputs, gives = takes(type(step)), outputs(type(step))
+    inputs, gives = step.takes, outputs(type(step))
     axes = {
         name: [letter if letter in ANY else None for letter in value(name).shape]
         for name in (*inputs, *gives)
     }
-    dynamic = [{k: Dim.DYNAMIC for k, a in enumerate(axes[name]) if a} for name in inputs]
-    examples = {name: value(name).example(sizes) for name in inputs}
-    write(traced(step, examples, gives, dynamic, REFINER), path, axes, about)
+    dynamic = tuple({k: Dim.DYNAMIC for k, a in enumerate(axes[name]) if a} for name in inputs)
+    values = {name: value(name) for name in inputs}
+    examples = {name: torch.ones(v.sized(sizes), dtype=v.dtype) for name, v in values.items()}
+    write(traced(step, examples, gives, [dynamic], REFINER), path, axes, about)

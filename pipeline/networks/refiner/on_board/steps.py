@@ -9,23 +9,21 @@ inputs and outputs are those of the files that are exported, and do not change.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from inspect import signature
 from math import prod
+from types import SimpleNamespace
 
 import torch
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.networks.refiner.geometry import (
     NEAR,
     NEAR_OF_EXTENT,
-    Grid,
+    Scene,
     extents,
-    gains,
     grid_of,
-    in_units,
-    normals,
-    passing,
+    positions,
+    scene_of,
 )
 from pipeline.networks.refiner.model import (
     LEAST_DUAL,
@@ -39,15 +37,13 @@ from pipeline.networks.refiner.model import (
     two_layers,
 )
 from pipeline.networks.refiner.on_board.traced import (
-    cubic,
+    Tableau,
     decoupled_optimum,
     first_duals,
     nearest,
-    position,
     solve_one,
     turns,
 )
-from pipeline.networks.refiner.programs import Decoupled
 from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.orbit.problem import Problem
 
@@ -56,47 +52,47 @@ TOLD = "told_"
 
 NEW = "new_"  # begins the name of an output that takes the place of the input of the same name
 
-STATE = "x y z (m), vx vy vz (m/s)"
+STATE, LENGTH, ACCELERATION = "x y z (m), vx vy vz (m/s)", "m", "m/s²"
 
 
 @dataclass(frozen=True)
 class Value:
-    """One input or output.
+    """One input or output."""
 
-    Attributes:
-        shape: sizes; by letter where they differ: T nodes, m = 3(T-1) controls, P encounters, Q
-            other craft, H numbers of a message.
-    """
-
+    # sizes; by letter where they differ: T nodes, m = 3(T-1) controls, P encounters, Q other craft,
+    # H numbers of a message
     shape: tuple[int | str, ...]
     what: str  # unit and meaning
     dtype: torch.dtype = torch.float64  # its type
+    unit: str = ""  # STATE, LENGTH or ACCELERATION, where steps have it in r_col and Δt
 
     def sized(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """The shape in numbers."""
         return tuple(size if isinstance(size, int) else sizes[size] for size in self.shape)
 
-    def example(self, sizes: Mapping[str, int]) -> Tensor:
-        """Ones of that shape and type."""
-        return torch.ones(self.sized(sizes), dtype=self.dtype)
+
+def _states(*shape: int | str, at: str) -> Value:
+    return Value(shape, f"{STATE} at {at}", unit=STATE)
 
 
 FLOAT, WHOLE = torch.float32, torch.int64
 
 VALUES: Mapping[str, Value] = {
-    "initial": Value((6,), f"{STATE} at the first node"),
-    "goal": Value((6,), f"{STATE} at the last node"),
+    "initial": _states(6, at="the first node"),
+    "goal": _states(6, at="the last node"),
     "r_col": Value((), "collision radius, m"),
-    "states": Value(("T", 6), f"{STATE} at each node of the decoupled optimum"),
-    "told_states": Value(("Q", "T", 6), "the same of all other craft"),
+    "states": _states("T", 6, at="each node of the decoupled optimum"),
+    "told_states": Value(("Q", "T", 6), "the same of all other craft", unit=STATE),
     "met": Value(("Q", "T-1"), "whether it is an encounter, by craft and interval", torch.bool),
     "interval": Value(("P",), "in which interval each encounter is, from 0", WHOLE),
     "number": Value((), "of the round, from 0", WHOLE),
-    "controls": Value(("m",), "x y z of the first interval (m/s²), then of the next"),
-    "nodes": Value(("P", 2, 6), f"{STATE} at both ends of the interval"),
+    "controls": Value(
+        ("m",), "x y z of the first interval (m/s²), then of the next", unit=ACCELERATION
+    ),
+    "nodes": _states("P", 2, 6, at="both ends of the interval"),
     "price": Value(("P",), "what the plane cost in the last round, m/s² a metre, times Δt²"),
     "first_price": Value(("P",), "what its first metre costs, likewise; 0 before it is live"),
-    "distance": Value(("P",), "closest approach, m"),
+    "distance": Value(("P",), "closest approach, m", unit=LENGTH),
     "live": Value(("P",), "whether the encounter gets a plane in this round", torch.bool),
     "standing": Value(
         ("P", 3),
@@ -125,177 +121,120 @@ def sizes_of(nodes: int, message: int, encounters: int, others: int) -> dict[str
     return {**letters, "P": encounters, "Q": others}
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """The P encounters of a craft as they are, in r_col and Δt."""
-
-    ends: Float[Tensor, "P 2 6"]  # states relative to the other craft at both ends of the interval
-    share: Float[Tensor, "P"]  # when they are closest, as a share of the interval
-    turns: Bool[Tensor, "P"]  # whether they come closer before and part after it
-    distance: Float[Tensor, "P"]  # then
-    along: Float[Tensor, "P 3"]  # normal of the plane
-    gain: Float[Tensor, "P m"]  # how the craft's controls move it along the normal
-
-
 class Step(nn.Module):
-    """One graph: ``forward`` has the inputs by name, m, m/s and m/s².
+    """One graph of some inputs, by which a craft makes some outputs."""
 
-    Attributes:
-        tells_all: whether also of encounters that are not live.
-    """
-
+    takes: tuple[str, ...] = ()  # names of the inputs, in order
     gives: tuple[str, ...] = ()  # names of the outputs
-    tells: tuple[str, ...] = ()  # those of them that the other craft must have before the next step
-    tells_all = False
+    tells: tuple[str, ...] = ()  # those that the other craft must have before the next step
+    tells_all = False  # whether also of encounters that are not live
 
     def __init__(self, network: MessagePassing, problem: Problem) -> None:
         super().__init__()
-        self.problem = problem
-        self.grid: Grid = grid_of(problem, torch.device("cpu"))
+        self.problem, self.grid = problem, grid_of(problem, torch.device("cpu"))
         self.weights = {name: weight.detach() for name, weight in network.weights.items()}
+        of_time = torch.tensor([1.0, 1 / problem.time_step], dtype=torch.float64)
+        self.units = {
+            STATE: of_time.repeat_interleave(3),
+            LENGTH: of_time[0],
+            ACCELERATION: of_time[1] ** 2,
+        }
 
-    def scaled(
-        self, states: Float[Tensor, "*batch 6"], r_col: Float[Tensor, ""]
-    ) -> Float[Tensor, "*batch 6"]:
-        """States in r_col and Δt."""
-        return in_units(states.reshape(1, -1, 6), r_col[None], self.problem).reshape(states.shape)
+    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
+        """The outputs, from the inputs: m, m/s and m/s² outside and r_col and Δt inside."""
+        known = dict(zip(self.takes, given, strict=True))
+        for name in self.takes:
+            if unit := value(name).unit:
+                known[name] = known[name] / (known["r_col"] * self.units[unit])
+        found = dict(zip(self.gives, self._step(SimpleNamespace(**known)), strict=True))
+        for name in self.gives:
+            if unit := value(name).unit:
+                found[name] = found[name] * (known["r_col"] * self.units[unit])
+        return tuple(found.values())
 
-    def own(
-        self, initial: Float[Tensor, "6"], goal: Float[Tensor, "6"], r_col: Float[Tensor, ""]
-    ) -> Decoupled:
-        """The decoupled optimum in r_col and Δt."""
-        start, end = self.scaled(initial[None], r_col), self.scaled(goal[None], r_col)
-        return decoupled_optimum(start, end, self.grid, self.problem)
+    def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        """The outputs of what a craft knows, by the names of ``VALUES``, in r_col and Δt."""
+        raise NotImplementedError
 
-    def acceleration(self, r_col: Float[Tensor, ""]) -> Float[Tensor, ""]:
-        """What a control of 1 r_col/Δt² is, m/s²."""
-        return r_col / self.grid.step**2
+    def own(self, craft: SimpleNamespace) -> Tableau:
+        """The decoupled optimum."""
+        return decoupled_optimum(craft.initial, craft.goal, self.grid, self.problem)
 
-    def fly(
-        self, initial: Float[Tensor, "6"], controls: Float[Tensor, "m"], r_col: Float[Tensor, ""]
-    ) -> Float[Tensor, "T 6"]:
-        """Node states in m and m/s, from controls in r_col/Δt²."""
-        flown = self.grid.fly(self.scaled(initial[None], r_col), controls[None])[0]
-        return flown / self.scaled(torch.ones_like(flown), r_col)
+    def scene(self, craft: SimpleNamespace) -> Scene:
+        """The P encounters, at their closest approaches."""
+        ends = craft.nodes - craft.told_nodes
+        return scene_of(craft.interval, nearest(ends), ends, self.grid)
 
-    def scene(
-        self,
-        interval: Int[Tensor, "P"],
-        nodes: Float[Tensor, "P 2 6"],
-        told_nodes: Float[Tensor, "P 2 6"],
-        r_col: Float[Tensor, ""],
-    ) -> Scene:
-        """The encounters."""
-        ends = self.scaled(nodes, r_col) - self.scaled(told_nodes, r_col)
-        motion = cubic(ends)
-        share = nearest(motion)
-        distance, along = normals(ends, share)
-        gain = gains(interval, share, along, self.grid)
-        return Scene(ends, share, turns(motion, share), distance, along, gain)
+
+def _both(craft: SimpleNamespace, name: str) -> Float[Tensor, "P 2 *_"]:
+    """What the craft and the other side of each encounter know by this name."""
+    return torch.stack([getattr(craft, name), getattr(craft, TOLD + name)], dim=1)
+
+
+ENDS = ("initial", "goal", "r_col")
+NODES = ("nodes", "told_nodes")
+PRICES = ("price", "told_price", "first_price", "told_first_price")
 
 
 class Begin(Step):
     """The decoupled optimum, and where it leads: who has its states can tell whom it meets."""
 
-    gives, tells = ("controls", "states"), ("states",)
+    takes, gives, tells = ENDS, ("controls", "states"), ("states",)
 
-    def forward(
-        self, initial: Float[Tensor, "6"], goal: Float[Tensor, "6"], r_col: Float[Tensor, ""]
-    ) -> tuple[Tensor, ...]:
-        """Controls (m,) and node states (T, 6)."""
-        controls = self.own(initial, goal, r_col).controls[0]
-        return controls * self.acceleration(r_col), self.fly(initial, controls, r_col)
+    def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        controls = self.own(craft).controls(self.grid.reach.shape[1])
+        return controls, self.grid.fly(craft.initial[None], controls[None])[0]
 
 
 class Meet(Step):
-    """Which other craft, and in which intervals, this craft must look at in all rounds."""
+    """Which other craft, and in which intervals, this craft must look at in all rounds.
 
-    gives = ("met",)
+    These are what ``geometry.encounters`` finds.
+    """
 
-    def forward(
-        self,
-        states: Float[Tensor, "T 6"],
-        told_states: Float[Tensor, "Q T 6"],
-        r_col: Float[Tensor, ""],
-    ) -> tuple[Tensor, ...]:
-        """By craft and interval, (Q, T-1); as ``geometry.encounters`` finds them."""
-        every = self.scaled(torch.cat([states[None], told_states]), r_col)
+    takes, gives = ("states", "told_states", "r_col"), ("met",)
+
+    def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        every = torch.cat([craft.states[None], craft.told_states])
         relative = every[:1] - every[1:]
         each = torch.stack([relative[:, :-1], relative[:, 1:]], dim=2)  # (Q, T-1, 2, 6)
         ends = each.reshape(-1, 2, 6)
-        motion = cubic(ends)
-        gap = position(motion, nearest(motion))
-        closest = torch.linalg.vector_norm(gap, dim=1).reshape(each.shape[:2])
+        closest = torch.linalg.vector_norm(positions(ends, nearest(ends)), dim=1)
         within = (NEAR_OF_EXTENT * extents(every, every.shape[0])).clamp(min=NEAR)  # (1,)
-        return (closest <= within,)
+        return (closest.reshape(each.shape[:2]) <= within,)
 
 
 class Look(Step):
     """How close encounters come, which are live, and how the craft stands."""
 
+    takes = ("number", *ENDS, "interval", "controls", *NODES, "price", "first_price")
     gives = ("distance", "live", "first_price", "standing")
     tells = ("first_price", "standing")
 
-    def forward(
-        self,
-        number: Int[Tensor, ""],
-        initial: Float[Tensor, "6"],
-        goal: Float[Tensor, "6"],
-        r_col: Float[Tensor, ""],
-        interval: Int[Tensor, "P"],
-        controls: Float[Tensor, "m"],
-        nodes: Float[Tensor, "P 2 6"],
-        told_nodes: Float[Tensor, "P 2 6"],
-        price: Float[Tensor, "P"],
-        first_price: Float[Tensor, "P"],
-    ) -> tuple[Tensor, ...]:
-        """Distances (P,), which encounters are live (P,), first prices (P,), standing (P, 3)."""
-        own, scene = self.own(initial, goal, r_col), self.scene(interval, nodes, told_nodes, r_col)
-        distance = scene.distance
-        live = gets_plane(distance, scene.turns, number) | (first_price > 0)
+    def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        own, scene = self.own(craft), self.scene(craft)
+        first, price = craft.first_price, craft.price
+        live = gets_plane(scene.distance, turns(scene.ends, scene.share), craft.number)
+        live = live | (first > 0)
         asked = first_duals(own, scene.gain).clamp(min=LEAST_DUAL)
-        first_price = torch.where(live & (first_price == 0), asked, first_price)
-        spent = (controls / self.acceleration(r_col)).abs().sum() - own.controls.abs().sum()
+        first = torch.where(live & (first == 0), asked, first)
+        spent = craft.controls.abs().sum() - own.value.abs().sum()
         standing = torch.stack([live.sum().to(price.dtype), price.sum(), spent])
-        return distance * r_col, live, first_price, standing.expand(price.shape[0], 3)
+        return scene.distance, live, first, standing.expand(price.shape[0], 3)
 
 
 class Speak(Step):
     """What the network makes of both sides, and the sums of that which each encounter hears."""
 
+    takes = ("number", "r_col", "interval", *NODES, "live", *PRICES, "standing", "told_standing")
     gives, tells = ("said", "heard"), ("heard",)
 
-    def forward(
-        self,
-        number: Int[Tensor, ""],
-        r_col: Float[Tensor, ""],
-        interval: Int[Tensor, "P"],
-        nodes: Float[Tensor, "P 2 6"],
-        told_nodes: Float[Tensor, "P 2 6"],
-        live: Bool[Tensor, "P"],
-        price: Float[Tensor, "P"],
-        told_price: Float[Tensor, "P"],
-        first_price: Float[Tensor, "P"],
-        told_first_price: Float[Tensor, "P"],
-        standing: Float[Tensor, "P 3"],
-        told_standing: Float[Tensor, "P 3"],
-    ) -> tuple[Tensor, ...]:
-        """What is said, (P, H), and heard, (P, 2H)."""
-        scene = self.scene(interval, nodes, told_nodes, r_col)
-        features = edge_features(
-            scene.distance,
-            scene.gain,
-            scene.along,
-            passing(scene.ends, scene.share, scene.along),
-            (interval + scene.share) / (self.grid.nodes - 1),
-            torch.stack([price, told_price], dim=1),
-            torch.stack([first_price, told_first_price], dim=1),
-            torch.stack([standing, told_standing], dim=1),
-            number,
-        ).float()
-        features = torch.where(live[:, None, None], features, 0.0)
-        said = two_layers(self.weights, "read", features.flatten(1))
-        told = torch.where(live[:, None], linear(self.weights, "tell", said), 0.0)
+    def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        scene, live = self.scene(craft), craft.live[:, None]
+        price, first, load = (_both(craft, x) for x in ("price", "first_price", "standing"))
+        features = edge_features(scene, self.grid.nodes, price, first, load, craft.number).float()
+        said = two_layers(self.weights, "read", torch.where(live, features.flatten(1), 0.0))
+        told = torch.where(live, linear(self.weights, "tell", said), 0.0)
         free = free_directions(scene.gain, self.grid).float()
         every = told.sum(dim=0).expand(told.shape)
         heard = torch.cat([free @ (free.T @ told), every], dim=1)
@@ -305,75 +244,42 @@ class Speak(Step):
 class Listen(Step):
     """What the craft offers, after hearing what the other one has heard."""
 
-    gives, tells = ("offer",), ("offer",)
+    takes, gives, tells = ("said", "heard", "told_heard"), ("offer",), ("offer",)
 
-    def forward(
-        self,
-        said: Float32[Tensor, "P H"],
-        heard: Float32[Tensor, "P _"],
-        told_heard: Float32[Tensor, "P _"],
-    ) -> tuple[Tensor, ...]:
-        """Offers (P,)."""
-        return (offers(self.weights, said, heard, told_heard),)
+    def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        return (offers(self.weights, craft.said, craft.heard, craft.told_heard),)
 
 
 class Settle(Step):
-    """The trade that both sides find by themselves, and the craft's own program under it."""
+    """The trade that both sides find by themselves, and the craft's own program under it.
 
+    It gives controls, states at the encounters' nodes, and prices of the planes.
+    """
+
+    takes = (*ENDS, "interval", "controls", *NODES, "live", *PRICES, "offer", "told_offer")
     gives, tells = ("controls", "nodes", "price"), ("nodes", "price")
     tells_all = True
 
-    def forward(
-        self,
-        initial: Float[Tensor, "6"],
-        goal: Float[Tensor, "6"],
-        r_col: Float[Tensor, ""],
-        interval: Int[Tensor, "P"],
-        controls: Float[Tensor, "m"],
-        nodes: Float[Tensor, "P 2 6"],
-        told_nodes: Float[Tensor, "P 2 6"],
-        live: Bool[Tensor, "P"],
-        price: Float[Tensor, "P"],
-        told_price: Float[Tensor, "P"],
-        first_price: Float[Tensor, "P"],
-        told_first_price: Float[Tensor, "P"],
-        offer: Float32[Tensor, "P"],
-        told_offer: Float32[Tensor, "P"],
-    ) -> tuple[Tensor, ...]:
-        """Controls (m,), states at the encounters' nodes (P, 2, 6), prices of the planes (P,)."""
-        scene = self.scene(interval, nodes, told_nodes, r_col)
-        prices = torch.stack([price, told_price], dim=1)
-        first_prices = torch.stack([first_price, told_first_price], dim=1)
-        trade = trade_of(offer, told_offer)
-        give = to_give(scene.distance, prices, first_prices, trade)[:, 0]
-        now = controls / self.acceleration(r_col)
-        own = self.own(initial, goal, r_col)
-        best, paid = solve_one(own, scene.gain, scene.gain @ now + give, live)
-        best = torch.where(live.any(), best, now)
-        states = self.fly(initial, best, r_col)
-        both = torch.stack([states[interval], states[interval + 1]], dim=1)
-        return best * self.acceleration(r_col), both, paid
+    def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        scene, now, t = self.scene(craft), craft.controls, craft.interval
+        trade = trade_of(craft.offer, craft.told_offer)
+        prices = _both(craft, "price"), _both(craft, "first_price")
+        give = to_give(scene.distance, *prices, trade)[:, 0]
+        best, paid = solve_one(self.own(craft), scene.gain, scene.gain @ now + give, craft.live)
+        best = torch.where(craft.live.any(), best, now)
+        states = self.grid.fly(craft.initial[None], best[None])[0]
+        return best, torch.stack([states[t], states[t + 1]], dim=1), paid
 
 
-ROUND: Mapping[str, type[Step]] = {
-    "look": Look,
-    "speak": Speak,
-    "listen": Listen,
-    "settle": Settle,
-}
+ROUND = {"look": Look, "speak": Speak, "listen": Listen, "settle": Settle}
 """Steps of a round by name, in order."""
 
 STEPS: Mapping[str, type[Step]] = {"begin": Begin, "meet": Meet, **ROUND}  # all steps, in order
 
 
-def takes(step: type[Step]) -> tuple[str, ...]:
-    """The names of a step's inputs, in order."""
-    return tuple(signature(step.forward).parameters)[1:]
-
-
 def outputs(step: type[Step]) -> tuple[str, ...]:
     """The names of its outputs in a file, where no output may have the name of an input."""
-    return tuple(NEW + name if name in takes(step) else name for name in step.gives)
+    return tuple(NEW + name if name in step.takes else name for name in step.gives)
 
 
 def told_each_round(message: int) -> dict[str, int]:

@@ -7,95 +7,76 @@ than the compiled code by far.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pipeline.errors import InputError
-from pipeline.networks.refiner.geometry import Grid
+from pipeline.networks.refiner.geometry import Grid, accelerations, positions, velocities
 from pipeline.networks.refiner.nearest import LEVEL, NEWTON_STEPS, STRETCHES
-from pipeline.networks.refiner.programs import LARGEST_DUAL, Decoupled
+from pipeline.networks.refiner.programs import LARGEST_DUAL
 from pipeline.networks.refiner.simplex import MOST_PIVOTS, NO_PIVOT, SMALL, STEEP, TIE
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
 
-Cubic = tuple[Tensor, Tensor, Tensor, Tensor]
-"""p0, v0, a2, a3 of the relative position p0 + v0 s + a2 s² + a3 s³, each (L, 3)."""
 
-
-def cubic(ends: Float[Tensor, "L 2 6"]) -> Cubic:
-    """The cubic of relative motion between states at both ends of an interval."""
-    p0, v0, p1, v1 = ends[:, 0, :3], ends[:, 0, 3:], ends[:, 1, :3], ends[:, 1, 3:]
-    return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
-
-
-def position(motion: Cubic, share: Float[Tensor, "L"]) -> Float[Tensor, "L 3"]:
-    """Value of the cubic."""
-    (p0, v0, a2, a3), s = motion, share[:, None]
-    return p0 + s * (v0 + s * (a2 + s * a3))
-
-
-def velocity(motion: Cubic, share: Float[Tensor, "L"]) -> Float[Tensor, "L 3"]:
-    """Derivative of the cubic."""
-    (_, v0, a2, a3), s = motion, share[:, None]
-    return v0 + s * (2 * a2 + 3 * s * a3)
-
-
-def turns(motion: Cubic, share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
-    """Whether the pair comes closer before and parts after its closest approach."""
-    gap, speed = position(motion, share), velocity(motion, share)
+def turns(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
+    """Whether each pair comes closer before and parts after its closest approach."""
+    gap, speed = positions(ends, share), velocities(ends, share)
     along = (gap * speed).sum(dim=1) ** 2
     level = along <= LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
     return ((share > 0) & (share < 1)) | level
 
 
-def nearest(motion: Cubic) -> Float[Tensor, "k"]:
-    """When the cubic is closest to 0, as a share of the interval."""
-    times = _looked_at(motion)
-    squares = torch.stack([_derivatives(motion, s)[0] for s in times])
-    first, least = squares.argmin(dim=0, keepdim=True), squares.amin(dim=0)
-    when = torch.stack(times).gather(0, first)[0]
+def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
+    """When each relative position is closest to 0, as a share of the interval."""
+    knots = torch.arange(STRETCHES + 1, dtype=ends.dtype)[:, None] / STRETCHES
+    knots = knots.expand(-1, ends.shape[0])
+    here = positions(ends, knots)
+    way = here[1:] - here[:-1]
+    length = way.square().sum(dim=2).clamp(min=torch.finfo(ends.dtype).tiny)
+    share = (-(here[:-1] * way).sum(dim=2) / length).clamp(0.0, 1.0)
+    times = torch.cat([knots, knots[:-1] + share / STRETCHES])
+    squares = positions(ends, times).square().sum(dim=2)
+    least = squares.amin(dim=0)
+    s = when = times.gather(0, squares.argmin(dim=0, keepdim=True))[0]
     low, high = (when - 1 / STRETCHES).clamp(min=0.0), (when + 1 / STRETCHES).clamp(max=1.0)
-    s = when
     for _ in range(NEWTON_STEPS):
-        _, slope, curvature = _derivatives(motion, s)
+        gap, speed = positions(ends, s), velocities(ends, s)
+        slope = (gap * speed).sum(dim=1)
+        curvature = (speed.square() + gap * accelerations(ends, s)).sum(dim=1)
         flat = torch.sign(slope) * (high - low) / 4
         step = torch.where(curvature > 0, slope / curvature, flat)
         s = torch.minimum(torch.maximum(s - step, low), high)
-        square, _, _ = _derivatives(motion, s)
+        square = positions(ends, s).square().sum(dim=1)
         when = torch.where(square < least, s, when)
         least = torch.minimum(square, least)
     return when
 
 
-def _looked_at(motion: Cubic) -> list[Float[Tensor, "k"]]:
-    """Both ends of every stretch, and where the straight way between them is closest to 0."""
-    zero = torch.zeros_like(motion[0][:, 0])
-    times = [zero]
-    for stretch in range(STRETCHES):
-        begin, end = stretch / STRETCHES, (stretch + 1) / STRETCHES
-        here = position(motion, zero + begin)
-        way = position(motion, zero + end) - here
-        length = way.square().sum(dim=1)
-        share = (-(here * way).sum(dim=1) / length).clamp(0.0, 1.0)
-        share = torch.where(length > 0, share, 0.0)
-        times += [begin + share * (end - begin), zero + end]
-    return times
+class Tableau(NamedTuple):
+    """A craft's program with b basic and o other variables, as in ``refiner.simplex``."""
 
+    body: Float[Tensor, "b o"]
+    value: Float[Tensor, "b"]
+    side: Float[Tensor, "b"]
+    basic: Tensor  # (b,), whole numbers
+    other: Tensor  # (o,), whole numbers
+    cost: Float[Tensor, "o"]
+    pivots: Tensor  # how many so far, (1,)
 
-def _derivatives(motion: Cubic, s: Float[Tensor, "k"]) -> tuple[Tensor, Tensor, Tensor]:
-    """|p|², and half its first two derivatives, each (k,)."""
-    _, _, a2, a3 = motion
-    p, v = position(motion, s), velocity(motion, s)
-    curvature = v.square() + p * (2 * a2 + 6 * s[:, None] * a3)
-    return p.square().sum(dim=1), (p * v).sum(dim=1), curvature.sum(dim=1)
+    def controls(self, m: int) -> Float[Tensor, "m"]:
+        """The values of the m controls, which are the first variables."""
+        every = self.value.new_zeros(self.basic.shape[0] + self.other.shape[0])
+        return every.scatter(0, self.basic, self.value)[:m]
 
 
 def decoupled_optimum(
-    initial: Float[Tensor, "1 6"], goal: Float[Tensor, "1 6"], grid: Grid, problem: Problem
-) -> Decoupled:
-    """The decoupled optimum in r_col and Δt, N = 1.
+    initial: Float[Tensor, "6"], goal: Float[Tensor, "6"], grid: Grid, problem: Problem
+) -> Tableau:
+    """The decoupled optimum in r_col and Δt.
 
     The weights of the facet that is met are B⁻¹ but for units, so no equations are solved.
 
@@ -106,26 +87,24 @@ def decoupled_optimum(
     if table is None:
         raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
     units = torch.tensor([1.0, 1 / grid.step], dtype=initial.dtype).repeat_interleave(3)
-    miss = ((goal - initial @ grid.drift[-6:].T)[0] * units).to(initial.dtype)
+    miss = (goal - grid.drift[-6:] @ initial) * units
     m = grid.reach.shape[1]
     inverse, side = miss.new_zeros(6, 6), torch.zeros_like(miss)
-    basis = torch.zeros(6, dtype=torch.long)
+    basic = torch.zeros(6, dtype=torch.long)
     for facets in table:
         component = torch.from_numpy(facets.component)
         facet, weights = _met(facets, miss[component])
         its_side = torch.from_numpy(facets.sign)[facet][0]
         part = miss.new_zeros(len(component), 6).index_copy(1, component, weights)
         inverse = inverse.index_copy(0, component, its_side[:, None] * part)
-        basis = basis.index_copy(0, component, torch.from_numpy(facets.column)[facet][0])
+        basic = basic.index_copy(0, component, torch.from_numpy(facets.column)[facet][0])
         side = side.index_copy(0, component, its_side)
     inverse = inverse * grid.step**2
-    every = torch.arange(m)
-    others = (every + m * torch.zeros(m, dtype=torch.long).scatter(0, basis, 1)).sort().values
-    others = others[: m - 6]
-    tableau = (inverse * units) @ grid.reach[-6:, others]
-    controls = miss.new_zeros(m).scatter(0, basis, inverse @ miss)
-    record = (controls, basis, others, side, tableau, side @ tableau)
-    return Decoupled(*(part[None] for part in record))
+    is_basic = torch.zeros(m, dtype=torch.long).scatter(0, basic, 1)
+    other = (torch.arange(m) + m * is_basic).sort().values[: m - 6]
+    body = (inverse * units) @ grid.reach[-6:, other]
+    none = torch.zeros(1, dtype=torch.long)
+    return Tableau(body, inverse @ miss, side, basic, other, side @ body, none)
 
 
 def _met(facets: Facets, part: Float[Tensor, "d"]) -> tuple[Tensor, Float[Tensor, "d d"]]:
@@ -140,70 +119,56 @@ def _met(facets: Facets, part: Float[Tensor, "d"]) -> tuple[Tensor, Float[Tensor
     return facet, table[facet][0]
 
 
-def first_duals(own: Decoupled, gain: Float[Tensor, "P m"]) -> Float[Tensor, "P"]:
+def first_duals(own: Tableau, gain: Float[Tensor, "P m"]) -> Float[Tensor, "P"]:
     """What the first unit along each row costs the craft: the dual simplex ratio."""
-    moved = gain[:, own.others[0]] - gain[:, own.basis[0]] @ own.tableau[0]
+    moved = gain[:, own.other] - gain[:, own.basic] @ own.body
     rise = torch.where(moved > 0, 1 - own.cost, 1 + own.cost)
     rise = torch.where(moved.abs() < SMALL, 1.0, rise)  # the sign of rounding says nothing
     return (rise / moved.abs().clamp(min=SMALL)).amin(dim=1)
 
 
-Tableau = tuple[Tensor, ...]
-"""With b basic and o other variables: body (b, o), value (b,), side (b,), basic (b,), other (o,),
-cost (o,), and the number of pivots so far, (1,)."""
-
-
 def solve_one(
-    own: Decoupled, row: Float[Tensor, "p m"], asked: Float[Tensor, "p"], real: Bool[Tensor, "p"]
+    own: Tableau, row: Float[Tensor, "p m"], asked: Float[Tensor, "p"], real: Bool[Tensor, "p"]
 ) -> tuple[Float[Tensor, "m"], Float[Tensor, "p"]]:
-    """Controls and duals of one craft's program.
+    """Controls and duals of one craft's program, with rows g of the planes and what they ask, d.
 
-    Args:
-        own: its decoupled optimum, N = 1.
-        row: g of each plane.
-        asked: d of each plane.
-        real: which planes there are; the others are met and stay so.
+    Only some of the planes are real; the others are met and stay so.
     """
     p, m = row.shape
     row = torch.where(real[:, None], row, 0.0)
-    left = torch.where(real, row @ own.controls[0] - asked, 1.0)
-    body = row[:, own.basis[0]] @ own.tableau[0] - row[:, own.others[0]]
-    tableau = (
-        torch.cat([own.tableau[0], body]),
-        torch.cat([own.controls[0][own.basis[0]], left]),
-        torch.cat([own.side[0], torch.ones_like(left)]),
-        torch.cat([own.basis[0], torch.arange(m, m + p, device=row.device)]),
-        own.others[0].clone(),
-        own.cost[0].clone(),
-        torch.zeros(1, dtype=torch.long, device=row.device),
+    left = torch.where(real, row @ own.controls(m) - asked, 1.0)
+    now = Tableau(
+        torch.cat([own.body, row[:, own.basic] @ own.body - row[:, own.other]]),
+        torch.cat([own.value, left]),
+        torch.cat([own.side, torch.ones_like(left)]),
+        torch.cat([own.basic, torch.arange(m, m + p)]),
+        own.other.clone(),
+        own.cost.clone(),
+        own.pivots.clone(),
     )
     low = torch.cat([row.new_full((m,), -1.0), row.new_full((p,), -LARGEST_DUAL)])
     high = torch.cat([row.new_ones(m), row.new_zeros(p)])
-
-    def pivot(*now: Tensor) -> Tableau:
-        return _pivot(now, low, high)
-
-    _, value, side, basic, other, cost, _ = _repeat(_goes_on, pivot, tableau)
-    every = torch.zeros_like(low)
-    controls = every.scatter(0, basic, value)[:m]
-    slope = torch.where(side > 0, high[basic], low[basic])
-    dual = -every.scatter(0, basic, slope).scatter(0, other, cost)[m:]
-    return controls, dual.clamp(0.0, LARGEST_DUAL)  # ties may take it beyond
+    found = _repeat(_goes_on, lambda *parts: _pivot(Tableau(*parts), low, high), now)
+    slope = torch.where(found.side > 0, high[found.basic], low[found.basic])
+    every = torch.zeros_like(low).scatter(0, found.basic, slope)
+    dual = -every.scatter(0, found.other, found.cost)[m:]
+    return found.controls(m), dual.clamp(0.0, LARGEST_DUAL)  # ties may take it beyond
 
 
 def _repeat(goes_on: Callable[..., Tensor], pivot: Callable[..., Tableau], now: Tableau) -> Tableau:
     """Pivots as long as it goes on; where it is traced, as one loop of the graph."""
     if torch.compiler.is_exporting():
-        return torch.while_loop(goes_on, pivot, now)  # type: ignore[no-untyped-call]
+        loop = torch.while_loop(goes_on, lambda *parts: tuple(pivot(*parts)), tuple(now))  # type: ignore[no-untyped-call]
+        return Tableau(*loop)
     while goes_on(*now):
         now = pivot(*now)
     return now
 
 
-def _goes_on(*now: Tensor) -> Tensor:
+def _goes_on(*parts: Tensor) -> Tensor:
     """Whether a basic variable is on the wrong side of its kink."""
-    _, value, side, _, _, _, count = now
-    return ((-value * side).max() > SMALL) & (count[0] < MOST_PIVOTS)
+    now = Tableau(*parts)
+    return ((-now.value * now.side).max() > SMALL) & (now.pivots[0] < MOST_PIVOTS)
 
 
 def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
@@ -219,22 +184,18 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
     tied = tied & (slope.abs() >= STEEP * torch.where(tied, slope.abs(), 0.0).amax(dim=0))
     entering = torch.where(tied, other, len(low)).argmin(dim=0, keepdim=True)
     here, span = ratio[entering], high[gone] - low[gone]
-    over = span <= here
-    step = torch.minimum(span, here)
+    over, step = span <= here, torch.minimum(span, here)
     cost = cost - step * slope
     pivot = torch.where(over, 1.0, row[entering])
     come = other[entering]
     out = torch.where(over, -its_side, -torch.sign(its_side * pivot))
     kept = torch.where(its_side > 0, high[gone] - step, low[gone] + step)
-    column, new_value = body[:, entering], value[leaving] / pivot  # (b, 1), (1,)
-    new_row = (row / pivot).scatter(0, entering, 1 / pivot)
-    new_body = body - column * (row / pivot)
-    new_body = new_body.scatter(1, entering.expand(body.shape[0], 1), -column / pivot)
-    new_body = new_body.scatter(0, leaving[:, None].expand(1, row.shape[0]), new_row[None])
-    new_values = (value - column[:, 0] * new_value).scatter(0, leaving, new_value)
-    return (
-        torch.where(over, body, new_body),
-        torch.where(over, value, new_values),
+    # An exchange is a change of the tableau by one product, once 1 is taken and added at the pivot.
+    share = body[:, entering][:, 0].scatter_add(0, leaving, -torch.ones_like(pivot)) / pivot
+    share = torch.where(over, 0.0, share)
+    return Tableau(
+        body - share[:, None] * row.scatter_add(0, entering, torch.ones_like(pivot)),
+        value - share * value[leaving],
         side.scatter(0, leaving, out),
         basic.scatter(0, leaving, torch.where(over, gone, come)),
         other.scatter(0, entering, torch.where(over, come, gone)),

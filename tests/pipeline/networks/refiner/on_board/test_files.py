@@ -13,9 +13,15 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
 from pipeline.networks.model import load
 from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, task_of
-from pipeline.networks.refiner.on_board.check import Files, check, compare, fly_rounds, together
-from pipeline.networks.refiner.on_board.export import export_craft
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs, takes
+from pipeline.networks.refiner.on_board.export import (
+    Files,
+    check,
+    compare,
+    export_craft,
+    fly_rounds,
+    together,
+)
+from pipeline.networks.refiner.on_board.steps import STEPS, outputs
 from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
@@ -101,7 +107,7 @@ def test_a_swarm_whose_craft_run_the_files_finds_what_the_swarm_finds(model, exp
 def test_the_files_say_by_name_what_goes_in_and_out(exported):
     for name, step in STEPS.items():
         graph = onnx.load(exported.folder / f"{name}.onnx")
-        assert tuple(one.name for one in graph.graph.input) == takes(step)
+        assert tuple(one.name for one in graph.graph.input) == step.takes
         assert tuple(one.name for one in graph.graph.output) == outputs(step)
         (kept,) = [p.value for p in graph.metadata_props if p.key == "prolearn"]
         about = json.loads(kept)

@@ -11,10 +11,10 @@ from tableaux import one_of
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.refiner.geometry import Encounters, approaches, grid_of
-from pipeline.networks.refiner.on_board.check import Compared, compare, fly_rounds, together
-from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, takes, told_each_round
+from pipeline.networks.refiner.on_board.export import Compared, compare, fly_rounds, together
+from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, told_each_round
 from pipeline.networks.refiner.on_board.traced import (
-    cubic,
+    Tableau,
     decoupled_optimum,
     nearest,
     solve_one,
@@ -49,7 +49,7 @@ def by_craft(made, initial, goal):
     steps = {name: step(made, PROBLEM) for name, step in STEPS.items()}
 
     def run(name, known):
-        given = [torch.as_tensor(known[one]) for one in takes(STEPS[name])]
+        given = [torch.as_tensor(known[one]) for one in STEPS[name].takes]
         found = steps[name](*given)
         return dict(zip(STEPS[name].gives, (one.numpy() for one in found), strict=True))
 
@@ -106,8 +106,11 @@ def own_of(problem, initial, goal):
     return decoupled_optima(*ends, grid_of(problem), problem), ends
 
 
-def tensors(own):
-    return replace(own, **{name: torch.from_numpy(values) for name, values in vars(own).items()})
+def tableau(own):
+    """That of one decoupled optimum."""
+    (basis,) = own.basis
+    parts = own.tableau[0], own.controls[0, basis], own.side[0], basis, own.others[0], own.cost[0]
+    return Tableau(*map(torch.from_numpy, parts), torch.zeros(1, dtype=torch.long))
 
 
 def test_one_craft_s_program_is_that_of_many():
@@ -128,7 +131,7 @@ def test_one_craft_s_program_is_that_of_many():
             first = Sides(np.array([0]), np.array([0, some.sum()]), order, np.zeros_like(order))
             wanted = optima(one, first, row[k, some], np.tile(asked[k, some, None], 2), grid)
             given = (torch.from_numpy(values[k]) for values in (row, asked, real))
-            controls, dual = solve_one(tensors(one), *given)
+            controls, dual = solve_one(tableau(one), *given)
             assert controls.numpy() == pytest.approx(wanted[0][0], abs=1e-8)
             assert dual.numpy()[some] == pytest.approx(wanted[1][:, 0], abs=1e-7)
             assert (dual.numpy()[~some] == 0).all()
@@ -141,10 +144,10 @@ def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
     states[20:, 1:] = states[20:, :1] + 1e-3 * states[20:, 1:]  # almost still
     first = np.arange(0, 40, 2).repeat(5)
     met = Encounters(first, first + 1, np.tile(np.arange(5), 20))
-    motion = cubic(torch.from_numpy(met.relative(states)))
-    share, found = nearest(motion), approaches(met, states)
+    ends = torch.from_numpy(met.relative(states))
+    share, found = nearest(ends), approaches(met, states)
     assert share.numpy() == pytest.approx(found.share, abs=1e-6)
-    assert np.array_equal(turns(motion, share).numpy(), found.turns)
+    assert np.array_equal(turns(ends, share).numpy(), found.turns)
     assert (~found.turns).sum() > 5
 
 
@@ -156,15 +159,16 @@ def test_the_decoupled_optimum_that_a_craft_looks_up_is_the_swarm_s():
         goal[1, [2, 5]] = initial[1, [2, 5]] = 0.0  # nothing across the plane
         every, scaled = own_of(problem, initial, goal)
         for k in range(20):
-            ends = (torch.from_numpy(end[k : k + 1]) for end in scaled)
-            own, same = decoupled_optimum(*ends, grid, problem), one_of(every, k)
-            assert own.controls.numpy() == pytest.approx(same.controls, abs=1e-8)
+            ends = (torch.from_numpy(end[k]) for end in scaled)
+            own, same = decoupled_optimum(*ends, grid, problem), tableau(one_of(every, k))
+            assert own.value.numpy() == pytest.approx(same.value.numpy(), abs=1e-8)
             if k == 0:
                 continue  # any basis will do
-            assert np.array_equal(own.basis, same.basis)
-            assert np.array_equal(own.others, same.others)
-            assert own.tableau.numpy() == pytest.approx(same.tableau, abs=1e-7)
-            assert own.cost.numpy() == pytest.approx(same.cost, abs=1e-7)
+            assert torch.equal(own.basic, same.basic)
+            assert torch.equal(own.other, same.other)
+            assert torch.equal(own.side, same.side)
+            assert own.body.numpy() == pytest.approx(same.body.numpy(), abs=1e-7)
+            assert own.cost.numpy() == pytest.approx(same.cost.numpy(), abs=1e-7)
 
 
 def test_a_craft_tells_50_numbers_for_each_live_encounter_in_a_round():
@@ -178,7 +182,7 @@ def test_a_craft_tells_50_numbers_for_each_live_encounter_in_a_round():
 
     def run(name, known):
         step = STEPS[name](made, PROBLEM)
-        found = step(*(torch.as_tensor(known[one]) for one in takes(STEPS[name])))
+        found = step(*(torch.as_tensor(known[one]) for one in STEPS[name].takes))
         given = dict(zip(step.gives, (one.numpy() for one in found), strict=True))
         if name in ROUND:
             seen.update({one: prod(given[one].shape[1:]) for one in step.tells})

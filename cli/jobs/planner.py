@@ -1,0 +1,48 @@
+"""The planner that a person names: one that needs no store, or a registered model."""
+
+import re
+
+from pipeline.errors import InputError
+from pipeline.expert.settings import Effort
+from pipeline.extras import told_which_extra
+from pipeline.networks.catalogue import architecture_names
+from pipeline.plan import Requirements
+from pipeline.planners.goal_assignment import GoalAssignment
+from pipeline.planners.named import NAMES, named_planner
+from pipeline.planners.planner import Planner
+
+
+def planner_of(
+    name: str,
+    requirements: Requirements,
+    effort: Effort | None,
+    *,
+    raw: bool = False,
+    assignment: str = "given",
+) -> Planner:
+    """The planner of a name; all but models need neither MLflow nor torch.
+
+    With the assignment "optimal" craft are interchangeable, and take the goals that cost least.
+
+    Raises:
+        InputError: for a name that no planner has, or an option that it has no use for.
+    """
+    with told_which_extra():
+        found = named_planner(name, requirements, effort=effort, raw=raw)
+        if found is None:
+            _refuse_unknown(name)  # before what the registry lacks, or what is not installed
+            from cli.jobs.networks import model_planner
+
+            found = model_planner(name, requirements, effort=effort, raw=raw)
+    return GoalAssignment(found) if assignment == "optimal" else found
+
+
+def _refuse_unknown(reference: str) -> None:
+    """Raise InputError for the name of no planner and no architecture."""
+    name = re.split(r"[@:/]", reference.removeprefix("models:/"))[0].removeprefix("prolearn-")
+    known = architecture_names()
+    if name not in known and not reference.startswith("models:/m-"):
+        raise InputError(
+            f"planner is {reference!r}; expected {', '.join(NAMES)}, or a registered model of "
+            f"{', '.join(known)}, such as ff1 or ff1:paper."
+        )

@@ -1,0 +1,99 @@
+"""Plans flown outside the linear model: once, or many times with errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from cli.jobs.planner import planner_of
+from pipeline.flight.conditions import Conditions
+from pipeline.flight.effects import Effect, effects, refuse_distance
+from pipeline.flight.errors import COLD_GAS, Errors
+from pipeline.flight.loops import Trials, flight_loops, fly_loops, refuse_replanning
+from pipeline.flight.summary import Summary, summarize, trials_figure
+from pipeline.flight.trials import SIZE
+from pipeline.plan import Plan
+from pipeline.planners.planner import Planner
+
+
+def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
+    """Fly a plan's controls about an oblate Earth, with one effect more each time.
+
+    The first flight is the plan's own, in the linear model, the last one has all effects.
+
+    Args:
+        plan: whose controls are flown.
+        conditions: reference orbit and what perturbs it; by default a frozen, sun-synchronous
+            orbit, or that of the scenario's reference.
+
+    Raises:
+        InputError: where the controls lead too far away.
+    """
+    return effects(plan.scenario, plan.controls, _conditions(plan, conditions))
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarlo:
+    """Trials of a plan with errors, flown in one way or several."""
+
+    plan: Plan
+    size: float  # distance of two craft's centres at which they may touch, m
+    trials: Mapping[str, Trials]  # by loop: columns of a value a trial, SI units
+    summaries: tuple[Summary, ...]  # of each loop: shares with intervals, medians
+
+    def figure(self) -> Figure:
+        """For separation, error at the goal and Δv, the share of trials at or below a value."""
+        asked, flown = self.plan.scenario, self.summaries[0].trials
+        title = f"{asked.name}: n = {asked.n}, {flown} trials"
+        return trials_figure(self.trials, asked.problem.collision_radius, self.size, title)
+
+
+def monte_carlo(
+    plan: Plan,
+    trials: int = 100,
+    *,
+    errors: Errors = COLD_GAS,
+    conditions: Conditions | None = None,
+    replan: str | Planner | None = None,
+    margin: float | None = None,
+    size: float = SIZE,
+    seed: int = 0,
+) -> MonteCarlo:
+    """Fly a plan many times with errors of thrust, timing and navigation, in memory.
+
+    The same seed has the same trials; ``prolearn fly --trials`` flies them on several cores and
+    keeps them in a folder.
+
+    Args:
+        plan: what is flown.
+        trials: number of flights of each loop.
+        errors: standard deviations; by default those of cold gas and differential GPS.
+        conditions: as in ``fly``.
+        replan: who plans anew at every node, in two further loops: without and with a margin.
+        margin: separation asked for beyond r_col then, m; by default 3 sigma one interval ahead.
+        size: distance of two craft's centres at which they may touch, m.
+        seed: of the errors.
+
+    Raises:
+        InputError: for a number of trials that nobody flies, or a plan that cannot be replanned.
+    """
+    asked = plan.scenario
+    refuse_distance(asked, plan.controls)
+    if replan is not None:
+        refuse_replanning(plan)
+    if isinstance(replan, str):
+        replan = planner_of(replan, plan.requirements, None)
+    world = _conditions(plan, conditions).world(asked.problem, asked.n)
+    loops = list(flight_loops(asked, plan.controls, errors, replan, margin))
+    flown = fly_loops(asked, world, errors, loops, trials, seed)
+    radius = asked.problem.collision_radius
+    summaries = tuple(summarize(loop, flown[loop.name], radius, size) for loop in loops)
+    return MonteCarlo(plan, size, flown, summaries)
+
+
+def _conditions(plan: Plan, given: Conditions | None) -> Conditions:
+    """Those given, or the usual ones about the scenario's reference orbit."""
+    reference = plan.scenario.reference
+    if given is not None or reference is None:
+        return given or Conditions()
+    return Conditions().about(reference)

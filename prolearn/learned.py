@@ -1,0 +1,53 @@
+"""Datasets and registered models, which need the extra ``learn``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.extras import told_which_extra
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from pipeline.networks.model import Model
+    from registry.models import ModelVersion
+
+
+def read_dataset(
+    where: str | Path, n: int, split: str | None = None, columns: Sequence[str] | None = None
+) -> "pa.Table":
+    """Rows of a solved dataset, a folder or a URL, by swarm size; docs/dataset.md has the columns.
+
+    Args:
+        where: what ``prolearn solve`` or ``prolearn dataset`` made.
+        n: swarm size.
+        split: train, valid or test; by default all.
+        columns: to read; by default all.
+
+    Raises:
+        InputError: where there is no dataset, or it has no such rows.
+    """
+    with told_which_extra():
+        from pipeline.dataset.reading import solved_rows
+
+    return solved_rows(where, n, split, columns)
+
+
+def models() -> "list[ModelVersion]":
+    """Every registered model version, by name and number, with its parameters and metrics."""
+    with told_which_extra():
+        from registry.models import list_versions
+
+    return list_versions()
+
+
+def load_model(reference: str) -> "tuple[Model, ModelVersion]":
+    """A registered network and its version, such as lstm2, ff1:paper or prolearn-ff1/3.
+
+    Raises:
+        InputError: where there is no such model, or its files are not sound.
+    """
+    with told_which_extra():
+        from registry.models import load
+
+    return load(reference)

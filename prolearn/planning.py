@@ -1,0 +1,119 @@
+"""Scenarios checked, planned, and planned for several transfer times."""
+
+from collections.abc import Sequence
+
+from cli.jobs.planner import planner_of
+from pipeline.expert.settings import Effort
+from pipeline.plan import Plan, Requirements, RiskLimit, Separation
+from pipeline.planners.planner import Planner
+from pipeline.scenario import Diagnostic, Scenario, diagnostics
+from pipeline.scenario import check as refuse_formations
+from pipeline.tradeoff import Goal, Point, arcs_between
+from pipeline.tradeoff import tradeoff as planned_for
+
+
+def check(scenario: Scenario) -> list[Diagnostic]:
+    """All that is wrong with a scenario, by how much, and what is fine."""
+    return diagnostics(scenario)
+
+
+def planner(
+    name: str = "expert",
+    requirements: Requirements | None = None,
+    *,
+    effort: Effort | None = None,
+    raw: bool = False,
+    assignment: str = "given",
+) -> Planner:
+    """The planner of a name, whose ``plan`` takes several scenarios of one problem and one n.
+
+    Args:
+        name: expert, refiner, minimum-energy, straight-line, own-LP, or a registered model such as
+            lstm2 or ff1:paper.
+        requirements: what its plans must satisfy; by default separation at all times.
+        effort: of the expert: first, default or best. By default the second; after a model the
+            first, and after the refiner that only where it has no safe plan.
+        raw: a model's own plan, safe or not, without the expert after it.
+        assignment: optimal, if craft are interchangeable and take the goals that cost least.
+
+    Raises:
+        InputError: for a name that no planner has, or an option that it has no use for.
+    """
+    asked = requirements or Requirements()
+    return planner_of(name, asked, effort, raw=raw, assignment=assignment)
+
+
+def plan(
+    scenario: Scenario,
+    planner: str | Planner = "expert",
+    *,
+    separation: Separation = "continuous",
+    passive_safety: float | None = None,
+    risk: RiskLimit | None = None,
+    effort: Effort | None = None,
+    raw: bool = False,
+    assignment: str = "given",
+    allow_drift: bool = False,
+) -> Plan:
+    """A scenario's plan with its certificate; ``status`` is "solved" where it can be flown.
+
+    Args:
+        scenario: what the swarm is asked to do.
+        planner: its name, or one that is there, whose own requirements then count alone.
+        separation: keep craft apart at all times, or at the nodes only.
+        passive_safety: also for so many orbits after any one craft has lost its thrust at a node.
+        risk: the most probability that any pair comes too close in open loop with errors.
+        effort: as in ``planner``, and so are ``raw`` and ``assignment``.
+        raw: a model's own plan.
+        assignment: given or optimal.
+        allow_drift: plan between states that are not on passive relative orbits, too.
+
+    Raises:
+        InputError: for formations that no transfer can start from or end in safely.
+    """
+    refuse_formations(scenario, allow_drift=allow_drift)
+    if isinstance(planner, str):
+        asked = Requirements(separation, passive_safety, risk)
+        planner = planner_of(planner, asked, effort, raw=raw, assignment=assignment)
+    return planner.plan([scenario])[0]
+
+
+def plan_all(scenarios: Sequence[Scenario], planner: str | Planner = "expert") -> list[Plan]:
+    """A plan for each scenario of one problem and one n, in order; much faster than one by one.
+
+    Raises:
+        InputError: where problems or sizes differ.
+    """
+    if isinstance(planner, str):
+        planner = planner_of(planner, Requirements(), None)
+    return planner.plan(scenarios)
+
+
+def tradeoff(
+    scenario: Scenario,
+    shortest: float,
+    longest: float,
+    *,
+    steps: int = 20,
+    goal: Goal = "fixed",
+    planner: str | Planner = "expert",
+) -> list[Point]:
+    """A scenario planned for several transfer times, from the shortest to the longest, s.
+
+    The number of thrust arcs varies, and their length is the scenario's time step.
+
+    Args:
+        scenario: planned for each time.
+        shortest: transfer time, s.
+        longest: transfer time, s.
+        steps: times at most, spread over the range.
+        goal: fixed, or moving: slots that move on along their passive orbits.
+        planner: its name, or one that is there.
+
+    Raises:
+        InputError: for a range without a whole number of arcs.
+    """
+    if isinstance(planner, str):
+        planner = planner_of(planner, Requirements(), None)
+    arcs = arcs_between(shortest, longest, scenario.problem.time_step, steps)
+    return planned_for(scenario, arcs, planner, goal)

@@ -1,0 +1,94 @@
+"""Scenarios of a person's own, from rings or from states."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NotRequired, TypedDict
+
+import numpy as np
+
+from pipeline.arrays import Array
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import Reference
+from pipeline.scenario import Scenario
+from pipeline.scenario.document import scenario_from
+
+
+class Ring(TypedDict):
+    """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself; a dictionary.
+
+    x = (size/2) cos θ, y = offset - size sin θ, z = (size/2) tan(tilt) cos(θ + cross phase), with
+    the phase θ growing at the mean motion. Only the size is needed, and craft or phases.
+
+    Attributes:
+        size: half the ring's along-track extent, its radial one, m.
+        craft: number of craft, equally spaced in phase.
+        first_phase_deg: phase of the first of them, deg.
+        phases_deg: instead of both, the phase of each craft, deg.
+        tilt_deg: of the ring's plane against the orbital plane, deg.
+        cross_phase_deg: phase between cross-track and radial motion, deg.
+        offset: along-track distance of the ring's centre from the origin, m.
+    """
+
+    size: float
+    craft: NotRequired[int]
+    first_phase_deg: NotRequired[float]
+    phases_deg: NotRequired[Sequence[float]]
+    tilt_deg: NotRequired[float]
+    cross_phase_deg: NotRequired[float]
+    offset: NotRequired[float]
+
+
+def scenario(
+    initial: Sequence[Ring] | Sequence[Sequence[float]] | Array,
+    goal: Sequence[Ring] | Sequence[Sequence[float]] | Array,
+    *,
+    altitude: float = 500e3,
+    time_step: float = Problem.time_step,
+    nodes: int = Problem.nodes,
+    collision_radius: float = Problem.collision_radius,
+    max_acceleration: float | None = None,
+    reference: Reference | None = None,
+    name: str = "",
+) -> Scenario:
+    """A scenario from rings or states (m, m/s, LVLH) at either end.
+
+    Args:
+        initial: rings, whose craft follow on, or a row x y z vx vy vz for each craft.
+        goal: likewise, of the same craft in the same order.
+        altitude: of the circular reference orbit, m.
+        time_step: length of an interval of constant control, s.
+        nodes: time nodes, one more than intervals.
+        collision_radius: craft must be further apart at all times, m.
+        max_acceleration: limit on each component of the control, m/s², or None.
+        reference: where and when the orbit is, for ephemerides and for flights about the Earth.
+        name: in files and tables.
+
+    Raises:
+        InputError: naming the field that is missing or wrong.
+    """
+    fields = {
+        "altitude": altitude,
+        "time_step": time_step,
+        "nodes": nodes,
+        "collision_radius": collision_radius,
+        "max_acceleration": max_acceleration,
+        "initial": _end(initial),
+        "goal": _end(goal),
+    }
+    return replace(scenario_from(fields, name), reference=reference)
+
+
+def _end(given: Any) -> Any:
+    """An end as a scenario file has it."""
+    if isinstance(given, list | tuple) and any(isinstance(one, Mapping) for one in given):
+        return {"rings": [_plain(one) for one in given]}
+    return _plain(given)
+
+
+def _plain(given: Any) -> Any:
+    """Numbers and lists in place of numpy's, wherever they are."""
+    if isinstance(given, np.generic | np.ndarray):
+        return given.tolist()
+    if isinstance(given, Mapping):
+        return {name: _plain(value) for name, value in given.items()}
+    return [_plain(one) for one in given] if isinstance(given, list | tuple) else given

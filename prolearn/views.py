@@ -1,0 +1,109 @@
+"""Plans to look at, in a notebook or as a file, and in formats that other tools read."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from typing import Literal
+
+from matplotlib.figure import Figure
+
+from pipeline.errors import InputError
+from pipeline.figures.style import save
+from pipeline.figures.transfer import transfer_figure
+from pipeline.files import write_text
+from pipeline.orbit.transfer import track
+from pipeline.plan import Plan
+from pipeline.show import page
+from pipeline.tradeoff import Point, knee_of
+from pipeline.tradeoff.figure import tradeoff_figure
+from prolearn.flying import MonteCarlo
+
+STEPS = 24  # points drawn in each interval
+HEIGHT = 900  # of a page in a notebook, pixels
+DPI = 120  # of a figure in a notebook
+
+
+@dataclass(frozen=True)
+class Page:
+    """An HTML page that opens without a network; a notebook shows it in place."""
+
+    html: str
+
+    def write(self, path: str | Path) -> Path:
+        """Write it into a file, which appears whole."""
+        write_text(Path(path), self.html)
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        inside = escape(self.html, quote=True)
+        style = f"width: 100%; height: {HEIGHT}px; border: 0"
+        return f'<iframe srcdoc="{inside}" style="{style}"></iframe>'
+
+    def __repr__(self) -> str:
+        return f"Page({len(self.html) / 1e6:.1f} MB of HTML)"
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """A figure that a notebook shows in place."""
+
+    figure: Figure  # matplotlib's
+
+    def write(self, path: str | Path) -> Path:
+        """Write it into a file, which appears whole, as its ending says: .png or .svg."""
+        target = Path(path)
+        if target.suffix not in (".png", ".svg"):
+            raise InputError(f"the figure is to be {target}; expected a name in .png or .svg.")
+        save(self.figure, target.with_suffix(""), [target.suffix])
+        return target
+
+    def _repr_png_(self) -> bytes:
+        content = BytesIO()
+        self.figure.savefig(content, format="png", dpi=DPI)
+        return content.getvalue()
+
+
+def show(plan: Plan, name: str = "plan") -> Page:
+    """A page of a plan: paths with a slider, separations, controls, certificate, found anew."""
+    return Page(page(plan, name)[0])
+
+
+def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
+    """A plan in three dimensions, or several of one scenario; a trade-off; a Monte Carlo.
+
+    Raises:
+        InputError: for nothing at all.
+    """
+    if isinstance(what, MonteCarlo):
+        return Plot(what.figure())
+    found = [what] if isinstance(what, Plan) else list(what)
+    if not found:
+        raise InputError("there is nothing to plot; expected a plan, plans, or a trade-off.")
+    points = [one for one in found if isinstance(one, Point)]
+    if points:
+        scenario = points[0].plan.scenario
+        title = f"{scenario.name}: n = {scenario.n}, arcs of {scenario.problem.time_step:g} s"
+        return Plot(tradeoff_figure(points, knee_of(points), title))
+    plans = [one for one in found if isinstance(one, Plan)]
+    asked = plans[0].scenario
+    tracks = {p.planner: track(p.states, p.controls, p.scenario.problem, STEPS) for p in plans}
+    title = asked.name or f"{asked.n} craft"
+    radius = asked.problem.collision_radius
+    return Plot(transfer_figure(title, asked.initial, asked.goal, tracks, radius))
+
+
+def convert(plan: Plan, to: Literal["oem", "csv", "parquet"], path: str | Path) -> list[Path]:
+    """Write a plan in a format that other tools read, and return the files.
+
+    OEM, CCSDS orbit ephemeris messages in EME2000, goes into a folder, a file a craft, and the
+    scenario needs a ``reference``; CSV and Parquet have a row for each craft and node.
+    """
+    from pipeline import export
+
+    target = Path(path)
+    if to == "oem":
+        return export.write_ephemerides(plan, target, target.name)
+    (export.write_csv if to == "csv" else export.write_parquet)(plan, target)
+    return [target]

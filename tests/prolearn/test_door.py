@@ -1,0 +1,168 @@
+"""What `import prolearn` gives does what the commands do, and its plans stand before the judge."""
+
+import json
+
+import numpy as np
+import pytest
+from judge import judge_plan
+
+import prolearn
+from pipeline.plan.document import plan_document
+from prolearn import InputError, Reference, Ring
+
+PNG = b"\x89PNG"
+OUTER, INNER = Ring(craft=3, size=150, tilt_deg=20), Ring(craft=3, size=100, tilt_deg=-20)
+
+
+def swap(**changes):
+    """Two rings of three craft that change places."""
+    initial = [OUTER, INNER | {"first_phase_deg": 60.0}]
+    goal = [INNER | {"first_phase_deg": 45.0}, OUTER | {"first_phase_deg": 60.0}]
+    return prolearn.scenario(initial, goal, name="swap", **changes)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return prolearn.plan(swap())
+
+
+def is_sound(plan):
+    document = json.loads(json.dumps(plan_document(plan), allow_nan=False))
+    return judge_plan(document["scenario"], document).wrong == ()
+
+
+def test_a_scenario_of_rings_is_that_of_a_file_with_the_same_rings(tmp_path):
+    fields = {
+        "schema": "prolearn.scenario/1",
+        "altitude": 600e3,
+        "nodes": 9,
+        "initial": {"rings": [dict(OUTER), INNER | {"first_phase_deg": 60.0}]},
+        "goal": {"rings": [INNER | {"first_phase_deg": 45}, OUTER | {"first_phase_deg": 60}]},
+    }
+    (tmp_path / "swap.json").write_text(json.dumps(fields))
+    read, made = prolearn.read_scenario(tmp_path / "swap.json"), swap(altitude=600e3, nodes=9)
+    assert read.problem == made.problem
+    assert (read.initial == made.initial).all() and (read.goal == made.goal).all()
+
+
+def test_a_scenario_of_states_takes_arrays_and_lists_and_numpys_numbers():
+    rings = swap()
+    for kind in (np.array, np.ndarray.tolist, list):
+        of_states = prolearn.scenario(
+            kind(rings.initial), kind(rings.goal), nodes=np.int64(11), altitude=np.float64(500e3)
+        )
+        assert (of_states.initial == rings.initial).all()
+        assert of_states.problem == rings.problem
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        (([Ring(craft=2, size=-1.0)], [OUTER]), r"initial\.rings\[0\]\.size is -1"),
+        (([{"craft": 2, "siez": 3.0}], [OUTER]), "siez"),
+        (([OUTER, [0.0] * 6], [OUTER]), r"initial\.rings\[1\]"),
+        (([[0.0] * 5], [[0.0] * 6]), r"initial\[0\]"),
+        (([OUTER], "far"), "goal"),
+    ],
+)
+def test_a_wrong_end_is_a_sentence_with_its_field(ends, words):
+    with pytest.raises(InputError, match=words):
+        prolearn.scenario(*ends)
+
+
+def test_plans_satisfy_what_was_asked(plan):
+    assert plan.status == "solved" and is_sound(plan)
+    safe = prolearn.plan(plan.scenario, passive_safety=0.5)
+    assert safe.certificate.passive_safety.orbits == 0.5 and is_sound(safe)
+    alike = prolearn.plan(plan.scenario, assignment="optimal")
+    assert alike.certificate.fuel < plan.certificate.fuel and is_sound(alike)
+    (first, second) = prolearn.plan_all([plan.scenario] * 2, "refiner")
+    assert is_sound(first) and (first.controls == second.controls).all()
+    chosen = prolearn.planner("own-LP")
+    assert prolearn.plan(plan.scenario, chosen).status == "unsafe"
+
+
+def test_formations_that_nothing_can_start_from_are_refused():
+    close = prolearn.scenario([Ring(phases_deg=[0.0, 1.0], size=100)], [Ring(craft=2, size=100)])
+    wrong = [str(finding) for finding in prolearn.check(close) if not finding.fine]
+    assert any(text.startswith("initial, craft apart: WRONG") for text in wrong)
+    with pytest.raises(InputError, match="collision_radius"):
+        prolearn.plan(close)
+
+
+def test_what_is_printed_is_short_and_says_what_matters(plan):
+    assert repr(plan.scenario) == "Scenario(swap, 6 craft, 10 intervals of 120 s)"
+    said = repr(plan)
+    assert said.startswith("Plan(6 craft by expert, solved; Δv ") and len(said) < 120
+    assert f"{plan.certificate.min_separation:.2f} m" in said
+
+
+def test_a_plan_is_read_as_it_was_written(plan, tmp_path):
+    prolearn.write_plan(tmp_path / "plan.json", plan)
+    read = prolearn.read_plan(tmp_path / "plan.json")
+    assert (read.controls == plan.controls).all()
+    assert read.scenario.problem == plan.scenario.problem
+
+
+def test_a_flight_is_that_of_the_command(plan, tmp_path, forked):
+    prolearn.write_plan(tmp_path / "plan.json", plan)
+    done = forked.run(["fly", "plan.json", "--json"], tmp_path)
+    told = json.loads(done.stdout)["effects"]
+    flown = prolearn.fly(plan)
+    assert [one.name for one in flown] == [row["effect"] for row in told]
+    for one, row in zip(flown, told, strict=True):
+        assert np.linalg.norm(one.errors[:, :3], axis=1).max() == row["goal_error"]
+
+
+def test_a_monte_carlo_is_that_of_the_command(plan, tmp_path, forked):
+    prolearn.write_plan(tmp_path / "plan.json", plan)
+    asked = ["--trials", "6", "--replan", "every-node", "--seed", "3", "--jobs", "1"]
+    done = forked.run(["fly", "plan.json", *asked, "--json"], tmp_path)
+    told = json.loads(done.stdout)["loops"]
+    found = prolearn.monte_carlo(plan, 6, replan="expert", seed=3)
+    for row, summary in zip(told, found.summaries, strict=True):
+        for name in ("loop", "margin", "within_radius", "goal_error_high", "delta_v_median"):
+            assert getattr(summary, name) == row[name]
+    assert prolearn.plot(found)._repr_png_().startswith(PNG)
+
+
+def test_the_reference_orbit_of_a_scenario_is_flown(plan):
+    from datetime import UTC, datetime
+
+    where = Reference(datetime(2026, 3, 1, tzinfo=UTC), 51.6, 0.0, 0.0)
+    (inclined,) = prolearn.planner().plan([swap(reference=where)])
+    usual, other = prolearn.fly(plan)[-1], prolearn.fly(inclined)[-1]
+    assert not np.allclose(usual.errors, other.errors)
+
+
+def test_a_trade_off_has_a_sound_plan_for_each_duration_and_a_figure(plan):
+    points = prolearn.tradeoff(plan.scenario, 1200.0, 1800.0, steps=3)
+    assert [point.duration for point in points] == [1200.0, 1440.0, 1800.0]
+    assert all(is_sound(point.plan) for point in points)
+    assert prolearn.plot(points)._repr_png_().startswith(PNG)
+
+
+def test_a_page_stands_in_a_notebook_and_in_a_file(plan, tmp_path):
+    page = prolearn.show(plan)
+    inside = page._repr_html_()
+    assert inside.startswith("<iframe srcdoc=") and inside.count("<") == 2, "all else is escaped"
+    assert page.write(tmp_path / "plan.html").read_text() == page.html
+    assert len(repr(page)) < 80
+    assert (
+        prolearn.plot([prolearn.plan(plan.scenario, "own-LP"), plan])._repr_png_().startswith(PNG)
+    )
+    assert prolearn.plot(plan).write(tmp_path / "plan.svg").read_text().count("<svg") == 1
+    with pytest.raises(InputError, match="nothing to plot"):
+        prolearn.plot([])
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+def test_a_plan_is_written_for_other_tools(plan, tmp_path, to):
+    (file,) = prolearn.convert(plan, to, tmp_path / f"plan.{to}")
+    assert file.stat().st_size > 1000
+
+
+def test_every_public_name_is_there_and_documented():
+    for name in prolearn.__all__:
+        assert getattr(prolearn, name) is not None
+        assert name == "COLD_GAS" or name == "FAMILIES" or getattr(prolearn, name).__doc__

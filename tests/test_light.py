@@ -1,0 +1,157 @@
+"""A light installation plans, checks, flies and shows; what needs more says which extra has it."""
+
+import shutil
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import requires
+from pathlib import Path
+
+import pytest
+
+from pipeline.extras import EXTRAS
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("prolearn", "pipeline", "registry", "cli")
+RINGS = ("--from", "craft=3,size=150,tilt_deg=20", "--to", "craft=3,size=100,tilt_deg=-20")
+
+pytestmark = pytest.mark.system
+
+
+def run(*command, folder):
+    return subprocess.run(
+        [str(word) for word in command], capture_output=True, text=True, cwd=folder, timeout=600
+    )
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory):
+    """An environment with the wheel and what it needs at least; its folder."""
+    folder = tmp_path_factory.mktemp("light")
+    source, venv = folder / "source", folder / "venv"
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source / name)
+    quiet = ("install", "--quiet", "--no-deps", "--disable-pip-version-check")
+    wheel = ("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder)
+    for command in (
+        (sys.executable, "-m", "venv", venv),
+        (sys.executable, "-m", "pip", *wheel, source),
+        (venv / "bin/pip", *quiet, "--requirement", ROOT / "requirements/light.txt"),
+        (venv / "bin/pip", *quiet, "--no-index", "--find-links", folder, "prolearn"),
+    ):
+        done = run(*command, folder=folder)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture
+def prolearn(light, tmp_path):
+    def command(*arguments):
+        return run(light / "venv/bin/prolearn", *arguments, folder=tmp_path)
+
+    assert command("scenario", "new", "s.json", *RINGS).returncode == 0
+    return command
+
+
+def test_it_has_ten_direct_dependencies_and_at_most_450_mb(light):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert len(project["dependencies"]) <= 10
+    files = [path for path in (light / "venv").rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files if not path.is_symlink()) < 450e6
+    done = run(light / "venv/bin/pip", "check", folder=light)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("scenario", "check", "s.json"),
+        ("plan", "s.json", "--out", "p.json", "--passive-safety", "0.5"),
+        ("plan", "s.json", "--out", "p.json", "--assignment", "optimal", "--json"),
+        ("plan", "s.json", "--out", "p.json", "--risk", "0.01", "--navigation-sigma", "0.1"),
+        ("tradeoff", "s.json", "--duration", "20..24min", "--steps", "2"),
+    ],
+)
+def test_it_checks_plans_and_trades_off(prolearn, command):
+    done = prolearn(*command)
+    assert done.returncode == 0, done.stderr
+
+
+def test_it_flies_shows_and_converts(prolearn, tmp_path):
+    assert prolearn("plan", "s.json", "--out", "p.json").returncode == 0
+    for command in (("fly",), ("show",), ("convert", "--to", "csv")):
+        done = prolearn(command[0], "p.json", *command[1:])
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "p.html").stat().st_size > 100_000
+    assert (tmp_path / "p.csv").read_text().startswith("craft,node,time_s,x,y,z")
+
+
+@pytest.mark.parametrize(
+    ("command", "extra"),
+    [
+        (("plan", "s.json", "--out", "p.json", "--planner", "refiner"), "refiner"),
+        (("plan", "s.json", "--out", "p.json", "--planner", "lstm2"), "learn"),
+        (("sample", "--n", "3", "--count", "2", "--out", "d"), "learn"),
+        (("train", "--arch", "ff1"), "learn"),
+        (("models", "list"), "learn"),
+        (("report",), "learn"),
+    ],
+)
+def test_what_needs_more_says_which_extra_in_a_sentence(prolearn, command, extra):
+    done = prolearn(*command)
+    assert done.returncode == 2
+    assert f"pip install 'prolearn[{extra}]'" in done.stderr
+    assert done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
+
+
+SCRIPT = """
+import prolearn
+swarm = prolearn.draw("rings", seed=0, n=4, index=0, problem=prolearn.Problem())
+plan = prolearn.plan(swarm)
+flown = prolearn.monte_carlo(plan, 4, replan="expert")
+assert flown.summaries[0].trials == 4
+assert prolearn.plot(plan)._repr_png_() and prolearn.show(plan).html
+asked = prolearn.models, lambda: prolearn.load_model("ff1"), lambda: prolearn.plan(swarm, "ff1")
+for ask in asked:
+    try:
+        ask()
+    except prolearn.InputError as error:
+        assert "prolearn[learn]" in str(error)
+    else:
+        raise AssertionError
+"""
+
+
+def test_it_works_from_python(light, tmp_path):
+    done = run(light / "venv/bin/python", "-c", SCRIPT, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+TYPED = """
+import prolearn
+plan = prolearn.plan(prolearn.scenario([prolearn.Ring(size=1.0, craft=2)], [[0.0] * 6]))
+reveal_type(plan)
+reveal_type(plan.certificate.min_separation)
+prolearn.plan("swarm.json")
+prolearn.Ring(siez=1.0)
+"""
+
+
+def test_mypy_sees_the_types_of_an_installed_package(light, tmp_path):
+    (tmp_path / "typed.py").write_text(TYPED)
+    asked = ("--python-executable", light / "venv/bin/python", "--follow-imports", "silent")
+    done = run(sys.executable, "-m", "mypy", *asked, "typed.py", folder=tmp_path)
+    assert 'Revealed type is "pipeline.plan.plan.Plan"' in done.stdout
+    assert 'Revealed type is "float | None"' in done.stdout
+    assert 'typed.py:6: error: Argument 1 to "plan"' in done.stdout
+    assert "typed.py:7: error" in done.stdout and "typed.py:3" not in done.stdout
+
+
+def test_the_extras_that_messages_name_are_those_that_bring_the_packages():
+    names = {"markdown_it": "markdown-it-py", "yaml": "pyyaml"}
+    for extra, packages in EXTRAS.items():
+        asked = [one for one in requires("prolearn") if f'extra == "{extra}"' in one]
+        for package in packages:
+            assert any(one.startswith(names.get(package, package)) for one in asked), package
