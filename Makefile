@@ -120,6 +120,8 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/mlflow ui --backend-store-uri $${MLFLOW_TRACKING_URI:-sqlite:///mlflow.db} --port $(PORT)
 
 MARKS ?= system or not system
+# What tests import is compiled once, not in every process that one starts.
+test: export PYTHONDONTWRITEBYTECODE :=
 TEST = --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 test: $(BIN)/pytest ## the tests; MARKS="not system" without those that need a browser, servers or kills
 	$(BIN)/python -m pytest $(TEST) tests/pipeline tests/judge tests/benchmarks --jaxtyping-packages=pipeline,beartype.beartype

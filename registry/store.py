@@ -12,12 +12,14 @@ from http.client import HTTPException
 from typing import Any
 
 import mlflow
+from mlflow.entities import ViewType
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import clear_scratch
 from pipeline.urls import public, public_url
+from registry.entities import pages
 from registry.running import FAILURES, close_abandoned
 from registry.sqlite import check_whole, database_path, guarded
 
@@ -136,13 +138,16 @@ def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
     else:
         os.environ["MLFLOW_TRACKING_URI"] = given
     client = mlflow.MlflowClient(tracking_uri=uri)
-    ids = {name: _experiment(client, name, where) for name, where in locations.items()}
+    ours = {"view_type": ViewType.ALL, "filter_string": "name LIKE 'prolearn-%'"}
+    there = {one.name: one for one in pages(client.search_experiments, **ours)}
+    ids = {
+        name: _experiment(client, name, where, there.get(name)) for name, where in locations.items()
+    }
     return Store(uri, client, ids)
 
 
-def _experiment(client: Any, name: str, location: str | None) -> str:
-    """Id of an experiment, made where it is missing, whoever else is making it."""
-    found = client.get_experiment_by_name(name)
+def _experiment(client: Any, name: str, location: str | None, found: Any) -> str:
+    """Id of an experiment, made where none was found, whoever else is making it."""
     if found is None:
         try:
             return str(client.create_experiment(name, artifact_location=location))

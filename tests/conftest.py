@@ -2,8 +2,10 @@
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+import shapes
 from forked import Forked
 from hypothesis import settings
 
@@ -12,6 +14,19 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 # Eight processes of a server for evaluations of language models, which nobody here asks for.
 os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
+
+shapes.check_once()
+
+LONG = {
+    *("test_torture.py", "test_pages.py", "test_line.py", "test_full_disk.py", "test_browser.py"),
+    *("test_files.py", "test_kill.py", "test_risk.py", "test_report.py", "test_page.py"),
+}
+"""Files with the longest tests, which come first: one that came last would have a worker alone."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONG)
+
 
 # How long an example takes says nothing on a machine that others use as well.
 settings.register_profile("untimed", deadline=None)
@@ -23,3 +38,16 @@ def forked() -> Iterator[Forked]:
     """What runs commands and code in processes of their own, without the imports of each."""
     with Forked() as found:
         yield found
+
+
+@pytest.fixture(scope="session")
+def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which an SQLite file has all of MLflow's tables and nothing in them."""
+    import mlflow
+
+    path = tmp_path_factory.mktemp("migrated") / "mlflow.db"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{path}")
+        patch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
+        mlflow.MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
+    return path

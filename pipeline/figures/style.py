@@ -109,7 +109,7 @@ in_style = matplotlib.rc_context(RC)
 def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
     """Write a figure as ``path`` with each suffix, the same bytes for the same figure.
 
-    In its texts, invisible characters become escapes.
+    It is laid out once, for the first. In its texts, invisible characters become escapes.
     """
     for text in figure.findobj(Text):
         text.set_text(visible(text.get_text()))
@@ -117,6 +117,7 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
     for suffix in suffixes:
         with published(path.with_name(path.name + suffix)) as temporary:
             figure.savefig(temporary, format=suffix[1:], metadata=facts[suffix])
+        figure.set_layout_engine("none")
 
 
 SPREAD = 20.0  # values whose largest is so many times the smallest positive one get a log scale

@@ -31,7 +31,10 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster."""
+    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster.
+
+    A single task is done by this process: another would take longer to start.
+    """
 
     jobs: int = -1
     scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786
@@ -81,7 +84,7 @@ class Workers:
     ) -> Generator[tuple[int, Result], None, None]:
         """Results by the tasks' numbers, until all are there or workers are lost."""
         jobs = joblib.effective_n_jobs(self.jobs)
-        if self.scheduler is None and jobs == 1:
+        if self.scheduler is None and (jobs == 1 or (len(tasks) == 1 and not again)):
             with threadpool_limits(1):
                 for number, task in tasks.items():
                     yield number, function(task, load(task))

@@ -3,6 +3,7 @@
 import os
 import pty
 import re
+import shutil
 import subprocess
 import sys
 
@@ -50,9 +51,10 @@ def all_of(total):
 
 
 @pytest.fixture
-def data(tmp_path, monkeypatch):
-    """A folder with a dataset of two sizes, 2 test scenarios each."""
+def data(tmp_path, migrated, monkeypatch):
+    """A folder with a dataset of two sizes, 2 test scenarios each, beside an empty store."""
     monkeypatch.chdir(tmp_path)
+    shutil.copyfile(migrated, "mlflow.db")
     samples = {n: Sample(count=10, shares=(0.6, 0.2, 0.2), shard_rows=5) for n in (2, 3)}
     sample("data", samples, Problem(), jobs=1)
     solve("data", Settings(), workers=Workers(jobs=1))

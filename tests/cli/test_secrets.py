@@ -1,5 +1,6 @@
 """A dataset behind a URL with a password and a token: used by every command, shown by none."""
 
+import shutil
 from pathlib import Path
 
 import fsspec
@@ -15,8 +16,9 @@ URL = "memory://robot:pa55word@box/my n4?token=t0k3n#fr4gment"
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(tmp_path, migrated, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    shutil.copyfile(migrated, "mlflow.db")
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     monkeypatch.setenv("COLUMNS", "200")
     yield tmp_path

@@ -63,19 +63,6 @@ def dataset() -> DatasetInfo:
     return DatasetInfo("data/paper", "0123456789abcdef" * 4, train_instances=20, valid_instances=5)
 
 
-@pytest.fixture(scope="session")
-def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which an SQLite file has all of MLflow's tables and nothing in them."""
-    import mlflow
-
-    path = tmp_path_factory.mktemp("migrated") / "mlflow.db"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{path}")
-        patch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
-        mlflow.MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
-    return path
-
-
 @pytest.fixture
 def folder(tmp_path: Path, migrated: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A current folder of its own, with a space in its name, that has a store."""

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import threading
 import traceback
+from contextlib import suppress
 from typing import Any
 
 LATE = (
@@ -40,17 +41,24 @@ PACKET = 1 << 17  # bytes, above what an environment takes
 def main(path: str) -> None:
     """Serve until stdin ends, which is when the process that started this one does."""
     import_everything()
+    ended, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    signal.set_wakeup_fd(wakes.fileno())
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    running: dict[int, socket.socket] = {}
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
         listener.bind(path)
         listener.listen()
-        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that answer
         print("ready", flush=True)
-        while listener in select.select([listener, sys.stdin], [], [])[0]:
-            connection, _ = listener.accept()
-            if os.fork() == 0:
-                listener.close()
-                answer(connection)
-            connection.close()
+        while sys.stdin not in (ready := select.select([listener, ended, sys.stdin], [], [])[0]):
+            if ended in ready:
+                ended.recv(PACKET)
+                tell_ends(running)
+            if listener in ready:
+                connection, _ = listener.accept()
+                child = start(connection, [listener, ended, wakes, *running.values()])
+                running[child] = connection
+                say(connection, child)
 
 
 def import_everything() -> None:
@@ -63,22 +71,32 @@ def import_everything() -> None:
         importlib.import_module(name)
 
 
-def answer(connection: socket.socket) -> None:
-    """Run what is asked in a process of its own, say its id, wait for it, and say its status."""
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+def start(connection: socket.socket, ours: list[socket.socket]) -> int:
+    """Begin what is asked in a process of its own, which has none of our sockets; its id."""
     packet, streams, _, _ = socket.recv_fds(connection, PACKET, 3)
     child = os.fork()
     if child == 0:
-        connection.close()
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for one in (connection, *ours):
+            one.close()
         leave(run(json.loads(packet), streams))
     for stream in streams:
         os.close(stream)
-    try:
-        connection.send(str(child).encode())
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        connection.send(str(status).encode())
-    finally:
-        os._exit(0)
+    return child
+
+
+def tell_ends(running: dict[int, socket.socket]) -> None:
+    """Say the status of each process that has ended to whoever asked for it, where they are."""
+    while running and (found := os.waitpid(-1, os.WNOHANG))[0]:
+        with running.pop(found[0]) as connection:
+            say(connection, os.waitstatus_to_exitcode(found[1]))
+
+
+def say(connection: socket.socket, number: int) -> None:
+    """Answer, to nobody where whoever asked has ended."""
+    with suppress(OSError):
+        connection.send(str(number).encode())
 
 
 def run(asked: dict[str, Any], streams: list[int]) -> int:
