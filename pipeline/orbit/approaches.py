@@ -221,7 +221,11 @@ def _steps(
 
 
 def _candidates(
-    middle: Vector, radius: Scalar, reach: Values, swarms: Swarms, moved: Marked | None
+    middle: Vector,
+    radius: Scalar,
+    reach: Float[Array, "n"],
+    swarms: Swarms,
+    moved: Marked | None,
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
     if swarms.few:

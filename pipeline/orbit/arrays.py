@@ -5,7 +5,7 @@ interval. n craft, T nodes, T-1 intervals.
 """
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -28,19 +28,22 @@ Values = Float[Array, "k"]
 Vectors = Float[Array, "k 3"]  # of k pairs, times or the like
 
 
+SomeRows = TypeVar("SomeRows", bound="Rows")
+
+
 class Rows:
     """Base of dataclasses whose fields are arrays with one row for each thing, or None."""
 
     def __len__(self) -> int:
         return len(next(iter(vars(self).values())))
 
-    def __getitem__(self, which: Any) -> Self:
+    def __getitem__(self: SomeRows, which: Any) -> SomeRows:
         """Some of the rows, by a mask, indices or a slice."""
         parts = vars(self).items()
         return type(self)(**{name: None if v is None else v[which] for name, v in parts})
 
     @classmethod
-    def concatenated(cls, parts: Sequence[Self]) -> Self:
+    def concatenated(cls: type[SomeRows], parts: Sequence[SomeRows]) -> SomeRows:
         """The rows of all parts, one after the other."""
         return cls(*map(_concatenated, zip(*(vars(part).values() for part in parts), strict=True)))
 
