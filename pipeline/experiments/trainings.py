@@ -45,8 +45,10 @@ COLUMNS = [
 ]
 
 FAMILIES = {
-    **{"Feed-forward": labels.FEED_FORWARD, "LSTM": labels.RECURRENT},
-    **{"Refiner": REFINERS, "Other": {}},
+    "Feed-forward": labels.FEED_FORWARD,
+    "LSTM": labels.RECURRENT,
+    "Refiner": REFINERS,
+    "Other": {},
 }
 """Architectures that share a column of the figure; what is in no other is in the last."""
 
