@@ -146,10 +146,8 @@ def of_answers(rows: pd.DataFrame) -> pd.DataFrame:
 def parts_table(at: str, trials: pd.DataFrame, summary: pd.DataFrame) -> Table:
     """Each refiner at the rounds of its answer, the rule alone and the decoupled optima."""
     frame, trials = of_answers(summary).reset_index(drop=True), of_answers(trials)
-    short, columns = (
-        trials[trials["recipe"] == SHORT],
-        ["score_over_short", "score_low", "score_high"],
-    )
+    short = trials[trials["recipe"] == SHORT]
+    columns = ["score_over_short", "score_low", "score_high"]
     frame = frame.assign(**dict.fromkeys(columns, nan), against_short=MISSING)
     for k, name in enumerate(zip(frame["planner"], frame["recipe"], strict=True)):
         held = verdicts.compare(verdicts.rows_of(trials, name), short, "score")

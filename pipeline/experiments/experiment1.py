@@ -56,10 +56,13 @@ OFFSET = 0.13  # rows between a planner's recipes, so that equal values do not h
 DOTTED: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (1, 1.5))}
 MARK: dict[str, Any] = {"color": GREY, "linestyle": "none"}
 PAPER: dict[str, Any] = {
-    **{"color": "black", "linestyle": "none", "zorder": 2},
-    **{"marker": "|", "markersize": 13, "markeredgewidth": 1.6},
+    "linestyle": "none",
+    "marker": "|",
+    "markersize": 13,
+    "markeredgewidth": 1.6,
+    "color": "black",
+    "zorder": 2,
 }
-
 LEGEND: dict[str, dict[str, Any]] = {
     "expert or baseline": {**MARK, "marker": RECIPE_MARKERS[""]},
     "paper recipe": {**MARK, "marker": RECIPE_MARKERS["paper"]},

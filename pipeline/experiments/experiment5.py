@@ -22,16 +22,11 @@ from pipeline.flight.trials import SIZE
 CONDITION = ["world", "errors", "loop"]  # columns that say how a plan was flown
 
 
-def upper(values: "pd.Series[float]") -> float:
-    """The quantile that stands beside the median."""
-    return float(values.quantile(0.95))
-
-
 LOW, HIGH = "within_radius_low", "within_radius_high"
 WITHIN_RADIUS = average("Within r_col", "within_radius_share", share, "within_radius", wilson=True)
 WITHIN_SIZE = average("Within size", "within_size_share", share, "within_size", wilson=True)
 GOAL = average("Off goal, median (m)", "goal_error_median", error, "goal_error", "median")
-GOAL_HIGH = average("95 % (m)", "goal_error_high", error, "goal_error", upper)
+GOAL_HIGH = average("95 % (m)", "goal_error_high", error, "goal_error", lambda v: v.quantile(0.95))
 VELOCITY = average(
     "Velocity off, median (m/s)", "goal_velocity_median", number, "goal_velocity_error", "median"
 )

@@ -8,7 +8,7 @@ from itertools import islice, product
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import InputError, check_range
+from pipeline.errors import check_range
 from pipeline.experiments import records
 from pipeline.experiments.records import LINEAR, MARGIN, NO_ERRORS
 from pipeline.experiments.trials import EvaluatedPlanner
@@ -61,8 +61,7 @@ def run_flights(
         InputError: for no flights, or a seed that is none.
     """
     check_range("flights", flights, 1, MOST_FLIGHTS)
-    if not 0 <= seed < SEEDS:
-        raise InputError(f"seed is {seed}; expected 0 to {SEEDS - 1}.")
+    check_range("seed", seed, 0, SEEDS - 1)
     asked = [ScenarioFlights(k, one, planners, flights, seed) for k, one in enumerate(scenarios)]
     progress.expect(len(asked))
     tables: dict[int, pd.DataFrame] = {}

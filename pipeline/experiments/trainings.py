@@ -17,16 +17,12 @@ from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
 
-def _in_turn(values: "pd.Series[Any]") -> str:
-    return ", ".join(map(str, values))
-
-
 def _distinct(values: "pd.Series[Any]") -> str:
     return ", ".join(sorted(set(values.dropna().map(str)))) or "–"
 
 
 AVERAGES = (
-    Average("Versions", "versions", over=_in_turn),
+    Average("Versions", "versions", over=lambda values: ", ".join(map(str, values))),
     Average("Weights", "parameters", count, over="first"),
     Average("Size (KiB)", "weights_kib", number),
     Average("Instances", "train_instances", count),
@@ -45,8 +41,10 @@ COLUMNS = [
 ]
 
 FAMILIES = {
-    **{"Feed-forward": labels.FEED_FORWARD, "LSTM": labels.RECURRENT},
-    **{"Refiner": REFINERS, "Other": {}},
+    "Feed-forward": labels.FEED_FORWARD,
+    "LSTM": labels.RECURRENT,
+    "Refiner": REFINERS,
+    "Other": {},
 }
 """Architectures that share a column of the figure; what is in no other is in the last."""
 

@@ -197,9 +197,7 @@ def run_transfer_times(
 
 TRACK_STEPS = 12  # points an interval in the example transfers
 PREFIX = "track:"  # beginning of the names of tracks in a file
-
-MOST_BYTES = 250 * 10**6
-"""Size in memory of the largest file that is read; a usual one takes some hundred kB."""
+MOST_BYTES = 250 * 10**6  # of the largest file read, in memory; a usual one has some hundred kB
 
 
 def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:
@@ -215,15 +213,10 @@ def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -
 
 def write_example(example: Example, path: Path) -> None:
     """Keep an example in a file of numpy's."""
-    tracks: dict[str, Any] = {f"{PREFIX}{label}": each for label, each in example.tracks.items()}
-    np.savez_compressed(
-        path,
-        initial=example.initial,
-        goal=example.goal,
-        name=np.array(example.title),
-        collision_radius=np.array(example.collision_radius),
-        **tracks,
-    )
+    stored: dict[str, Any] = {"initial": example.initial, "goal": example.goal}
+    stored |= {"name": example.title, "collision_radius": example.collision_radius}
+    stored |= {f"{PREFIX}{label}": each for label, each in example.tracks.items()}
+    np.savez_compressed(path, **stored)
 
 
 def read_example(path: Path) -> Example:

@@ -85,13 +85,11 @@ def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:
     p, q = (float(x.mean()) if k else float("nan") for x in (first, second))
     (low_p, high_p), (low_q, high_q) = wilson(p, k), wilson(q, k)
     correlation = _correlation(first, second) if k else 0.0
-    below = _hypotenuse(p - low_p, high_q - q, correlation)
-    above = _hypotenuse(high_p - p, q - low_q, correlation)
-    return p - q - below, p - q + above
 
+    def away(a: float, b: float) -> float:
+        return float(np.sqrt(max(a * a - 2 * correlation * a * b + b * b, 0.0)))
 
-def _hypotenuse(a: float, b: float, cosine: float) -> float:
-    return float(np.sqrt(max(a * a - 2 * cosine * a * b + b * b, 0.0)))
+    return p - q - away(p - low_p, high_q - q), p - q + away(high_p - p, q - low_q)
 
 
 def _correlation(first: Float[Array, "k"], second: Float[Array, "k"]) -> float:

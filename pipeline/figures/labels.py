@@ -75,7 +75,8 @@ EXPERTS = {"expert": "Expert", "expert (nodes only)": "Expert (nodes only)"}
 """Centralized convex optimization: names in tables by the planner's name."""
 
 BASELINES = {
-    **{"straight line": "Straight line", "minimum energy": "Minimum energy"},
+    "straight line": "Straight line",
+    "minimum energy": "Minimum energy",
     "own LP": "Own LP",
 }
 """Planners that look at one craft at a time."""

@@ -23,7 +23,7 @@ from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances
 from pipeline.orbit.transfer import fly, meet_goal, state_weight
-from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
+from pipeline.plan import Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
@@ -78,7 +78,7 @@ class ClosedLoop:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
         required = self._planner.requirements
-        choice = Choice(problem, estimate, corrected, self._allowance, required)
+        choice = Choice(problem, estimate, corrected, required, self._allowance)
         if problem.intervals > DETERMINED:
             self._ask(choice, node, estimate, problem)
         self._ahead = choice.controls
@@ -106,10 +106,15 @@ class ClosedLoop:
         weight = state_weight(problem)
         nearest = np.linalg.pinv(weight[:, None] * B) * weight
         miss = self._scenario.goal - np.matvec(A, estimate)
-        choice = Choice(problem, estimate, self._ahead, requirements=self._planner.requirements)
-        choice.offer_end(np.matvec(nearest, miss)[:, :, None])
-        self._ahead = choice.controls
-        self.unsafe += choice.separation <= problem.collision_radius
+        required = self._planner.requirements
+        planned = Choice(problem, estimate, self._ahead, required)
+        homing = Choice(problem, estimate, np.matvec(nearest, miss)[:, :, None], required)
+        # Where both are unsafe, the one that keeps craft further apart
+        homes = homing.separation > problem.collision_radius
+        homes |= homing.separation >= planned.separation
+        self._ahead = np.where(homes[:, None, None, None], homing.controls, planned.controls)
+        flown = np.where(homes, homing.separation, planned.separation)
+        self.unsafe += flown <= problem.collision_radius
 
 
 def _asked(problem: Problem, apart: EachTrial, margin: float) -> Iterator[EachTrial]:
@@ -148,8 +153,8 @@ class Choice:
         problem: Problem,
         estimate: Float[Array, "K n 6"],
         under_way: SomeControls,
+        requirements: Requirements,
         allowance: float = np.inf,
-        requirements: Requirements = AT_ALL_TIMES,
     ) -> None:
         """Begin with the controls under way, m/s², corrected for the goal, for what is left.
 
@@ -187,15 +192,6 @@ class Choice:
     def safe(self, radius: float) -> Bool[Array, "K"]:
         """Whether what is flown meets the goal and keeps further apart than a radius, m."""
         return self._to_goal & (self.separation > radius)
-
-    def offer_end(self, controls: SomeControls) -> None:
-        """Take controls of the last interval where they are safe, or no less so than others."""
-        limited = self._within_limit(controls)
-        separation = self._separation(slice(None), limited)
-        safe = separation > self._problem.collision_radius
-        better = safe | (separation >= self.separation)
-        self.controls = np.where(better[:, None, None, None], limited, self.controls)
-        self.separation = np.where(better, separation, self.separation)
 
     def _within_limit(self, controls: SomeControls) -> SomeControls:
         limit = self._problem.max_acceleration
