@@ -91,13 +91,8 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     if plan.status == SOLVED and tried[0].risk.total > limit.asked:
         tried.extend(_more_careful(tried[0], limit, settings, requirements.nominal))
     best = min(tried, key=lambda one: _worth(one, limit.asked))
-    claim = Risk(
-        bound=best.risk.total,
-        asked=limit.asked,
-        uncertainty=uncertainty,
-        sigmas=best.sigmas,
-        fuel_without=plan.certificate.fuel if plan.status == SOLVED else None,
-    )
+    fuel_without = plan.certificate.fuel if plan.status == SOLVED else None
+    claim = Risk(best.risk.total, limit.asked, uncertainty, best.sigmas, fuel_without)
     seconds = perf_counter() - started
     same = best.plan is plan or plan.planner.endswith(best.plan.planner)
     found = replace(

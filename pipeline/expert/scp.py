@@ -97,18 +97,6 @@ class Search:
 
     It is linearized at first about seeds, else about decoupled optima. Further starts, from 1 on,
     pass on other sides at first.
-
-    Attributes:
-        iterate: the newest trajectory.
-        reference: the linearization point.
-        active: craft whose cluster is not done.
-        accepted: craft whose part of the reference is known to be safe.
-        failed: craft of clusters whose program the solver failed at.
-        cuts: all that were made.
-        back_off: what each cut asks for beyond radius and margin, m.
-        dual: of each cut in the last round's programs, m/s² per m.
-        labels: cluster of each craft.
-        incumbents: cheapest safe iterates so far.
     """
 
     def __init__(self, asked: SearchProblem, seeds: Seeds | None = None, start: int = 0) -> None:
@@ -116,15 +104,17 @@ class Search:
         self.problem, self.swarm = self.batch.problem, self.batch.swarms.label
         self.provable = self.problem.collision_radius + PROVABLE
         self.separation = self.problem.collision_radius + self.settings.margin
+        # Craft whose part of the reference is known to be safe, whose cluster is not done, and
+        # whose cluster's program the solver failed at.
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
-        self.iterate = self._flown(self.batch.optima.controls)
-        self.reference = deepcopy(self.iterate)
+        self.iterate = self._flown(self.batch.optima.controls)  # the newest trajectory
+        self.reference = deepcopy(self.iterate)  # the linearization point
         self.incumbents = Incumbents(self.batch, self.iterate.controls)
         cuts, _ = asked.detection.conflicts(self.iterate, self.provable)
         in_conflict = np.isin(np.arange(len(self.batch.scenarios)), self.swarm[cuts.first])
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
-        self.back_off = np.zeros(0)
+        self.back_off = np.zeros(0)  # what each cut asks for beyond radius and margin, m
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
         self.shift = self._first_shift(start)
@@ -192,6 +182,7 @@ class Search:
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
         self.back_off = np.append(self.back_off, np.zeros(len(cuts) - len(self.back_off)))
+        # The cluster of each craft.
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
         label = self.labels[cuts.first]
         self.cuts_of = {int(label[one[0]]): one for one in _groups(label)}
@@ -225,7 +216,7 @@ class Search:
         planes = half_spaces(
             self.cuts, normal, self.batch.initial, self.problem, self.separation + self.back_off
         )
-        self.dual = np.zeros(len(self.cuts))
+        self.dual = np.zeros(len(self.cuts))  # of each cut in this round's programs, m/s² per m
         for craft in clusters:
             cuts = self.cuts_of[int(craft[0])]
             try:

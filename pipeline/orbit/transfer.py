@@ -90,11 +90,8 @@ def free_drift(
 ) -> tuple[States, Controls, Problem]:
     """Free drift over so many orbits: node states, zero controls and the problem they belong to."""
     intervals = min(max(2, math.ceil(orbits * ORBIT_INTERVALS)), MOST_NODES - 1)
-    drift = Problem(
-        mean_motion=problem.mean_motion,
-        time_step=orbits * 2 * np.pi / problem.mean_motion / intervals,
-        nodes=intervals + 1,
-    )
+    step = orbits * 2 * np.pi / problem.mean_motion / intervals
+    drift = Problem(problem.mean_motion, step, intervals + 1)
     idle = np.zeros((len(states), intervals, 3))
     # To the bit what ``fly`` has, without its maps of controls, which take a minute for 999 nodes.
     flown = np.matvec(_powers(drift).reshape(-1, 6), states)
