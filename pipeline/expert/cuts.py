@@ -151,7 +151,7 @@ def half_spaces(
     """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then (m, m/s)."""
     maps = transfer_maps(problem)
 
-    def effect(to_state: Array, interval: Indices, pushed: Array) -> Float[Array, "k m"]:
+    def effect(to_state: Array, interval: Indices, pushed: Array) -> Array:
         """Of a craft's controls along each normal, m per m/s²."""
         row = np.vecmat(to_state, maps.reach[interval])
         columns = 3 * interval[:, None] + np.arange(3)

@@ -17,7 +17,6 @@ side by side: operations on all craft act on all scenarios at once.
 """
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -108,7 +107,8 @@ class Search:
         # whose cluster's program the solver failed at.
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
         self.iterate = self._flown(self.batch.optima.controls)  # the newest trajectory
-        self.reference = deepcopy(self.iterate)  # the linearization point
+        # The linearization point.
+        self.reference = Trajectory(self.iterate.controls.copy(), self.iterate.states.copy())
         self.incumbents = Incumbents(self.batch, self.iterate.controls)
         cuts, _ = asked.detection.conflicts(self.iterate, self.provable)
         in_conflict = np.isin(np.arange(len(self.batch.scenarios)), self.swarm[cuts.first])

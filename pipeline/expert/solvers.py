@@ -7,6 +7,7 @@ also solve the program of a single craft, and are the reference for the simplex 
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from threading import local
 
 import clarabel
@@ -134,8 +135,13 @@ def clarabel_solver(
     limits = np.full(2 * n * m if np.isfinite(sub.limit) else 0, sub.limit / sub.unit)
     b = np.concatenate([sub.goals(), np.zeros(2 * n * m + k), limits, -sub.required / LENGTH])
     cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(b) - equalities)]
-    no_curvature = sparse.csc_matrix((len(cost), len(cost)))
-    return clarabel.DefaultSolver(no_curvature, cost, A, b, cones, settings)
+    return clarabel.DefaultSolver(_no_curvature(len(cost)), cost, A, b, cones, settings)
+
+
+@lru_cache(maxsize=1024)
+def _no_curvature(variables: int) -> sparse.csc_matrix:
+    """P of a linear program: the quadratic term, which is zero."""
+    return sparse.csc_matrix((variables, variables))
 
 
 def _constraints(sub: Subproblem) -> sparse.csc_matrix:
@@ -152,4 +158,8 @@ def _constraints(sub: Subproblem) -> sparse.csc_matrix:
     tops = np.cumsum([0] + [height for height, _ in blocks])
     row = np.concatenate([e[0] + top for (_, e), top in zip(blocks, tops[:-1], strict=True)])
     column, value = (np.concatenate([e[k] for _, e in blocks]) for k in (1, 2))
-    return sparse.csc_matrix((value, (row, column)), shape=(int(tops[-1]), len(variables)))
+    # The entries are all different: in less time than by way of COO.
+    shape = int(tops[-1]), len(variables)
+    order = np.argsort(column * shape[0] + row)
+    starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
+    return sparse.csc_matrix((value[order], row[order], starts), shape=shape)

@@ -101,6 +101,10 @@ class Closest(Rows):
     pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
 
+_EMPTY = np.zeros(0)
+NOTHING = Closest(_EMPTY, _EMPTY, _EMPTY, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
+
+
 @dataclass(frozen=True, eq=False)
 class Approaches(Closest):
     """Closest approaches of two craft within an interval."""
@@ -156,6 +160,8 @@ def closest_to_origin(
     remainder = h**4 / 384 * dynamics.most_fourth_derivative(motions.start, motions.push)
     apart = chord_bound(hermite_bezier(motions.start, motions.end, h)) - remainder
     near = np.flatnonzero(apart <= motions.reach)
+    if len(near) == 0:
+        return near, NOTHING
     motions, remainder = motions[near], remainder[near]
     when, bound = np.zeros((2, len(near)))
     long = remainder > tolerance / 4 * MOST_PARTS**4

@@ -39,8 +39,7 @@ class Rows:
 
     def __getitem__(self: SomeRows, which: Any) -> SomeRows:
         """Some of the rows, by a mask, indices or a slice."""
-        parts = vars(self).items()
-        return type(self)(**{name: None if v is None else v[which] for name, v in parts})
+        return type(self)(*[v if v is None else v[which] for v in vars(self).values()])
 
     @classmethod
     def concatenated(cls: type[SomeRows], parts: Sequence[SomeRows]) -> SomeRows:

@@ -48,15 +48,12 @@ def planned_all(
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
-    plans = [
-        Plan(scenario, planner, SOLVED, flown, burned, certificate, one.convex_solves)
-        for scenario, one, flown, burned, certificate in zip(scenarios, made, *parts, strict=True)
-    ]
-    timings = [{**one.timing, "certificate": each} for one in made]
-    return [
-        judged(replace(plan, timing=timing, separation=requirements.separation))
-        for plan, timing in zip(plans, timings, strict=True)
-    ]
+    kept, plans = requirements.separation, []
+    for scenario, one, flown, burned, found in zip(scenarios, made, *parts, strict=True):
+        timing = {**one.timing, "certificate": each}
+        plan = Plan(scenario, planner, SOLVED, flown, burned, found, one.convex_solves, timing)
+        plans.append(judged(plan if kept == plan.separation else replace(plan, separation=kept)))
+    return plans
 
 
 def planned(
