@@ -28,6 +28,7 @@ $(BIN)/prolearn: pyproject.toml requirements/run.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt torch setuptools
 	$(BIN)/python -m pip install --quiet --no-compile --no-deps --requirement requirements/run.txt
+	rm -rf prolearn.egg-info  # of an earlier version, which would be taken for the installed one
 	$(BIN)/python -m pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
 	@touch $@
 

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -47,7 +48,9 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
             with _starting_processes():
                 asked = (joblib.delayed(call)() for call in calls)
                 results = stack.enter_context(closing(parallel(asked)))
-            yield from results
+                stack.push(_silence_cancelled)
+            for result in results:  # noqa: UP028, `yield from` would close them before the above
+                yield result
     except TerminatedWorkerError as error:
         raise WorkersLostError(
             "a worker process was killed, perhaps for want of memory; what it had in hand is done "
@@ -55,6 +58,24 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
             "worker processes are killed again and again, perhaps for want of memory; the shards "
             "that were done are kept: run the same command again with fewer --jobs.",
         ) from error
+
+
+def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
+    """Where results are given up, what joblib's parts make of cancelled calls is not reported.
+
+    Its thread that hands out calls finds some taken away, and it warns of those not finished.
+    """
+    if kind is None:
+        return
+    usual = threading.excepthook
+
+    def hook(raised: threading.ExceptHookArgs) -> None:
+        handing_out = raised.thread is not None and raised.thread.name == "ExecutorManagerThread"
+        if not (handing_out and raised.exc_type is KeyError):
+            usual(raised)
+
+    threading.excepthook = hook
+    warnings.filterwarnings("ignore", category=UserWarning, module="joblib.parallel")
 
 
 def end_with(parent: int) -> None:

@@ -1,4 +1,7 @@
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,3 +18,31 @@ def test_a_task_alone_is_done_without_another_process(tasks, here):
     done = dict(Workers(2).work(process, range(tasks), lambda task: b""))
     assert done.keys() == set(range(tasks))
     assert (set(done.values()) == {os.getpid()}) == here
+
+
+GIVEN_UP = """
+from functools import partial
+from joblib.externals.loky import process_executor
+from pipeline.parallel.processes import run_in_processes
+
+hand_out = process_executor._ExecutorManagerThread.add_call_item_to_queue
+
+def late(thread):  # as where the call that is next was cancelled meanwhile
+    if thread.is_shutting_down():
+        raise KeyError(1)
+    hand_out(thread)
+
+process_executor._ExecutorManagerThread.add_call_item_to_queue = late
+results = run_in_processes((partial(pow, k, 2) for k in range(1000)), 2)
+next(results)
+results.close()
+print("closed")
+"""
+
+
+def test_results_that_are_given_up_end_without_a_traceback_or_a_warning():
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", GIVEN_UP], capture_output=True, text=True, cwd=root, timeout=120
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "closed\n", "")
