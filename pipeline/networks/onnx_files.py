@@ -11,9 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pipeline.errors import InputError, ProlearnError
-
-EXTRA = "expected the packages of prolearn's extra `onnx`: pip install 'prolearn[onnx]'"
+from pipeline.errors import ProlearnError
+from pipeline.extras import told_which_extra
 
 Axes = Mapping[str, Sequence[str | None]]
 """Names of the axes whose length may differ, by input or output; None for the others."""
@@ -35,10 +34,8 @@ def traced(
         InputError: where onnxscript is not installed.
         ProlearnError: where torch cannot trace the module.
     """
-    try:
+    with told_which_extra():
         import onnxscript  # noqa: F401  (torch's exporter needs it)
-    except ImportError as error:
-        raise InputError(f"{error.name} is not installed; {EXTRA}.") from error
     try:
         with _quiet(), torch.no_grad():
             made = torch.onnx.export(
@@ -82,10 +79,8 @@ def open_session(path: Path) -> Any:
     Raises:
         InputError: where it is not installed.
     """
-    try:
+    with told_which_extra():
         import onnxruntime
-    except ImportError as error:
-        raise InputError(f"onnxruntime is not installed; {EXTRA}.") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4  # a swarm that it does not answer for is no event

@@ -10,7 +10,8 @@ from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from pipeline.errors import InputError, ProlearnError
+from pipeline.errors import ProlearnError
+from pipeline.extras import told_which_extra
 from pipeline.parallel.processes import WorkersLostError
 from pipeline.progress import Progress
 from pipeline.urls import public, public_url
@@ -186,13 +187,8 @@ def _client(scheduler: str, seconds: float) -> "Client":
 @contextmanager
 def _without_logs() -> Iterator[None]:
     """Hide the tracebacks that Dask logs of a lost scheduler; InputError without Dask."""
-    try:
+    with told_which_extra():
         import distributed  # noqa: F401, its loggers have their levels from then on
-    except ImportError as error:
-        raise InputError(
-            "backend is 'dask' and Dask is not installed; install it with "
-            "`pip install 'prolearn[dask]'`."
-        ) from error
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     before = [logger.level for logger in loggers]
     try:

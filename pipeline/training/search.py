@@ -10,6 +10,7 @@ from filelock import FileLock
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.extras import told_which_extra
 from pipeline.files import make_folder
 from pipeline.networks.encoding import INTERIORS
 
@@ -41,13 +42,8 @@ def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
         InputError: where Optuna is not installed, or the path is a folder or below a file.
         ProlearnError: where the file fails, in the block too.
     """
-    try:
+    with told_which_extra():
         import optuna
-    except ImportError as error:
-        raise InputError(
-            "optuna is not installed; expected the packages of prolearn's extra `tune`: "
-            "pip install 'prolearn[tune]'."
-        ) from error
     if path.is_dir():
         raise InputError(f"--storage is the folder {path}; expected Optuna's SQLite file.")
     optuna.logging.set_verbosity(optuna.logging.ERROR)
