@@ -1,5 +1,7 @@
 """Errors for the person who can act on them: what was given, what is expected, what to do."""
 
+from collections.abc import Iterable
+
 
 class ProlearnError(Exception):
     """A run that failed for a reason outside the input; the command line exits with 1."""
@@ -14,6 +16,13 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
     if not least <= value <= most:
         given, low, high = map(_short, (value, least, most))
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
+
+
+def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
+    """Refuse what is none of some words with an InputError that names what it is of."""
+    known = list(choices)
+    if value not in known:
+        raise InputError(f"{name} is {value!r}; expected {' or '.join(known)}.")
 
 
 def _short(value: float | int) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from cli.jobs.planner import planner_of
+from pipeline.errors import check_range
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
@@ -14,6 +14,8 @@ from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
+from pipeline.scenario.scenario import FURTHEST
+from prolearn.planning import planner_from
 
 
 def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
@@ -79,12 +81,14 @@ def monte_carlo(
     """
     asked = plan.scenario
     refuse_distance(asked, plan.controls)
+    check_range("size", size, 0.0, FURTHEST)
+    check_range("margin", margin or 0.0, 0.0, FURTHEST)
+    planner = None
     if replan is not None:
         refuse_replanning(plan)
-    if isinstance(replan, str):
-        replan = planner_of(replan, plan.requirements, None)
+        planner = planner_from(replan, plan.requirements)
     world = _conditions(plan, conditions).world(asked.problem, asked.n)
-    loops = list(flight_loops(asked, plan.controls, errors, replan, margin))
+    loops = list(flight_loops(asked, plan.controls, errors, planner, margin))
     flown = fly_loops(asked, world, errors, loops, trials, seed)
     radius = asked.problem.collision_radius
     summaries = tuple(summarize(loop, flown[loop.name], radius, size) for loop in loops)

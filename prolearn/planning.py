@@ -1,10 +1,12 @@
 """Scenarios checked, planned, and planned for several transfer times."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from cli.jobs.planner import planner_of
+from pipeline.errors import InputError
 from pipeline.expert.settings import Effort
-from pipeline.plan import Plan, Requirements, RiskLimit, Separation
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, Separation
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Diagnostic, Scenario, diagnostics
 from pipeline.scenario import check as refuse_formations
@@ -19,7 +21,7 @@ def check(scenario: Scenario) -> list[Diagnostic]:
 
 def planner(
     name: str = "expert",
-    requirements: Requirements | None = None,
+    requirements: Requirements = AT_ALL_TIMES,
     *,
     effort: Effort | None = None,
     raw: bool = False,
@@ -39,8 +41,7 @@ def planner(
     Raises:
         InputError: for a name that no planner has, or an option that it has no use for.
     """
-    asked = requirements or Requirements()
-    return planner_of(name, asked, effort, raw=raw, assignment=assignment)
+    return planner_of(name, requirements, effort, raw=raw, assignment=assignment)
 
 
 def plan(
@@ -59,7 +60,7 @@ def plan(
 
     Args:
         scenario: what the swarm is asked to do.
-        planner: its name, or one that is there, whose own requirements then count alone.
+        planner: its name, or one that is there, which takes no further options.
         separation: keep craft apart at all times, or at the nodes only.
         passive_safety: also for so many orbits after any one craft has lost its thrust at a node.
         risk: the most probability that any pair comes too close in open loop with errors.
@@ -72,21 +73,27 @@ def plan(
         InputError: for formations that no transfer can start from or end in safely.
     """
     refuse_formations(scenario, allow_drift=allow_drift)
+    asked = Requirements(separation, passive_safety, risk)
+    options: dict[str, Any] = {"effort": effort, "raw": raw, "assignment": assignment}
     if isinstance(planner, str):
-        asked = Requirements(separation, passive_safety, risk)
-        planner = planner_of(planner, asked, effort, raw=raw, assignment=assignment)
+        return planner_of(planner, asked, **options).plan([scenario])[0]
+    if (asked, *options.values()) != (Requirements(), None, False, "given"):
+        raise InputError(
+            f"the planner {planner.name} is given with options of one, which it has its own of; "
+            "expected its name with them, or the planner alone."
+        )
     return planner.plan([scenario])[0]
 
 
 def plan_all(scenarios: Sequence[Scenario], planner: str | Planner = "expert") -> list[Plan]:
-    """A plan for each scenario of one problem and one n, in order; much faster than one by one.
+    """Plans of several scenarios of one problem and one n, in order, far faster than one by one.
 
     Raises:
-        InputError: where problems or sizes differ.
+        InputError: where problems or sizes differ, and as in ``plan``.
     """
-    if isinstance(planner, str):
-        planner = planner_of(planner, Requirements(), None)
-    return planner.plan(scenarios)
+    for one in scenarios:
+        refuse_formations(one)
+    return planner_from(planner).plan(scenarios)
 
 
 def tradeoff(
@@ -111,9 +118,13 @@ def tradeoff(
         planner: its name, or one that is there.
 
     Raises:
-        InputError: for a range without a whole number of arcs.
+        InputError: for a range without a whole number of arcs, and as in ``plan``.
     """
-    if isinstance(planner, str):
-        planner = planner_of(planner, Requirements(), None)
+    refuse_formations(scenario)
     arcs = arcs_between(shortest, longest, scenario.problem.time_step, steps)
-    return planned_for(scenario, arcs, planner, goal)
+    return planned_for(scenario, arcs, planner_from(planner), goal)
+
+
+def planner_from(given: str | Planner, requirements: Requirements = AT_ALL_TIMES) -> Planner:
+    """A planner that is there, or the one of a name with some requirements."""
+    return planner_of(given, requirements, None) if isinstance(given, str) else given

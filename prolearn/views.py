@@ -1,4 +1,4 @@
-"""Plans to look at, in a notebook or as a file, and in formats that other tools read."""
+"""Pages and figures of plans for notebooks and files, and plans in formats of other tools."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ from typing import Literal
 
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_choice
+from pipeline.extras import told_which_extra
 from pipeline.figures.style import save
 from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
@@ -71,7 +72,7 @@ def show(plan: Plan, name: str = "plan") -> Page:
 
 
 def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
-    """A plan in three dimensions, or several of one scenario; a trade-off; a Monte Carlo.
+    """A figure of a plan, of several of one scenario, of a trade-off, or of a Monte Carlo.
 
     Raises:
         InputError: for nothing at all.
@@ -102,8 +103,10 @@ def convert(plan: Plan, to: Literal["oem", "csv", "parquet"], path: str | Path) 
     """
     from pipeline import export
 
+    check_choice("to", to, ("oem", "csv", "parquet"))
     target = Path(path)
     if to == "oem":
         return export.write_ephemerides(plan, target, target.name)
-    (export.write_csv if to == "csv" else export.write_parquet)(plan, target)
+    with told_which_extra():
+        (export.write_csv if to == "csv" else export.write_parquet)(plan, target)
     return [target]

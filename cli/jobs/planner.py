@@ -2,8 +2,8 @@
 
 import re
 
-from pipeline.errors import InputError
-from pipeline.expert.settings import Effort
+from pipeline.errors import InputError, check_choice
+from pipeline.expert.settings import EFFORTS, Effort
 from pipeline.extras import told_which_extra
 from pipeline.networks.catalogue import architecture_names
 from pipeline.plan import Requirements
@@ -27,6 +27,9 @@ def planner_of(
     Raises:
         InputError: for a name that no planner has, or an option that it has no use for.
     """
+    check_choice("assignment", assignment, ("given", "optimal"))
+    if effort is not None:
+        check_choice("effort", effort, EFFORTS)
     with told_which_extra():
         found = named_planner(name, requirements, effort=effort, raw=raw)
         if found is None:

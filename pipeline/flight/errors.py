@@ -9,8 +9,10 @@ from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from pipeline.arrays import Array
+from pipeline.errors import InputError
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty
+from pipeline.scenario.families import SEEDS
 
 NO_BURN = 1e-9
 """Acceleration in m/s² up to which a control is rounding of the planner's and no burn."""
@@ -77,6 +79,12 @@ class Draws:
     burn: Float[Array, "K intervals n 3"]  # of each interval's burn
     lag: Float[Array, "K intervals n"]  # of the time of each burn
     missed: Float[Array, "K intervals n"]  # whether a burn is
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a root seed out of range with an InputError."""
+    if not 0 <= seed < SEEDS:
+        raise InputError(f"seed is {seed}; expected 0 to {SEEDS - 1}.")
 
 
 def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.flight.closed_loop import ClosedLoop, apart_at
-from pipeline.flight.errors import Errors, draws
+from pipeline.flight.errors import Errors, check_seed, draws
 from pipeline.flight.trials import Trials, fly_trials, open_loop
 from pipeline.flight.world import World
 from pipeline.orbit.approaches import MOST_PAIRS, TOLERANCE
@@ -94,9 +94,10 @@ def fly_loops(
     """Fly each loop so many times, by the loop's name; all trials are in memory.
 
     Raises:
-        InputError: for no trials, or more than MOST_TRIALS.
+        InputError: for no trials, more than MOST_TRIALS, or a seed that is none.
     """
     refuse_trials(trials)
+    check_seed(seed)
     portion = portion_of(scenario.n)
     parts = [range(k, min(k + portion, trials)) for k in range(0, trials, portion)]
     found: dict[str, Trials] = {}

@@ -121,18 +121,19 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     }
 
 
-def write_plan(path: Path, plan: Plan) -> None:
+def write_plan(path: Path | str, plan: Plan) -> None:
     """Write a plan file, a line for each node of each craft."""
-    write_document(path, plan_document(plan))
+    write_document(Path(path), plan_document(plan))
 
 
-def read_plan(path: Path) -> Plan:
+def read_plan(path: Path | str) -> Plan:
     """The plan in a file, with its certificate as claimed there.
 
     Raises:
         InputError: where the file cannot be read, a field is missing or wrong, by its name, or the
             scenario is missing, as in files of version 1.
     """
+    path = Path(path)
     document = read_document(path, PlanDocument, WHAT)
     if document.scenario is None:
         raise InputError(

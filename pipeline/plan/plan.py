@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from math import isfinite
 from typing import Any
 
 from pipeline.orbit.arrays import Controls, States
@@ -82,8 +83,9 @@ class Plan:
     def __repr__(self) -> str:
         """Who made it, its status, cost and closest approach; without the arrays."""
         found = self.certificate
+        gap = f", gap {found.optimality_gap:.2%}" if isfinite(found.optimality_gap) else ""
         said = [f"{self.scenario.n} craft by {self.planner}, {self.status}"]
-        said.append(f"Δv {found.delta_v:.4g} m/s, gap {found.optimality_gap:.2%}")
+        said.append(f"Δv {found.delta_v:.4g} m/s{gap}")
         if found.min_separation_pair is not None:
             i, j = found.min_separation_pair
             at = f"{found.min_separation:.2f} m at {found.min_separation_time:.0f} s"

@@ -252,12 +252,13 @@ class ScenarioDocument(BaseModel):
             raise InputError(f"{path}: {error}") from error
 
 
-def read_scenario(path: Path) -> Scenario:
+def read_scenario(path: Path | str) -> Scenario:
     """The scenario in a file.
 
     Raises:
         InputError: where the file cannot be read or a field is missing or wrong, by its name.
     """
+    path = Path(path)
     return read_document(path, ScenarioDocument, WHAT).scenario_of(path)
 
 
@@ -285,9 +286,9 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
     return fields | {"reference": asdict(scenario.reference) | {"epoch": epoch}}
 
 
-def write_scenario(path: Path, scenario: Scenario) -> None:
+def write_scenario(path: Path | str, scenario: Scenario) -> None:
     """Write a scenario file, a line for each state."""
-    write_document(path, document_of(scenario))
+    write_document(Path(path), document_of(scenario))
 
 
 def scenario_from(fields: Mapping[str, Any], name: str) -> Scenario:

@@ -9,13 +9,13 @@ things, and every duration is a whole number of arcs here.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_choice
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner
@@ -95,6 +95,7 @@ def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
     A goal that moves drifts free, so on its passive orbit.
     """
     problem = replace(scenario.problem, nodes=arcs + 1)
+    check_choice("goal", goal, get_args(Goal))
     if goal == "fixed":
         return replace(scenario, problem=problem)
     A, _ = problem.dynamics.step(problem.duration - scenario.problem.duration)

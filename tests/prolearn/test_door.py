@@ -90,6 +90,52 @@ def test_formations_that_nothing_can_start_from_are_refused():
         prolearn.plan(close)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"passive_safety": 0.5}, "own LP is given with options"),
+        ({"separation": "nodes"}, "own LP is given with options"),
+        ({"effort": "best"}, "own LP is given with options"),
+        ({"raw": True}, "own LP is given with options"),
+        ({"assignment": "optimal"}, "own LP is given with options"),
+    ],
+)
+def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, words):
+    with pytest.raises(InputError, match=words):
+        prolearn.plan(plan.scenario, prolearn.planner("own-LP"), **options)
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda p: prolearn.plan(p.scenario, effort="fast"), "effort is 'fast'; expected first or"),
+        (lambda p: prolearn.plan(p.scenario, assignment="best"), "assignment is 'best'"),
+        (lambda p: prolearn.plan(p.scenario, "nobody"), "planner is 'nobody'"),
+        (lambda p: prolearn.plan(p.scenario, separation="never"), "separation is 'never'"),
+        (lambda p: prolearn.tradeoff(p.scenario, 1200, 1440, goal="far"), "goal is 'far'"),
+        (lambda p: prolearn.convert(p, "xlsx", "plan.xlsx"), "to is 'xlsx'; expected oem or"),
+        (lambda p: prolearn.plot(p).write("plan.bmp"), "plan.bmp"),
+        (lambda p: prolearn.monte_carlo(p, 0), "trials is 0"),
+        (lambda p: prolearn.monte_carlo(p, 2, seed=-1), "seed is -1"),
+        (lambda p: prolearn.monte_carlo(p, 2, size=-1.0), "size is -1"),
+        (lambda p: prolearn.monte_carlo(p, 2, replan="expert", margin=-1.0), "margin is -1"),
+        (lambda p: prolearn.read_plan("nothing.json"), "nothing.json cannot be read"),
+    ],
+)
+def test_what_makes_no_sense_is_a_sentence(plan, tmp_path, monkeypatch, ask, words):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=words):
+        ask(plan)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_formations_that_are_too_close_are_refused_by_all_that_plans():
+    close = prolearn.scenario([Ring(phases_deg=[0.0, 1.0], size=100)], [Ring(craft=2, size=100)])
+    for ask in (lambda: prolearn.plan_all([close]), lambda: prolearn.tradeoff(close, 1200, 1440)):
+        with pytest.raises(InputError, match="collision_radius"):
+            ask()
+
+
 def test_what_is_printed_is_short_and_says_what_matters(plan):
     assert repr(plan.scenario) == "Scenario(swap, 6 craft, 10 intervals of 120 s)"
     said = repr(plan)
@@ -98,8 +144,8 @@ def test_what_is_printed_is_short_and_says_what_matters(plan):
 
 
 def test_a_plan_is_read_as_it_was_written(plan, tmp_path):
-    prolearn.write_plan(tmp_path / "plan.json", plan)
-    read = prolearn.read_plan(tmp_path / "plan.json")
+    prolearn.write_plan(str(tmp_path / "plan.json"), plan)
+    read = prolearn.read_plan(str(tmp_path / "plan.json"))
     assert (read.controls == plan.controls).all()
     assert read.scenario.problem == plan.scenario.problem
 
