@@ -184,7 +184,7 @@ def note_contest(version: ModelVersion, outcome: str) -> None:
 
 
 def read_version(store: Store, name: str, number: str) -> ModelVersion:
-    """A version of a registered model; InputError where its training's parameters are malformed."""
+    """Read a version of a registered model; InputError where its training run is malformed."""
     found = store.client.get_model_version(name, number)
     return _described(found, run_of_version(store, found.run_id))
 
@@ -224,7 +224,7 @@ def _versions(store: Store) -> list[ModelVersion]:
 
 
 def _described(found: Any, run: Any) -> ModelVersion:
-    """The value of one of MLflow's versions, with its training run, if any."""
+    """The ModelVersion of an MLflow model version and its training run, if there is one."""
     tags = dict(found.tags)
     return ModelVersion(
         name=found.name,

@@ -222,7 +222,7 @@ def table_bytes(table: pd.DataFrame) -> bytes:
 
 
 def table_from(content: bytes) -> pd.DataFrame:
-    """The table in the bytes of a Parquet file of unknown origin.
+    """Decode a table from the bytes of a Parquet file that is not trusted.
 
     An InputError has what is wrong: they are damaged, or it is none of results or too large.
     """

@@ -19,7 +19,7 @@ def first(
 
 @pytest.fixture
 def checks():
-    """The function with its checks, and the arguments of those that were made."""
+    """A type-checked function, and a list of the arguments that were really checked."""
     made = []
 
     def checking(function):

@@ -82,7 +82,7 @@ class HeldOut:
         resume: bool,
         progress: Progress,
     ) -> Done:
-        """Run an experiment and record it, or, to resume, find its newest run, if done like this.
+        """Run and record an experiment; with ``resume``, return an equal earlier run instead.
 
         ``params`` are those that its settings leave open or do not have; ``make`` gives a row for
         each trial and leaves files in a folder; ``kind`` names settings that tell kinds of its runs

@@ -13,7 +13,7 @@ from pipeline.figures.tables import write_csv
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
 from pipeline.flight.loops import flight_loops, portion_of
-from pipeline.flight.montecarlo import MonteCarlo, fly_all
+from pipeline.flight.montecarlo import TrialSettings, fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers
@@ -45,7 +45,7 @@ def fly_trials(
     for name, given in (("size", size), ("margin", settings.margin or 0.0)):
         check_range(f"--{name}", given, 0.0, FURTHEST)
     refuse_distance(scenario, plan.controls)
-    of = MonteCarlo(scenario, world, errors, settings.seed, portion_of(scenario.n))
+    of = TrialSettings(scenario, world, errors, settings.seed, portion_of(scenario.n))
     loops = list(flight_loops(scenario, plan.controls, errors, planner, settings.margin))
     workers = Workers(settings.jobs)
     tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)

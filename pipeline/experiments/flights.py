@@ -14,14 +14,13 @@ from pipeline.experiments.records import LINEAR, MARGIN, NO_ERRORS
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
-from pipeline.flight.errors import COLD_GAS, Errors
+from pipeline.flight.errors import COLD_GAS, Errors, check_seed
 from pipeline.flight.loops import flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import LinearWorld, World
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
-from pipeline.scenario.families import SEEDS
 
 MEASURED = ["min_separation", "goal_error", "goal_velocity_error", "delta_v", "missed_burns"]
 MAGNITUDES = {NO_ERRORS: Errors(), records.WITH_ERRORS: COLD_GAS}  # of errors, by name
@@ -61,7 +60,7 @@ def run_flights(
         InputError: for no flights, or a seed that is none.
     """
     check_range("flights", flights, 1, MOST_FLIGHTS)
-    check_range("seed", seed, 0, SEEDS - 1)
+    check_seed(seed)
     asked = [ScenarioFlights(k, one, planners, flights, seed) for k, one in enumerate(scenarios)]
     progress.expect(len(asked))
     tables: dict[int, pd.DataFrame] = {}

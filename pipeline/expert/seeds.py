@@ -39,7 +39,7 @@ SEEDS: dict[str, Callable[[Scenario], Seed] | None] = {
 
 
 def checked_seed(scenario: Scenario, seed: Seed) -> Seed:
-    """The seed; InputError for another shape than the scenario's or values that are not finite."""
+    """Validate a seed trajectory: InputError for a wrong shape or values that are not finite."""
     expected = (scenario.n, scenario.problem.nodes, 6)
     if seed.shape != expected:
         raise InputError(

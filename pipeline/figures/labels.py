@@ -93,7 +93,7 @@ def name_of(planner: str) -> str:
 
 
 def called(planner: str, recipe: str) -> str:
-    """The name of a planner with the recipe of its training."""
+    """Label of a planner: its name, and the recipe that its network was trained by."""
     return f"{name_of(planner)} {recipe}".strip()
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import InputError
-from pipeline.flight.errors import Errors
+from pipeline.flight.errors import Errors, check_seed
 from pipeline.flight.loops import PORTION, Loop, refuse_trials
 from pipeline.flight.trials import Trials
 from pipeline.flight.world import World
@@ -29,7 +29,6 @@ from pipeline.planners.planner import identity
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
-from pipeline.scenario.families import SEEDS
 from pipeline.storage import COPY, MANIFEST, TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, NewShard, open_ledger, read_checked, write_shards
@@ -79,7 +78,7 @@ class TrialsManifest:
 
 
 @dataclass(frozen=True, eq=False)
-class MonteCarlo:
+class TrialSettings:
     """Settings that decide the trials of a Monte Carlo, but for the loop, and a shard's size."""
 
     scenario: Scenario
@@ -89,8 +88,7 @@ class MonteCarlo:
     portion: int = PORTION
 
     def __post_init__(self) -> None:
-        if not 0 <= self.seed < SEEDS:
-            raise InputError(f"seed is {self.seed}; expected 0 to {SEEDS - 1}.")
+        check_seed(self.seed)
 
     @cached_property
     def made_with(self) -> Mapping[str, str]:
@@ -102,7 +100,7 @@ class MonteCarlo:
 class Portion:
     """Some trials of a loop, the rows of a shard."""
 
-    of: MonteCarlo
+    of: TrialSettings
     loop: Loop
     number: int
     rows: range
@@ -145,7 +143,7 @@ class Portion:
 
 def fly_all(
     where: Where | Folder,
-    of: MonteCarlo,
+    of: TrialSettings,
     loops: Sequence[Loop],
     trials: int,
     *,
@@ -176,7 +174,7 @@ def _begin(folder: Folder) -> TrialsManifest:
     return TrialsManifest({})
 
 
-def _portions(of: MonteCarlo, loop: Loop, trials: int) -> Iterator[Portion]:
+def _portions(of: TrialSettings, loop: Loop, trials: int) -> Iterator[Portion]:
     for number, first in enumerate(range(0, trials, of.portion)):
         yield Portion(of, loop, number, range(first, min(first + of.portion, trials)))
 
@@ -230,7 +228,7 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     return NewShard(portion.path, content, encode(timings))
 
 
-def _read(ledger: Ledger[TrialsManifest], of: MonteCarlo, loop: Loop, trials: int) -> Trials:
+def _read(ledger: Ledger[TrialsManifest], of: TrialSettings, loop: Loop, trials: int) -> Trials:
     """The first so many trials of a loop, with the times of all their plans."""
 
     def sound(name: str, digest: str, most: Size) -> pa.Table:

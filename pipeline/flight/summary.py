@@ -120,8 +120,7 @@ def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, titl
 
 def _separations(trials: Trials) -> Float[Array, "_"]:
     """The least separation of each trial, m; none of a craft alone."""
-    apart = trials["min_separation"]
-    return apart[np.isfinite(apart)]
+    return trials["min_separation"][trials["first_craft"] >= 0]
 
 
 def _mark(ax: Axes, distance: float, label: str) -> None:

@@ -116,7 +116,7 @@ def _seconds(session: Any, model: Model, n: int) -> float:
 
 
 class OnBoard(nn.Module):
-    """Encoding, network and decoding in float32, all of it torch, for any batch.
+    """The exported graph: encoding, network and decoding in float32, for batches of any size.
 
     With ``flown`` the prediction is then projected onto the transfers that obey the dynamics and
     both ends.

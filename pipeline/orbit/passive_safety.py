@@ -79,9 +79,8 @@ class _Paths:
         whole = int(steps + NO_LENGTH)
         self.problem, self.last = problem, states.shape[1] - 1  # the last node of the plan
         self.rest = max(0.0, (steps - whole) * h)  # what is left of a drift after M time steps, s
-        self.drift, _ = problem.dynamics.step(
-            h * np.arange(whole + 1)
-        )  # powers of A, (M + 1, 6, 6)
+        # Powers of A, (M + 1, 6, 6).
+        self.drift, _ = problem.dynamics.step(h * np.arange(whole + 1))
         # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
         after = np.matvec(self.drift[1:], states[:, -1:])
         self.states = np.concatenate([states, after], axis=1)

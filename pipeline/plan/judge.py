@@ -48,11 +48,11 @@ def planned_all(
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
-    kept, plans = requirements.separation, []
+    plans = []
     for scenario, one, flown, burned, found in zip(scenarios, made, *parts, strict=True):
         timing = {**one.timing, "certificate": each}
-        plan = Plan(scenario, planner, SOLVED, flown, burned, found, one.convex_solves, timing)
-        plans.append(judged(plan if kept == plan.separation else replace(plan, separation=kept)))
+        made_so = planner, SOLVED, flown, burned, found, one.convex_solves, timing
+        plans.append(judged(Plan(scenario, *made_so, separation=requirements.separation)))
     return plans
 
 

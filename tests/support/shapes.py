@@ -88,7 +88,7 @@ def kind_of(value: Any) -> Hashable:
 
 @cache
 def is_array(kind: type) -> bool:
-    """Whether values of a type are numpy's arrays or torch's tensors."""
+    """Whether a type is numpy's array or torch's tensor, or derived from them."""
     return not {"ndarray", "Tensor"}.isdisjoint(base.__name__ for base in kind.__mro__)
 
 

@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, solve
 from pipeline.flight.errors import COLD_GAS, draws
 from pipeline.flight.loops import Loop, fly_loops
-from pipeline.flight.montecarlo import MonteCarlo, fly_all
+from pipeline.flight.montecarlo import TrialSettings, fly_all
 from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.networks.model import load
@@ -33,7 +33,7 @@ from pipeline.scenario import draw
 SCENARIO = draw("rings", 0, 3, 0, Problem(nodes=6), "test")
 PLAN = solve(SCENARIO)
 WORLD = LinearWorld(SCENARIO.problem.dynamics)
-OF = MonteCarlo(SCENARIO, WORLD, COLD_GAS, seed=5, portion=4)
+OF = TrialSettings(SCENARIO, WORLD, COLD_GAS, seed=5, portion=4)
 LOOPS = [Loop("open", PLAN.controls), Loop("replanned", PLAN.controls, Expert(), 0.5)]
 
 
