@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,6 +19,7 @@ Interval = int | Int[Array, "*some"]
 """Numbers of intervals, counted from a plan's first node; they broadcast against times."""
 
 
+@runtime_checkable
 class Dynamics(Hashable, Protocol):
     """Linear motion relative to a reference orbit, in intervals of constant control.
 
