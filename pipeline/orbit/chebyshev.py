@@ -17,7 +17,7 @@ INTEGRAL = chebyshev.chebvander(NODES, POINTS) @ chebyshev.chebint(COEFFICIENTS,
 
 def basis(at: Float[Array, "*batch"]) -> Float[Array, "*batch q"]:
     """The Chebyshev polynomials at places in [-1, 1]."""
-    return chebyshev.chebvander(at, POINTS - 1)
+    return chebyshev.chebvander(at.ravel(), POINTS - 1).reshape(*at.shape, POINTS)
 
 
 def most_derivative(

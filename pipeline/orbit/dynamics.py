@@ -16,7 +16,9 @@ SERIES_BELOW = 0.1  # angle in rad under which θ - sin θ is taken from its ser
 
 
 Interval = int | Int[Array, "*some"]
-"""Numbers of intervals, counted from a plan's first node; they broadcast against times."""
+"""Numbers of intervals or nodes, counted from a plan's first; they broadcast against times."""
+Node = int | Int[Array, "*others"]
+Since = float | Float[Array, "*some"]
 
 
 @runtime_checkable
@@ -27,14 +29,14 @@ class Dynamics(Hashable, Protocol):
     """
 
     def step(
-        self, time: float | Scalar, interval: Interval = 0, since: float | Scalar = 0.0
-    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
+        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
         """A and B of s(t) = A s(0) + B u, Eq. 2, of a time, s, from the start of an interval.
 
         Or from some s ``since`` its start.
         """
 
-    def drift(self, first: Interval, last: Interval) -> Float[Array, "*batch 6 6"]:
+    def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
         """A from one node to another, without control; intervals may lie beyond the plan's."""
 
     def most_acceleration(
@@ -47,7 +49,7 @@ class Dynamics(Hashable, Protocol):
         start: AnyState,
         control: Vector,
         interval: Interval,
-        since: float | Scalar = 0.0,
+        since: Since = 0.0,
     ) -> Scalar:
         """Upper bound on ‖p⁗‖ in an interval, m/s⁴: the error of a cubic interpolant.
 
@@ -63,12 +65,12 @@ class ClohessyWiltshire:
     time_step: float  # length of an interval, s
 
     def step(
-        self, time: float | Scalar, interval: Interval = 0, since: float | Scalar = 0.0
-    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
+        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
         """As ``Dynamics.step``; the time may also be longer than the interval."""
         return cw_matrices(self.mean_motion, time)
 
-    def drift(self, first: Interval, last: Interval) -> Float[Array, "*batch 6 6"]:
+    def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
         """As ``Dynamics.drift``."""
         return self.step(self.time_step * (np.asarray(last) - first))[0]
 
@@ -86,7 +88,7 @@ class ClohessyWiltshire:
         start: AnyState,
         control: Vector,
         interval: Interval = 0,
-        since: float | Scalar = 0.0,
+        since: Since = 0.0,
     ) -> Scalar:
         """As ``Dynamics.most_fourth_derivative``, at all times.
 

@@ -18,7 +18,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis, most_derivative
-from pipeline.orbit.dynamics import Interval
+from pipeline.orbit.dynamics import Interval, Node, Since
 from pipeline.orbit.inertial import Frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -54,8 +54,8 @@ class LinearizedDynamics:
         return arcs_of(self.orbit, self.time_step, self.intervals)
 
     def step(
-        self, time: float | Scalar, interval: Interval = 0, since: float | Scalar = 0.0
-    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
+        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
         """As ``Dynamics.step``, for times within the interval."""
         A, B = self._from_start(np.asarray(time) + since, interval)
         if np.any(since):
@@ -66,19 +66,19 @@ class LinearizedDynamics:
 
     def _from_start(
         self, time: float | Scalar, interval: Interval
-    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
         arcs = self._covering(interval)
         pieces = arcs.maps.shape[1]
         along = np.asarray(time) / (2 * arcs.half)
         piece = np.clip(along.astype(int), 0, pieces - 1)
-        polynomials = basis(2 * (along - piece) - 1)
+        polynomials = basis(np.asarray(2 * (along - piece) - 1))
         series = arcs.series.reshape(-1, pieces, POINTS, 54)[interval, piece]
         maps = (polynomials[..., None, :] @ series).reshape(*series.shape[:-2], 6, 9)
         return maps[..., :6], maps[..., 6:]
 
-    def drift(self, first: Interval, last: Interval) -> Float[Array, "*batch 6 6"]:
+    def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
         """As ``Dynamics.drift``."""
-        nodes = _nodes(self.orbit, self.time_step, self._count(np.asarray(last) - 1))
+        nodes = _nodes(self.orbit, self.time_step, self._count(int(np.max(last, initial=0)) - 1))
         return nodes[last] @ np.linalg.inv(nodes[first])
 
     def _count(self, interval: Interval) -> int:
@@ -100,7 +100,7 @@ class LinearizedDynamics:
         start: AnyState,
         control: Vector,
         interval: Interval,
-        since: float | Scalar = 0.0,
+        since: Since = 0.0,
     ) -> Scalar:
         """As ``Dynamics.most_fourth_derivative``."""
         if np.any(since):
