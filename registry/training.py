@@ -20,7 +20,7 @@ from safetensors import safe_open
 
 from pipeline.documents import parsed
 from pipeline.errors import InputError, ProlearnError
-from pipeline.experiments.records import Epoch, Training
+from pipeline.experiments.records import EpochLosses, Training
 from pipeline.experiments.trainings import curves_figure
 from pipeline.figures.style import save as save_figure
 from pipeline.figures.style import styles
@@ -311,13 +311,13 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
 
 
 def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """A row for each version, columns of Training; and for each of its epochs, columns of Epoch."""
+    """A row for each version, columns of Training; and for each epoch, columns of EpochLosses."""
     with opened(create=False) as store:
         epochs = [epoch for version in versions for epoch in _epochs(store, version)]
     rows = [_training_row(version) for version in versions]
     return (
         pd.DataFrame(rows, columns=[field.name for field in fields(Training)]),
-        pd.DataFrame(epochs, columns=[field.name for field in fields(Epoch)]),
+        pd.DataFrame(epochs, columns=[field.name for field in fields(EpochLosses)]),
     )
 
 
@@ -337,7 +337,7 @@ def _training_row(version: ModelVersion) -> dict[str, Any]:
     }
 
 
-def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:
+def _epochs(store: Store, version: ModelVersion) -> list[EpochLosses]:
     """The losses of a training; none where its run is gone."""
     if not version.params:
         return []
@@ -347,4 +347,4 @@ def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:
     )
     of = version.arch, version.recipe, version.training_seed
     steps = sorted({*train, *valid})
-    return [Epoch(*of, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]
+    return [EpochLosses(*of, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]

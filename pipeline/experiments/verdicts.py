@@ -129,7 +129,7 @@ def where_safe_and_cheap(at: Mapping[str, Measured]) -> str:
 
 
 @dataclass(frozen=True)
-class Compared:
+class PairedComparison:
     """Differences of the first of two planners from the second, on the trials of both.
 
     ``safe_by_chance`` is the probability of so uneven a split of the trials in which just one is
@@ -149,7 +149,9 @@ class Compared:
         return self.safe > 0 if self.safe_by_chance <= 1 - intervals.CONFIDENCE else self.fuel < 0
 
 
-def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio") -> Compared:
+def compare(
+    first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio"
+) -> PairedComparison:
     """Compare two planners on the trials that both have flown, by columns safe and ``fuel``.
 
     Several rows of a trial, as of several trainings, count as their mean.
@@ -163,7 +165,7 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
     uneven = safe[safe != 0]
     chance = stats.binomtest(int((uneven > 0).sum()), len(uneven)).pvalue if len(uneven) else 1.0
     shares = (rows.loc[differences.index, "safe"].to_numpy(dtype=float) for rows in (one, other))
-    return Compared(
+    return PairedComparison(
         trials=len(differences),
         safe=float(safe.mean()) if len(safe) else float("nan"),
         safe_interval=intervals.newcombe(*shares),

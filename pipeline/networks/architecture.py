@@ -23,7 +23,7 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import RECIPES, Recipe
 from pipeline.orbit.problem import Problem
 
-Batch = Mapping[str, Tensor]
+TensorBatch = Mapping[str, Tensor]
 """What an architecture has prepared for some swarms; the first axis of each tensor is theirs."""
 
 
@@ -90,7 +90,7 @@ class Architecture(Protocol):
         training.
         """
 
-    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
         """What loss and score need of some swarms, on the CPU.
 
         It is done once where data stays in memory.
@@ -100,12 +100,12 @@ class Architecture(Protocol):
         """
 
     def loss(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """What training makes small: a mean over a batch, on the network's device."""
 
     def score(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """What decides which weights are kept, and when to stop: least is best.
 

@@ -14,7 +14,7 @@ from pipeline.dataset.examples import Examples, ExampleSource, ExampleStream
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import MEMORY, examples_within
 from pipeline.errors import InputError
-from pipeline.networks.architecture import Architecture, Batch, swarms
+from pipeline.networks.architecture import Architecture, TensorBatch, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
@@ -103,7 +103,7 @@ def sources(
 class Prepared:
     """Examples as an architecture has prepared them, all on one device."""
 
-    tensors: Batch
+    tensors: TensorBatch
 
     def __len__(self) -> int:
         """Number of instances."""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rule import LEAST_CHANGE, rule
-from pipeline.networks.refiner.model import task_of
+from pipeline.networks.refiner.model import problem_data
 from pipeline.networks.refiner.programs import sides_of
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
@@ -17,22 +17,22 @@ PROBLEM = Problem()
 def programs():
     """Own optima of ten craft, and six planes between neighbours that ask a little too much."""
     scenario = draw("rings", 0, 10, 0, PROBLEM, "valid")
-    task = task_of(PROBLEM, scenario.initial[None], scenario.goal[None], np.array([15.0]))
+    data = problem_data(PROBLEM, scenario.initial[None], scenario.goal[None], np.array([15.0]))
     rng = np.random.default_rng(0)
     pair = np.array([[0, 1], [0, 2], [1, 0], [3, 4], [0, 3], [4, 1]])
-    gain = rng.normal(size=(6, task.grid.reach.shape[1]))
+    gain = rng.normal(size=(6, data.grid.reach.shape[1]))
     gain /= np.linalg.norm(gain, axis=1, keepdims=True)
-    now = np.stack([(gain * task.own.controls[craft]).sum(axis=1) for craft in pair.T], axis=1)
+    now = np.stack([(gain * data.own.controls[craft]).sum(axis=1) for craft in pair.T], axis=1)
     now[:, 1] *= -1
-    return task, pair, gain, now + rng.uniform(-0.5, 1.0, size=(6, 2))
+    return data, pair, gain, now + rng.uniform(-0.5, 1.0, size=(6, 2))
 
 
 def test_it_is_the_nearest_controls_that_meet_goal_and_planes(programs):
-    task, pair, gain, asked = programs
+    data, pair, gain, asked = programs
     sides = sides_of(pair)
-    controls, dual = LEAST_CHANGE.optima(task.own, sides, gain, asked, task.grid)
+    controls, dual = LEAST_CHANGE.optima(data.own, sides, gain, asked, data.grid)
     for k, craft in enumerate(sides.craft.tolist()):
-        own, goal = task.own.controls[craft], task.grid.reach[-6:]
+        own, goal = data.own.controls[craft], data.grid.reach[-6:]
         rows = [(-1) ** side * gain[p] for p, side in np.argwhere(pair == craft).tolist()]
         wanted = [float(asked[p, side]) for p, side in np.argwhere(pair == craft).tolist()]
         u = cp.Variable(len(own))
@@ -44,10 +44,10 @@ def test_it_is_the_nearest_controls_that_meet_goal_and_planes(programs):
 
 
 def test_what_asks_nothing_changes_nothing(programs):
-    task, pair, gain, asked = programs
+    data, pair, gain, asked = programs
     sides = sides_of(pair)
-    controls, dual = LEAST_CHANGE.optima(task.own, sides, gain, asked - 10, task.grid)
-    assert np.array_equal(controls, task.own.controls[sides.craft])
+    controls, dual = LEAST_CHANGE.optima(data.own, sides, gain, asked - 10, data.grid)
+    assert np.array_equal(controls, data.own.controls[sides.craft])
     assert (dual == 0).all()
 
 

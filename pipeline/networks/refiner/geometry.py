@@ -102,7 +102,7 @@ class Encounters:
 
 
 @dataclass(frozen=True, eq=False)
-class Approaches:
+class EncounterGeometry:
     """The closest approach of each encounter, through which no gradient runs."""
 
     share: Float[Array, "E"]  # when, as a share of the interval; 0 where it was not looked at
@@ -131,9 +131,9 @@ def approaches(
     met: Encounters,
     states: Float[Any, "N T 6"],
     within: Float[Array, "E"] | None = None,
-    before: Approaches | None = None,
+    before: EncounterGeometry | None = None,
     moved: Bool[Array, "N"] | None = None,
-) -> Approaches:
+) -> EncounterGeometry:
     """The closest approach of each encounter; beyond a distance it may be left infinite.
 
     Pairs of which neither craft has moved keep what was found before; by default all have.
@@ -146,7 +146,7 @@ def approaches(
     moved = np.ones(len(states), dtype=bool) if moved is None else moved
     pairs = (met.first, met.second, met.interval)
     nearest(plain(states), *pairs, within, moved, share, distance, turns)
-    return Approaches(share, distance, turns)
+    return EncounterGeometry(share, distance, turns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ from pipeline.networks.refiner.arrays import (
     with_rows,
 )
 from pipeline.networks.refiner.geometry import (
-    Approaches,
+    EncounterGeometry,
     Encounters,
     Grid,
     Scene,
@@ -241,8 +241,8 @@ def to_give(
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """Some swarms of n craft each, as they stay over the rounds."""
+class ProblemData:
+    """A batch of planning problems of n craft each: what no round changes."""
 
     grid: Grid  # maps of the problem
     n: int  # craft of each swarm
@@ -262,18 +262,18 @@ class Iterate:
 
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
-    near: Approaches  # closest approaches of the encounters
+    near: EncounterGeometry  # closest approaches of the encounters
     dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
     first_dual: Float[Array, "E 2"]  # what its first unit costs; 0 before there is one
 
 
-def task_of(
+def problem_data(
     problem: Problem,
     initial: Float[Any, "b n 6"],
     goal: Float[Any, "b n 6"],
     radius: Float[Any, "b"],
     device: Any = None,
-) -> Task:
+) -> ProblemData:
     """Swarms with their decoupled optima and their encounters, from m and m/s.
 
     ``device`` is torch's, where gradients are wanted.
@@ -283,14 +283,14 @@ def task_of(
     own = decoupled_optima(begin, end, grid, problem)
     met = encounters(grid.fly(begin, own.controls), n)
     grid = grid_of(problem, device)
-    return Task(grid, n, like(begin, grid.drift), own, met, met.first // n)
+    return ProblemData(grid, n, like(begin, grid.drift), own, met, met.first // n)
 
 
-def start(task: Task) -> Iterate:
+def start(data: ProblemData) -> Iterate:
     """The decoupled optima, before there is any plane."""
-    controls, nothing = like(task.own.controls, task.initial), np.zeros((len(task.swarm), 2))
-    states = task.grid.fly(task.initial, controls)
-    near = approaches(task.met, states, np.full(len(nothing), WATCHED))
+    controls, nothing = like(data.own.controls, data.initial), np.zeros((len(data.swarm), 2))
+    states = data.grid.fly(data.initial, controls)
+    near = approaches(data.met, states, np.full(len(nothing), WATCHED))
     return Iterate(controls, states, near, nothing, nothing)
 
 
@@ -299,7 +299,7 @@ def start(task: Task) -> Iterate:
 
 def play(
     weights: Weights | None,
-    task: Task,
+    data: ProblemData,
     now: Iterate,
     number: int,
     among: Bool[Array, "b"] | None = None,
@@ -312,37 +312,37 @@ def play(
     # A plane stays, or pairs would forget each other and meet again.
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
     if among is not None:
-        live &= among[task.swarm]
+        live &= among[data.swarm]
     which = np.flatnonzero(live)
     # With three nodes the goal determines all controls, and nobody can give way.
-    if len(which) == 0 or task.own.others.shape[1] == 0:
+    if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
-    met, grid = task.met.of(which), task.grid
+    met, grid = data.met.of(which), data.grid
     craft = met.craft  # (L, 2)
     scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
-    first_dual = _with_first_duals(task, now.first_dual, which, plain(gain), programs)
+    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain), programs)
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
     trade = constant(distance) * 0
     if weights is not None:
-        load = _load(craft, dual, task, plain(now.controls))  # (L, 2, 3)
+        load = _load(craft, dual, data, plain(now.controls))  # (L, 2, 3)
         features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
         trade = agree(weights, like(features, gain), free, sides)  # (L,)
     give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = programs.optima(task.own, sides, gain, asked, grid)  # (C, m), (L, 2)
+    best, paid = programs.optima(data.own, sides, gain, asked, grid)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)
-    flown = grid.fly(rows(task.initial, sides.craft), best)
+    flown = grid.fly(rows(data.initial, sides.craft), best)
     states = with_rows(now.states, sides.craft, flown)
     dual = with_rows(np.zeros_like(now.dual), which, paid)
     moved = np.zeros(len(controls), dtype=bool)
     moved[sides.craft] = True
     # Encounters with planes are seen at any distance, others where they would get one.
     within = np.where(first_dual[:, 0] > 0, np.inf, WATCHED)
-    near = approaches(task.met, states, within, now.near, moved)
+    near = approaches(data.met, states, within, now.near, moved)
     return Iterate(controls, states, near, dual, first_dual)
 
 
@@ -354,7 +354,7 @@ def gets_plane(
 
 
 def _with_first_duals(
-    task: Task,
+    data: ProblemData,
     first_dual: Float[Array, "E 2"],
     which: Int[Array, "L"],
     gain: Float[Array, "L m"],
@@ -364,22 +364,25 @@ def _with_first_duals(
     new = np.flatnonzero(first_dual[which, 0] == 0)
     if len(new) == 0:
         return first_dual
-    craft, gain = task.met.of(which[new]).craft, gain[new]
+    craft, gain = data.met.of(which[new]).craft, gain[new]
     found = [
-        programs.first_duals(task.own, craft[:, k], sign * gain, task.grid)
+        programs.first_duals(data.own, craft[:, k], sign * gain, data.grid)
         for k, sign in enumerate((1, -1))
     ]
     return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
 
 
 def _load(
-    craft: Int[Array, "L 2"], dual: Float[Array, "L 2"], task: Task, controls: Float[Array, "N m"]
+    craft: Int[Array, "L 2"],
+    dual: Float[Array, "L 2"],
+    data: ProblemData,
+    controls: Float[Array, "N m"],
 ) -> Float[Array, "L 2 3"]:
     """Of either craft: planes, the sum of their duals, and fuel beyond the decoupled optimum."""
     N = len(controls)
     count = np.bincount(craft.reshape(-1), minlength=N)
     paid = np.bincount(craft.reshape(-1), dual.reshape(-1), minlength=N)
-    more = abs(controls).sum(axis=1) - abs(task.own.controls).sum(axis=1)
+    more = abs(controls).sum(axis=1) - abs(data.own.controls).sum(axis=1)
     return np.stack([count, paid, more], axis=1)[craft]
 
 
@@ -396,49 +399,51 @@ def answer(
     programs: Programs = LEAST_FUEL,
 ) -> Float[Array, "b n intervals 3"]:
     """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
-    controls, _ = cheapest_safe(weights, task_of(problem, initial, goal, radius), rounds, programs)
+    controls, _ = cheapest_safe(
+        weights, problem_data(problem, initial, goal, radius), rounds, programs
+    )
     unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 
 
 def cheapest_safe(
-    weights: Weights | None, task: Task, rounds: int, programs: Programs = LEAST_FUEL
+    weights: Weights | None, data: ProblemData, rounds: int, programs: Programs = LEAST_FUEL
 ) -> tuple[Float[Array, "N m"], Bool[Array, "b"]]:
     """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
     safe and its fuel next to unchanged.
     """
-    now = start(task)
-    best, least = now.controls, safe_fuel(task, now)
+    now = start(data)
+    best, least = now.controls, safe_fuel(data, now)
     going = np.isinf(least)
     for number in range(rounds):
         if not going.any():
             break
-        before = task.fuel(now.controls)
-        now = play(weights, task, now, number, going, programs)
-        fuel = safe_fuel(task, now)
+        before = data.fuel(now.controls)
+        now = play(weights, data, now, number, going, programs)
+        fuel = safe_fuel(data, now)
         better = (fuel < least) | np.isinf(least)
-        best = np.where(np.repeat(better, task.n)[:, None], now.controls, best)
+        best = np.where(np.repeat(better, data.n)[:, None], now.controls, best)
         going &= ~(abs(fuel - before) <= STEADY * before)
         least = np.minimum(least, fuel)
     return best, np.isfinite(least)
 
 
-def safe_fuel(task: Task, now: Iterate) -> Float[Array, "b"]:
+def safe_fuel(data: ProblemData, now: Iterate) -> Float[Array, "b"]:
     """Fuel of each swarm, infinite where it is not safe."""
-    fuel = task.fuel(now.controls)
+    fuel = data.fuel(now.controls)
     return np.where(
-        np.bincount(task.swarm[now.near.distance < SAFE], minlength=len(fuel)), np.inf, fuel
+        np.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel)), np.inf, fuel
     )
 
 
-def lack(task: Task, now: Iterate, distance: float) -> Float[Any, "b"]:
+def lack(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
     """What encounters of each swarm lack of a distance where pairs turn to part, r_col.
 
     Elsewhere a pair that lacks something lacks more in the interval before or after.
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
-    distances, _ = normals(task.met.of(which).relative(now.states), now.near.share[which])
-    of_swarm = np.equal.outer(np.arange(len(task.initial) // task.n), task.swarm[which])
+    distances, _ = normals(data.met.of(which).relative(now.states), now.near.share[which])
+    of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)

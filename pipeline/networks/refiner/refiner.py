@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
 from pipeline.errors import InputError
-from pipeline.networks.architecture import Batch, Swarms
+from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import COSINE, LABELLED, NO_THIRD, SHORT, UNCROWDED, Recipe
@@ -25,14 +25,14 @@ from pipeline.networks.refiner.model import (
     FEATURES,
     WATCHED,
     Iterate,
-    Task,
+    ProblemData,
     Weights,
     answer,
     cheapest_safe,
     lack,
     play,
+    problem_data,
     start,
-    task_of,
 )
 from pipeline.orbit.separation import drift_separations
 
@@ -143,7 +143,7 @@ class Refiner:
         sizes = Sizes.model_validate(dict(config))
         return MessagePassing(sizes.width, sizes.message, sizes.rounds)
 
-    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
         """Ends, collision radii and those to which they may be raised, and plans: m and m/s."""
         radius, states = swarms.collision_radius, swarms.states
         if states is None:  # nobody has planned them
@@ -161,7 +161,7 @@ class Refiner:
         }
 
     def loss(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
@@ -174,13 +174,13 @@ class Refiner:
             )
         given = _turned(_crowded(batch, encoding, settings))
         ends = given.initial, given.goal, given.collision_radius
-        task, terms = task_of(given.problem, *ends, given.initial.device), []
-        now, weights = start(task), network.weights
+        data, terms = problem_data(given.problem, *ends, given.initial.device), []
+        now, weights = start(data), network.weights
         for number in range(settings.rounds):
-            now = play(weights, task, now, number)
-            missing = settings.violation * lack(task, now, 1 + settings.clear)
+            now = play(weights, data, now, number)
+            missing = settings.violation * lack(data, now, 1 + settings.clear)
             # By its logarithm, or the hardest swarms would be all that is learned from.
-            terms.append(torch.log(_ratio(task, now.controls) + missing).mean())
+            terms.append(torch.log(_ratio(data, now.controls) + missing).mean())
             if given.states is not None:
                 apart = _from_expert(given.states, given.collision_radius, now)
                 terms[-1] = terms[-1] + settings.labels * apart
@@ -190,15 +190,15 @@ class Refiner:
 
     @torch.no_grad()
     def score(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """The logarithm of answers' fuel and a penalty on unsafe ones, as they are and crowded."""
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         scores = []
         for radius in (batch["radius"], batch["most"]):
-            task = task_of(encoding.problem, batch["initial"], batch["goal"], radius)
-            controls, safe = cheapest_safe(network.arrays, task, network.rounds)
-            ratio = _ratio(task, torch.from_numpy(controls))
+            data = problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
+            controls, safe = cheapest_safe(network.arrays, data, network.rounds)
+            ratio = _ratio(data, torch.from_numpy(controls))
             scores.append((ratio.log() + UNSAFE * torch.from_numpy(~safe)).mean())
         return torch.stack(scores).mean()
 
@@ -216,13 +216,13 @@ def _options(**changes: Any) -> dict[str, Any]:
     return LossSettings(**changes).model_dump(mode="json")
 
 
-def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
+def _ratio(data: ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
     """Fuel over the lower bound of each swarm, 1 where none is needed."""
-    bound = task.fuel(torch.from_numpy(task.own.controls).to(controls))
-    return task.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
+    bound = data.fuel(torch.from_numpy(data.own.controls).to(controls))
+    return data.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
 
 
-def _crowded(batch: Batch, encoding: Encoding, settings: LossSettings) -> Swarms:
+def _crowded(batch: TensorBatch, encoding: Encoding, settings: LossSettings) -> Swarms:
     """Collision radii somewhere between what they are and the most that they may be.
 
     Those of plans that are learned from stay.

@@ -22,7 +22,7 @@ from pipeline.files import published
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import open_session, traced, write
 from pipeline.networks.recipes import REFINER
-from pipeline.networks.refiner.model import play, start, task_of
+from pipeline.networks.refiner.model import play, problem_data, start
 from pipeline.networks.refiner.on_board.steps import (
     ROUND,
     STEPS,
@@ -115,8 +115,8 @@ def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequen
 
 
 @dataclass(frozen=True)
-class Compared:
-    """The controls of one swarm."""
+class Discrepancy:
+    """How far the controls of one swarm are from those wanted."""
 
     difference: float  # the largest, as a share of the largest control
     tie: bool  # whether another optimum of the same fuel was met, before which this holds
@@ -184,7 +184,7 @@ def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
     return CraftCheck(len(compared), ties, run.encounters, difference, seconds)
 
 
-def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Compared:
+def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Discrepancy:
     """Controls before and after each round against those that are wanted.
 
     A craft's program may have several optima that cost the same; then rounding decides between
@@ -193,12 +193,12 @@ def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Comp
     """
     share = np.abs(given - wanted).max(axis=(1, 2)) / np.abs(wanted).max()
     if share.max() <= TOLERANCE:
-        return Compared(float(share.max()), tie=False)
+        return Discrepancy(float(share.max()), tie=False)
     first = int((share > TOLERANCE).argmax())
     fuel, same = (np.abs(controls[first]).sum(axis=1) for controls in (given, wanted))
     if np.abs(fuel - same).max() > TOLERANCE * same.max():
-        return Compared(float(share[first]), tie=False)
-    return Compared(float(share[:first].max(initial=0.0)), tie=True)
+        return Discrepancy(float(share[first]), tie=False)
+    return Discrepancy(float(share[:first].max(initial=0.0)), tie=True)
 
 
 def together(
@@ -209,11 +209,11 @@ def together(
 ) -> Float[Array, "_ n m"]:
     """Controls before and after each round of the whole swarm at once, m/s²."""
     radius = np.array([problem.collision_radius])
-    task = task_of(problem, initial[None], goal[None], radius)
-    now = start(task)
+    data = problem_data(problem, initial[None], goal[None], radius)
+    now = start(data)
     controls = [now.controls]
     for number in range(network.rounds):
-        now = play(network.arrays, task, now, number)
+        now = play(network.arrays, data, now, number)
         controls.append(now.controls)
     return np.stack(controls) * radius / problem.time_step**2
 

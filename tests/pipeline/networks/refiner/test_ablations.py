@@ -12,7 +12,7 @@ from pipeline.networks.architecture import find, recipe_for, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
 from pipeline.networks.recipes import LABELLED, NO_THIRD, UNCROWDED
-from pipeline.networks.refiner.model import play, start, task_of
+from pipeline.networks.refiner.model import play, problem_data, start
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
@@ -120,10 +120,10 @@ def test_labels_cost_the_distance_from_the_expert_where_it_has_planned():
     plans = rng.normal(size=(4, 8, PROBLEM.nodes, 6)) * 100
     apart = 0.0
     for count in range(1, tuned + 1):
-        task = task_of(PROBLEM, INITIAL, GOAL, np.full(4, 15.0))
-        state = start(task)
+        data = problem_data(PROBLEM, INITIAL, GOAL, np.full(4, 15.0))
+        state = start(data)
         for number in range(count):
-            state = play(made.arrays, task, state, number)
+            state = play(made.arrays, data, state, number)
         controls = state.controls * 15.0 / PROBLEM.time_step**2
         flown = fly(INITIAL, controls.reshape(4, 8, -1, 3), PROBLEM)
         apart += np.linalg.norm((flown - plans)[..., :3], axis=3).mean() / 15.0 / tuned
