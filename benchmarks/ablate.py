@@ -37,7 +37,7 @@ from registry.store import ABLATIONS
 DENSE, DENSE_CRAFT = "dense", 10
 """The family that is tried beside the data's, and spacecraft of each such swarm."""
 
-OWN_LP = next(planner for planner in BASELINES if planner.name == DECOUPLED)
+DECOUPLED_OPTIMUM = next(planner for planner in BASELINES if planner.name == DECOUPLED)
 """What any refiner plans without a round."""
 
 
@@ -99,7 +99,7 @@ def ablate(settings: Ablations, *, resume: bool = False, progress: Progress = SI
 def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> list[EvaluatedPlanner]:
     """The refiners and the rule; without a round all of them give the decoupled optima."""
     if count == 0:
-        return [EvaluatedPlanner(OWN_LP)]
+        return [EvaluatedPlanner(DECOUPLED_OPTIMUM)]
     rules = [rule(count), rule(count, null_space=True)]
     if count != own:  # the others are of interest as an answer alone
         networks = [one for one in networks if one.recipe in (TUNED, SHORT)]

@@ -83,7 +83,9 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
     """
     plain = PlainScp(n, Problem())
 
-    def by_plain(scenario: Scenario) -> object:  # from the own LPs, where the expert starts too
+    def by_plain(
+        scenario: Scenario,
+    ) -> object:  # from the decoupled optima, where the expert starts too
         return plain.solve(scenario, decoupled_seed(scenario))
 
     peers: list[tuple[str, Separation, int, Work]] = [

@@ -70,7 +70,7 @@ def _compared(
 ) -> list[Row]:
     """A line for each planner, on scenarios of one size."""
     scenarios = [draw(family, 0, n, k, Problem(), split) for k in range(count)]
-    own = next(baseline for baseline in BASELINES if baseline.name == "own LP")
+    own = next(baseline for baseline in BASELINES if baseline.name == "decoupled optimum")
     planners: dict[str, Plans] = {
         "network answers": lambda some: _answer(flown, some),
         "decoupled optima": own.plan,

@@ -237,7 +237,7 @@ def proven(sub: Subproblem, z: Float[Array, "rows"]) -> float:
 
 
 def _labels(scenario: Scenario, own: Float[Array, "n intervals 3"], plan: Plan) -> Int[Array, "n"]:
-    """Clusters of craft that come close in their own optima or in the plan."""
+    """Clusters of craft that come close in their decoupled optima or in the plan."""
     near, detection = NO_CUTS, ConflictDetection(scenario.problem)
     for controls in (own, plan.controls):
         flown = Trajectory(controls, fly(scenario.initial, controls, scenario.problem))

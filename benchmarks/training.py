@@ -61,7 +61,7 @@ def main(
 
 
 def _examples(count: int) -> Examples:
-    """Scenarios of the reference problem with each craft's own optimum, much cheaper than plans."""
+    """Scenarios of the reference problem with decoupled optima, much cheaper than plans."""
     problem = Problem()
     scenarios = [draw("rings", SEED, N, index, problem) for index in range(count)]
     initial = np.stack([s.initial for s in scenarios])

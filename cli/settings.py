@@ -330,7 +330,8 @@ class Planning:
     planner: Annotated[
         str,
         option(
-            "expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
+            "expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a model (ff1, "
+            "...).",
             autocompletion=planners,
         ),
     ] = "expert"

@@ -165,7 +165,7 @@ def _on_families(summary: pd.DataFrame, forward: pd.DataFrame, recurrent: pd.Dat
         verdicts.decide(FAMILIES, several, less, more),
         f"node collisions at n = {n}{recipe}, {how}: {_listed(forward)} against "
         f"{_listed(recurrent)} (paper: {quoted['ff1']} at best against {quoted['lstm1']} at worst)",
-        f"Own LP: {number(free[COLLISIONS.source].iloc[0])}" if len(free) else "",
+        f"Decoupled optimum: {number(free[COLLISIONS.source].iloc[0])}" if len(free) else "",
     )
 
 

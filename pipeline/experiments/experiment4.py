@@ -123,7 +123,7 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         asked = f"trained for {(nodes - 1) * time_step / 60:g} min serve other {called}?"
         everywhere = rows["minutes"].nunique()
         free = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
-        beside = f"Own LP: {_worst(free)}" if free else ""
+        beside = f"Decoupled optimum: {_worst(free)}" if free else ""
         for group in verdicts.groups(rows["planner"]):
             networks = group.of(rows)
             times_of = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique")

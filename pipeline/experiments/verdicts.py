@@ -14,7 +14,7 @@ from pipeline.figures import intervals, labels
 from pipeline.figures.intervals import Interval, at_least, at_most
 from pipeline.figures.labels import in_order, is_network, is_papers, percents, ratio, ratios, share
 
-DECOUPLED = "own LP"
+DECOUPLED = "decoupled optimum"
 """The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
 
 SAFE = 0.95  # share of trials, by the whole of its interval, from which a planner is called safe
@@ -270,7 +270,7 @@ def network_findings(
         low, high = share(min(safe)), share(max(safe))
         spread = low if low == high else f"{low} to {high}"
         numbers = [] if alone else [f"all {len(every)}: safe in {spread}"]
-        beside = "" if free.empty else f"Own LP: {measured(free).text}"
+        beside = "" if free.empty else f"Decoupled optimum: {measured(free).text}"
         if not mine.empty:
             chosen = measured(mine)
             how = "" if alone else ", best on validation"

@@ -75,7 +75,7 @@ KNOWN = {
     "expert (nodes only)": Style("#777777", "H", "-."),
     "straight line": Style("#AAAAAA", "x", ":"),
     "minimum energy": Style("#997700", "+", ":"),
-    "own LP": Style("#332288", "*", ":"),
+    "decoupled optimum": Style("#332288", "*", ":"),
     "ff1": Style("#56B4E9", "s", "-"),
     "ff2": Style("#0072B2", "^", "-"),
     "ffcol": Style("#009E73", "v", "-"),

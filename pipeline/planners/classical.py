@@ -57,5 +57,5 @@ def _decoupled(batch: Batch) -> Controls:
 BASELINES = (
     Baseline("straight line", _straight_line),
     Baseline("minimum energy", _minimum_energy),
-    Baseline("own LP", _decoupled),
+    Baseline("decoupled optimum", _decoupled),
 )

@@ -77,7 +77,7 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     table = table_of(found)
     counted = table.groupby(["planner", "recipe"])["rounds"].agg(lambda k: sorted(set(k)))
     assert dict(counted) == {
-        ("own LP", ""): [0],
+        ("decoupled optimum", ""): [0],
         ("rule", ""): [2, ROUNDS],
         ("rule, null space", ""): [ROUNDS],
         ("refiner", "tuned"): [2, ROUNDS],
@@ -98,7 +98,7 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
         )
         reports = [judged(s, plan) for s, plan in zip(asked, planner.plan(asked), strict=True)]
         check_rows(rows, reports)
-    own = table[table.planner == "own LP"]
+    own = table[table.planner == "decoupled optimum"]
     np.testing.assert_allclose(own.fuel, own.fuel_lower_bound, rtol=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""Ablations: planted numbers of refiners, the rule and the own LP."""
+"""Ablations: planted numbers of refiners, the rule and the decoupled optimum."""
 
 import pandas as pd
 import pytest
@@ -19,7 +19,7 @@ from pipeline.figures.style import styles
 from pipeline.report import Results, build_report
 
 TRIALS = 40
-LOOK = styles(["refiner", "rule", "own LP"])
+LOOK = styles(["refiner", "rule", "decoupled optimum"])
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def some(tried):
         return [
             *tried("rule", "", *rule, **on),
             *tried("rule, null space", "", 0.05, **on),
-            *tried("own LP", "", 0.0, 20, rounds=0, **on),
+            *tried("decoupled optimum", "", 0.0, 20, rounds=0, **on),
             *tried("refiner", "no-third", 0.020, **on),
             *tried("refiner", "uncrowded", uncrowded, **on),
             *tried("refiner", "short", 0.012, **on),
@@ -67,7 +67,7 @@ def test_a_row_has_the_averages_of_its_trials_and_the_score_counts_an_unsafe_one
     assert early["excess_mean"] == pytest.approx(0.03)
     assert early["score_mean"] == pytest.approx(0.03 + 0.1 * 0.1)
     assert early["seconds_mean"] == 0.25
-    own = row(summary, planner="own LP")
+    own = row(summary, planner="decoupled optimum")
     assert (own["score_mean"], own["rounds"]) == (pytest.approx(0.05), 0)
 
 
@@ -75,7 +75,7 @@ def test_rows_stand_in_the_order_of_what_is_left_out(some):
     table = pd.DataFrame(some())
     _, body = cells(parts_table("n = 10", scored(table), summarize_ablations(table)))
     names = ["tuned", "short", "no-third", "uncrowded", "Rule alone", "Rule alone, null space"]
-    assert [line[0] for line in body] == [*names, "Own LP"]
+    assert [line[0] for line in body] == [*names, "Decoupled optimum"]
     assert [line[1] for line in body][-3:] == ["learning", "learning, and programs", "rounds"]
     assert body[2] == [
         *("no-third", "what other sides say", "0 % [0.0, 8.8]", "0", "2.00 %"),
