@@ -27,7 +27,7 @@ RULE, NULL_SPACE = "rule", "rule, null space"
 LACKS = {
     TUNED: "nothing",
     SHORT: "most epochs",
-    "no-third": "what other sides say",
+    "no-third": "messages of other encounters",
     "uncrowded": "crowded swarms to learn from",
     "labelled": "most epochs, but has labels",
     RULE: "learning",
@@ -37,7 +37,7 @@ LACKS = {
 """What a row lacks, by recipe or planner, in the order of the rows."""
 
 QUESTIONS = {
-    "no-third": "Is the refiner worse without what other sides say?",
+    "no-third": "Is the refiner worse without messages of other encounters?",
     "uncrowded": "Is the refiner worse without crowded swarms to learn from?",
     "labelled": "Is the refiner worse with the expert's plans as labels?",
     RULE: "Is the refiner worse without learning, by its rule alone?",

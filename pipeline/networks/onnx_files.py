@@ -91,7 +91,7 @@ def open_session(path: Path) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep to ourselves what torch and its exporter say about what we do not use."""
+    """Silence warnings of torch and its exporter about features that are not used here."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

@@ -112,7 +112,7 @@ def test_the_report_has_the_ablations_of_its_data_and_says_where_another_refiner
     first = evaluate(Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=2, timed=0))
     files = report(folder / "out")
     text = files.markdown.read_text()
-    assert "| Is the refiner worse without what other sides say?" in text
+    assert "| Is the refiner worse without messages of other encounters?" in text
     provenance = pd.read_csv(folder / "out" / "tables" / "provenance.csv").set_index("part")["run"]
     assert provenance["Ablations"] == done.run_id
     assert "Training refiner:no-third, seed 0" in provenance

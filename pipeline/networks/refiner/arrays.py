@@ -1,4 +1,4 @@
-"""What numpy and torch spell differently, so that the refiner is written once for arrays of both.
+"""Array functions that take numpy and torch alike, so that the refiner is written once for both.
 
 All else is common: numpy follows the array API, and torch takes ``axis`` and ``keepdims`` as well.
 Nothing here imports torch: who has a tensor has imported it.

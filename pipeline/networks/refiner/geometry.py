@@ -78,7 +78,7 @@ def _per_step(problem: Problem) -> Float[Array, "6"]:
 
 @dataclass(frozen=True, eq=False)
 class Encounters:
-    """Pairs of craft in intervals, each an edge of the graph of who meets whom."""
+    """Pairs of craft in intervals, each an edge of the encounter graph."""
 
     first: Int[Array, "E"]  # first craft
     second: Int[Array, "E"]  # second craft
@@ -225,7 +225,7 @@ def passing(
 
 
 def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
-    """What a position is of position and velocity at one end, then at the other."""
+    """Hermite weights of position and velocity at one end, then at the other."""
     r = 1 - s
     weights = [r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r]
     return namespace(s).stack(weights, axis=-1)

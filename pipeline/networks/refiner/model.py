@@ -7,9 +7,9 @@ planes between them, agree by message passing on who gives way by how much, and 
 
 with rows g of the planes and what they ask for, d. The dual λ of a plane, in [0, Λ], is what
 another unit of separation would cost. Without learning, the craft to which it is cheaper gives way,
-or gets back less; what is learned is a trade, what the first craft gives way beyond that share. All
-that a craft reads is its own or was told by one that it meets, and sums do not depend on an order:
-the network is permutation-equivariant.
+or gets back less; what is learned is a trade, what the first craft gives way beyond that share. A
+craft uses only its own data and those of craft that it meets, and messages are summed: the network
+is permutation-equivariant.
 
 Arrays are numpy's in planning, which does without torch, and torch's in training. Axes: N craft of
 swarms of n, T nodes, m = 3(T-1) controls, E encounters, L of them with planes, C craft with planes,
@@ -133,10 +133,10 @@ def agree(
     """Message passing: the trade of each encounter, r_col; ``free`` says which planes are alike."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
-    said = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
-    heard = aggregate(linear(weights, "tell", said), cast(free, w), sides)  # (L, 2, 2H)
-    heard = weights["hears"] * heard
-    offered = offers(weights, said, heard, xp.flip(heard, (1,)))  # (L, 2)
+    embedded = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
+    received = aggregate(linear(weights, "tell", embedded), cast(free, w), sides)  # (L, 2, 2H)
+    received = weights["hears"] * received
+    offered = offers(weights, embedded, received, xp.flip(received, (1,)))  # (L, 2)
     return trade_of(offered[:, 0], offered[:, 1])
 
 
@@ -159,41 +159,44 @@ def aggregate(
 
 @no_type_check
 @njit(cache=True, fastmath=True)
-def add_up(told, free, start, order, result):
+def add_up(messages, free, start, order, result):
     """Both sums, into ``result``, which begins as zeros; sides are those of ``Sides``.
 
-    What is told, (L, 2, 2H), has what goes into the first sum and what goes into the second.
+    Messages, (L, 2, 2H), have the terms of the first sum and those of the second.
     """
-    m, H = free.shape[1], told.shape[2] // 2
-    every = np.empty(H, told.dtype)
+    m, H = free.shape[1], messages.shape[2] // 2
+    every = np.empty(H, messages.dtype)
     for c in range(len(start) - 1):
         every[:] = 0.0
         for a in range(start[c], start[c + 1]):
             for h in range(H):
-                every[h] += told[order[a] >> 1, order[a] & 1, H + h]
+                every[h] += messages[order[a] >> 1, order[a] & 1, H + h]
         for a in range(start[c], start[c + 1]):
             one, at = order[a] >> 1, order[a] & 1
             for h in range(H):
                 result[one, at, H + h] = every[h]
             for b in range(start[c], a + 1):
                 other, there = order[b] >> 1, order[b] & 1
-                cosine = told.dtype.type(0.0)
+                cosine = messages.dtype.type(0.0)
                 for x in range(m):
                     cosine += free[one, x] * free[other, x]
                 if at != there:
                     cosine = -cosine
                 for h in range(H):
-                    result[one, at, h] += cosine * told[other, there, h]
+                    result[one, at, h] += cosine * messages[other, there, h]
                 if a != b:
                     for h in range(H):
-                        result[other, there, h] += cosine * told[one, at, h]
+                        result[other, there, h] += cosine * messages[one, at, h]
 
 
 def offers(
-    weights: Weights, said: Float[Any, "*L H"], heard: Float[Any, "*L _"], told: Float[Any, "*L _"]
+    weights: Weights,
+    embedded: Float[Any, "*L H"],
+    received: Float[Any, "*L _"],
+    others: Float[Any, "*L _"],
 ) -> Float[Any, "*L"]:
-    """What a craft offers, from what its edge says and what it and the other craft have heard."""
-    every = namespace(said).concatenate([said, heard, told], axis=-1)
+    """Offers of a craft, from the edge features and the aggregated messages of both craft."""
+    every = namespace(embedded).concatenate([embedded, received, others], axis=-1)
     return linear(weights, "offer", two_layers(weights, "weigh", every))[..., 0]
 
 
@@ -439,7 +442,7 @@ def safe_fuel(data: ProblemData, now: Iterate) -> Float[Array, "b"]:
 
 
 def lack(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
-    """What encounters of each swarm lack of a distance where pairs turn to part, r_col.
+    """Shortfall of a distance at the local minima of pairs' distances, in each swarm, r_col.
 
     Elsewhere a pair that lacks something lacks more in the interval before or after.
     """

@@ -78,7 +78,7 @@ def test_rows_stand_in_the_order_of_what_is_left_out(some):
     assert [line[0] for line in body] == [*names, "Decoupled optimum"]
     assert [line[1] for line in body][-3:] == ["learning", "learning, and programs", "rounds"]
     assert body[2] == [
-        *("no-third", "what other sides say", "0 % [0.0, 8.8]", "0", "2.00 %"),
+        *("no-third", "messages of other encounters", "0 % [0.0, 8.8]", "0", "2.00 %"),
         *("+0.800 % [+0.800, +0.800]", "0.250"),
     ]
     assert body[1][5] == "–"
@@ -125,7 +125,7 @@ def asked(table):
     }
 
 
-SIDES, CROWDS = "without what other sides say", "without crowded swarms to learn from"
+SIDES, CROWDS = "without messages of other encounters", "without crowded swarms to learn from"
 RULE_ALONE, LABELS = "without learning, by its rule alone", "with the expert's plans as labels"
 
 
@@ -204,7 +204,7 @@ def test_the_report_has_the_section_with_figure_and_tables(trials, some, tmp_pat
     assert "Refiners that lack one thing, dense, n = 10, over 40 trials, after 8 rounds" in text
     parts = by_name["ablations-n30"].set_index("name")
     assert parts.loc["no-third", "score_over_short"] == pytest.approx(0.008)
-    assert "Is the refiner worse without what other sides say?" in text
+    assert "Is the refiner worse without messages of other encounters?" in text
 
 
 def test_a_table_of_another_shape_is_refused(trials, some):
