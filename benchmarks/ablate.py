@@ -100,10 +100,8 @@ def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> lis
     """The refiners and the rule; without a round all of them give the decoupled optima."""
     if count == 0:
         return [EvaluatedPlanner(DECOUPLED_OPTIMUM)]
-    rules = [rule(count), rule(count, null_space=True)]
     if count != own:  # the others are of interest as an answer alone
         networks = [one for one in networks if one.recipe in (TUNED, SHORT)]
-        rules = rules[:1]
     refiners = [
         EvaluatedPlanner(
             replace(one.planner, model=with_rounds(one.predictor, count)),
@@ -112,7 +110,7 @@ def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> lis
         )
         for one in networks
     ]
-    return [*refiners, *map(EvaluatedPlanner, rules)]
+    return [*refiners, EvaluatedPlanner(rule(count))]
 
 
 def dense_beside(ground: HeldOut, count: int) -> list[Scenario]:

@@ -22,7 +22,7 @@ from pipeline.figures.style import GREY, PAGE_WIDTH, REFERENCE, Style, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
 TUNED, SHORT = "tuned", "short"
-RULE, NULL_SPACE = "rule", "rule, null space"
+RULE = "rule"
 
 LACKS = {
     TUNED: "nothing",
@@ -31,7 +31,6 @@ LACKS = {
     "uncrowded": "crowded swarms to learn from",
     "labelled": "most epochs, but has labels",
     RULE: "learning",
-    NULL_SPACE: "learning, and programs",
     DECOUPLED: "rounds",
 }
 """What a row lacks, by recipe or planner, in the order of the rows."""
@@ -131,8 +130,8 @@ def summarize_ablations(ablations: pd.DataFrame) -> pd.DataFrame:
 
 
 def _name(planner: str, recipe: str) -> str:
-    if planner in (RULE, NULL_SPACE):
-        return planner.replace("rule", "Rule alone")
+    if planner == RULE:
+        return "Rule alone"
     if not recipe:
         return name_of(planner)
     return recipe if planner == "refiner" else f"{recipe} ({planner})"

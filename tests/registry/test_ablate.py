@@ -65,7 +65,7 @@ def scenarios(solved: Path) -> list[Scenario]:
     return list(scenarios_of(solved_rows(solved, CRAFT, "test", columns)))[:TRIALS]
 
 
-def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds(
+def test_refiners_the_rule_and_the_decoupled_optimum_are_tried_after_every_number_of_rounds(
     register: Register, solved: Path
 ) -> None:
     models = {recipe: register(recipe) for recipe in ("tuned", "short", "no-third")}
@@ -79,7 +79,6 @@ def test_refiners_the_rule_and_the_own_lp_are_tried_after_every_number_of_rounds
     assert dict(counted) == {
         ("decoupled optimum", ""): [0],
         ("rule", ""): [2, ROUNDS],
-        ("rule, null space", ""): [ROUNDS],
         ("refiner", "tuned"): [2, ROUNDS],
         ("refiner", "short"): [2, ROUNDS],
         ("refiner", "no-third"): [ROUNDS],

@@ -50,11 +50,11 @@ from pipeline.networks.refiner.geometry import (
     scene_of,
 )
 from pipeline.networks.refiner.programs import (
-    LEAST_FUEL,
     Decoupled,
-    Programs,
     Sides,
     decoupled_optima,
+    first_duals,
+    optima,
     sides_of,
 )
 from pipeline.orbit.problem import Problem
@@ -306,7 +306,6 @@ def play(
     now: Iterate,
     number: int,
     among: Bool[Array, "b"] | None = None,
-    programs: Programs = LEAST_FUEL,
 ) -> Iterate:
     """The next iterate, by the round of a number from 0; without trades if there are no weights.
 
@@ -324,7 +323,7 @@ def play(
     craft = met.craft  # (L, 2)
     scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
-    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain), programs)
+    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
     trade = constant(distance) * 0
@@ -336,7 +335,7 @@ def play(
     give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = programs.optima(data.own, sides, gain, asked, grid)  # (C, m), (L, 2)
+    best, paid = optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)
     flown = grid.fly(rows(data.initial, sides.craft), best)
     states = with_rows(now.states, sides.craft, flown)
@@ -361,17 +360,13 @@ def _with_first_duals(
     first_dual: Float[Array, "E 2"],
     which: Int[Array, "L"],
     gain: Float[Array, "L m"],
-    programs: Programs,
 ) -> Float[Array, "E 2"]:
     """First duals also of planes that are new."""
     new = np.flatnonzero(first_dual[which, 0] == 0)
     if len(new) == 0:
         return first_dual
     craft, gain = data.met.of(which[new]).craft, gain[new]
-    found = [
-        programs.first_duals(data.own, craft[:, k], sign * gain, data.grid)
-        for k, sign in enumerate((1, -1))
-    ]
+    found = [first_duals(data.own, craft[:, k], sign * gain) for k, sign in enumerate((1, -1))]
     return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
 
 
@@ -399,18 +394,15 @@ def answer(
     initial: Float[Any, "b n 6"],
     goal: Float[Any, "b n 6"],
     radius: Float[Any, "b"],
-    programs: Programs = LEAST_FUEL,
 ) -> Float[Array, "b n intervals 3"]:
     """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
-    controls, _ = cheapest_safe(
-        weights, problem_data(problem, initial, goal, radius), rounds, programs
-    )
+    controls, _ = cheapest_safe(weights, problem_data(problem, initial, goal, radius), rounds)
     unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 
 
 def cheapest_safe(
-    weights: Weights | None, data: ProblemData, rounds: int, programs: Programs = LEAST_FUEL
+    weights: Weights | None, data: ProblemData, rounds: int
 ) -> tuple[Float[Array, "N m"], Bool[Array, "b"]]:
     """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
 
@@ -424,7 +416,7 @@ def cheapest_safe(
         if not going.any():
             break
         before = data.fuel(now.controls)
-        now = play(weights, data, now, number, going, programs)
+        now = play(weights, data, now, number, going)
         fuel = safe_fuel(data, now)
         better = (fuel < least) | np.isinf(least)
         best = np.where(np.repeat(better, data.n)[:, None], now.controls, best)

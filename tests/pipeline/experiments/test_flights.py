@@ -82,7 +82,7 @@ def test_in_the_world_of_the_plan_without_errors_a_flight_is_what_the_judge_find
         assert rows.unsafe_replans.isna().all()
 
 
-def test_the_own_lp_comes_too_close_and_replanning_for_itself_does_not_help_it(table):
+def test_the_decoupled_optimum_comes_too_close_and_replanning_for_itself_does_not_help_it(table):
     rows = of(table, planner="decoupled optimum", world=LINEAR, errors=NO_ERRORS)
     assert rows.within_radius.all()
     assert (rows.loc[rows.loop == REPLANNED, "unsafe_replans"] > 0).all()

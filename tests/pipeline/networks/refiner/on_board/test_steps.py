@@ -129,7 +129,7 @@ def test_one_craft_s_program_is_that_of_many():
             one, some = one_of(own, k), real[k]
             order = 2 * np.arange(some.sum())
             first = Sides(np.array([0]), np.array([0, some.sum()]), order, np.zeros_like(order))
-            wanted = optima(one, first, row[k, some], np.tile(asked[k, some, None], 2), grid)
+            wanted = optima(one, first, row[k, some], np.tile(asked[k, some, None], 2))
             given = (torch.from_numpy(values[k]) for values in (row, asked, real))
             controls, dual = solve_one(tableau(one), *given)
             assert controls.numpy() == pytest.approx(wanted[0][0], abs=1e-8)
