@@ -61,9 +61,8 @@ def main(settings: Ablations, resume: Resume = False) -> None:
 def ablate(settings: Ablations, *, resume: bool = False, progress: Progress = SILENT) -> Done:
     """Try refiners of all recipes and the rule alone after other numbers of rounds; record it.
 
-    Raises:
-        InputError: for models that are no refiners or whose answers take different numbers of
-            rounds, sizes that are not in the dataset, or bad numbers.
+    InputError for models that are no refiners or whose answers take different numbers of rounds,
+    sizes that are not in the dataset, or bad numbers.
     """
     rounds, timed, dense = int_list(settings.rounds, "--rounds", 0), settings.timed, settings.dense
     if min(timed, dense) < 0:

@@ -143,8 +143,7 @@ def resolve(reference: str) -> ModelVersion:
 def load(reference: str | ModelVersion) -> tuple[Model, ModelVersion]:
     """A registered network and its version, from safetensors and JSON alone.
 
-    Raises:
-        InputError: where there is no such model, or its files are gone or not sound.
+    InputError where there is no such model, or its files are gone or not sound.
     """
     with opened(create=False) as store, scratch_folder() as scratch:
         version = reference if isinstance(reference, ModelVersion) else _find(store, reference)

@@ -93,10 +93,8 @@ class Architecture(Protocol):
     def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
         """What loss and score need of some swarms, on the CPU.
 
-        It is done once where data stays in memory.
-
-        Raises:
-            InputError: where it needs the expert's plans and there are none.
+        It is done once where data stays in memory. InputError where it needs the expert's plans and
+        there are none.
         """
 
     def loss(
@@ -131,9 +129,8 @@ def unused_fields(architecture: Architecture) -> frozenset[str]:
 def find(name: str) -> Architecture:
     """The architecture of a name, looked up once.
 
-    Raises:
-        InputError: for an unknown name, or where the entry point leads to something else.
-        ProlearnError: where its module cannot be imported.
+    InputError for an unknown name, or where the entry point leads to something else. ProlearnError
+    where its module cannot be imported.
     """
     point = entry_point(name)
     try:
@@ -154,8 +151,7 @@ def find(name: str) -> Architecture:
 def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
     """The recipe of a name as in ``recipe_for``, with some of its fields set otherwise.
 
-    Raises:
-        InputError: as ``recipe_for``, for a bad value, or a field that changes nothing.
+    InputError as ``recipe_for``, for a bad value, or a field that changes nothing.
     """
     followed = recipe_for(arch, name)
     for field in sorted({*changes} & unused_fields(find(arch))):
@@ -169,10 +165,8 @@ def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
 def recipe_for(arch: str, name: str) -> Recipe:
     """The recipe of a name, with the departures that an architecture declares.
 
-    What an architecture calls otherwise departs from the tuned recipe.
-
-    Raises:
-        InputError: for an unknown architecture or recipe, or departures that make none.
+    What an architecture calls otherwise departs from the tuned recipe. InputError for an unknown
+    architecture or recipe, or departures that make none.
     """
     own = find(arch).recipes
     if name not in {**RECIPES, **own}:

@@ -20,8 +20,7 @@ def architecture_names() -> tuple[str, ...]:
 def distribution_of(name: str) -> str | None:
     """Name of the distribution that brings an architecture, where that is known.
 
-    Raises:
-        InputError: for an unknown architecture.
+    InputError for an unknown architecture.
     """
     found = getattr(entry_point(name), "dist", None)
     return None if found is None else str(found.name)
@@ -30,8 +29,7 @@ def distribution_of(name: str) -> str | None:
 def entry_point(name: str) -> Any:
     """Where the architecture of a name is; some packages bring a class of their own for it.
 
-    Raises:
-        InputError: for an unknown name, with the known ones.
+    InputError for an unknown name, with the known ones.
     """
     for found in entry_points(group=GROUP):
         if found.name == name:

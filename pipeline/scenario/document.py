@@ -255,8 +255,7 @@ class ScenarioDocument(BaseModel):
 def read_scenario(path: Path | str) -> Scenario:
     """The scenario in a file.
 
-    Raises:
-        InputError: where the file cannot be read or a field is missing or wrong, by its name.
+    InputError where the file cannot be read or a field is missing or wrong, by its name.
     """
     path = Path(path)
     return read_document(path, ScenarioDocument, WHAT).scenario_of(path)

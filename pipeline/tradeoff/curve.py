@@ -64,8 +64,7 @@ class Point:
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
     """Numbers of arcs of at most so many durations, s, spread evenly over a range.
 
-    Raises:
-        InputError: where the range holds no whole number of arcs, or too short a transfer.
+    InputError where the range holds no whole number of arcs, or too short a transfer.
     """
     if not 1 <= steps <= MOST_NODES:
         raise InputError(f"steps is {steps}; expected 1 to {MOST_NODES} durations.")

@@ -82,10 +82,8 @@ def sources(
     The recipe's ``draws`` replace the training split of a solved dataset by fresh scenarios, drawn
     like it from the seed, or its ``crowded`` adds some, of which ``progress`` is told; the test
     split stays untouched. Each of the two may take so many bytes of memory; what is larger streams.
-
-    Raises:
-        InputError: where there is no dataset, the size is not in it, it is not solved, or no
-            instance of a split that is needed is.
+    InputError where there is no dataset, the size is not in it, it is not solved, or no instance of
+    a split that is needed is.
     """
     if recipe.draws:
         valid = examples_within(data, n, "valid", memory)
@@ -198,9 +196,8 @@ def batches(source: ExampleSource, preparation: Preparation) -> Batches:
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
     """Refuse examples that nothing can be learned from.
 
-    Raises:
-        InputError: where either is empty or holds values that are not finite numbers, or where
-            the two differ in swarm size or problem.
+    InputError where either is empty or holds values that are not finite numbers, or where the two
+    differ in swarm size or problem.
     """
     for name, source in (("training", train), ("validation", valid)):
         if len(source) == 0:

@@ -125,11 +125,8 @@ def train(
     The n and problem of the training examples become the model's; those for validation decide when
     to stop and which weights to keep. The seed is of initial weights, order and dropout; the device
     "auto", "cpu", "cuda" or "mps"; ``epochs`` the most passes over the data, instead of the
-    recipe's.
-
-    Raises:
-        InputError: for an unknown architecture or device, or examples that cannot be used.
-        ProlearnError: where loss or score cease to be finite numbers.
+    recipe's. InputError for an unknown architecture or device, or examples that cannot be used.
+    ProlearnError where loss or score cease to be finite numbers.
     """
     started = time.perf_counter()
     most = recipe.epochs if epochs is None else epochs
@@ -210,8 +207,7 @@ def _seeded(seed: int, device: torch.device) -> Iterator[None]:
 def training_device(name: str) -> torch.device:
     """The device of a name; "auto" is CUDA where there is one, else the CPU.
 
-    Raises:
-        InputError: for a name that means nothing or a device that is not there.
+    InputError for a name that means nothing or a device that is not there.
     """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")

@@ -39,8 +39,7 @@ def decoupled_optima(
 ) -> Decoupled:
     """The decoupled optima, by table (``pipeline.orbit.decoupled``).
 
-    Raises:
-        InputError: for a problem whose controls do not reach every state.
+    InputError for a problem whose controls do not reach every state.
     """
     miss = goal - initial @ grid.drift[-6:].T  # (N, 6)
     found = least_fuel(np.concatenate([miss[:, :3], miss[:, 3:] / grid.step], axis=1), problem)

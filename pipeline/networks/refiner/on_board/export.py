@@ -154,10 +154,8 @@ class Files:
 def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
     """Fly random swarms by the files, all rounds, and compare all controls with the model's.
 
-    Raises:
-        InputError: where onnxruntime is not installed.
-        ProlearnError: where a control differs by more than TOLERANCE for no good reason, or little
-            could be compared.
+    InputError where onnxruntime is not installed. ProlearnError where a control differs by more
+    than TOLERANCE for no good reason, or little could be compared.
     """
     network, problem = model.network, model.problem
     assert isinstance(network, MessagePassing), "a refiner's"
@@ -235,11 +233,8 @@ def export_craft(
     """Write the steps that one craft of a refiner runs, as ``begin.onnx`` and so on.
 
     Files of these names are replaced; each has the JSON values ``about`` in its metadata.
-
-    Raises:
-        InputError: where onnx or onnxruntime is not installed, or the folder is a file.
-        ProlearnError: where a step cannot be exported, or a swarm whose craft run them is not
-            answered as by torch.
+    InputError where onnx or onnxruntime is not installed, or the folder is a file. ProlearnError
+    where a step cannot be exported, or a swarm whose craft run them is not answered as by torch.
     """
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")

@@ -79,9 +79,7 @@ def decoupled_optimum(
     """The decoupled optimum in r_col and Δt.
 
     The weights of the facet that is met are B⁻¹ but for units, so no equations are solved.
-
-    Raises:
-        InputError: for a problem whose controls do not reach every state.
+    InputError for a problem whose controls do not reach every state.
     """
     table = facets_of(problem)
     if table is None:
