@@ -1,7 +1,4 @@
-"""Trainings in MLflow: recorded and registered, evaluations added, tables for the report.
-
-Where the store fails, a folder in ``unregistered/`` keeps a network and the record of its training.
-"""
+"""Trainings in MLflow: recorded and registered, evaluations added, tables for the report."""
 
 import json
 import math
@@ -146,10 +143,7 @@ def record_training(
 
 
 def register_kept(folder: Path) -> ModelVersion:
-    """Record and register a network that was kept because the store had failed.
-
-    The folder stays as it is; an InputError says where it holds no sound network and record.
-    """
+    """Register a network kept because the store had failed; InputError where not sound."""
     record, model = _read_record(folder / RECORD), load_network(folder)
     with scratch_folder() as scratch:
         network = scratch / "network"

@@ -213,11 +213,7 @@ def transfer_times(
 def flights(
     settings: Flights, *, jobs: int = -1, resume: bool = False, progress: Progress = SILENT
 ) -> Done:
-    """Experiment 5: plans of expert, networks and baselines are flown, with errors and without.
-
-    Networks must answer on any time grid. Where a network's plan is not safe, one convex solve
-    or the expert makes it so.
-    """
+    """Experiment 5: plans are flown, those of networks made safe first where they are not."""
     workers = Workers(jobs)
     ground = held_out(settings, [settings.n], refiners_on)
     scenarios = ground.scenarios[settings.n]

@@ -1,8 +1,4 @@
-"""Ablations of the refiner: safety and fuel without each of its parts, from stored trials.
-
-``python -m benchmarks.ablate`` makes such trials; every ablation is the tuned recipe but for one
-thing and for its epochs, of which ``short`` has as few.
-"""
+"""Ablations of the refiner: safety and fuel without each of its parts, from stored trials."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -115,10 +115,7 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
 
 
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
-    """A row for each group of networks on the largest swarm that any were flown in, up to n = 30.
-
-    There is none where that is n, the swarm size of experiment 1.
-    """
+    """Findings on the largest swarm flown, up to n = 30; none if that is experiment 1's ``n``."""
     trials = averages.sizes_of_paper(trials)
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
     if largest == n:

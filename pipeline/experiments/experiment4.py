@@ -107,10 +107,7 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
 
 
 def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
-    """Whether each group of networks serves other T, and other Δt, where one took part at all.
-
-    A transfer time is served where plans are proven safe and cheap.
-    """
+    """Whether each group of networks that took part is safe and cheap at other T, at other Δt."""
     if times.empty:
         return []
     trials = averages.prepared(with_minutes(times[times["reading"] != PREDICTED]))

@@ -218,10 +218,7 @@ def write_example(example: Example, path: Path) -> None:
 
 
 def read_example(path: Path) -> Example:
-    """The example in a file; nothing in it is unpickled.
-
-    InputError where the file is damaged, or holds something else.
-    """
+    """The example in a file, without unpickling; InputError where it is damaged or holds none."""
     try:
         with ZipFile(path) as file:
             if sum(member.file_size for member in file.infolist()) > MOST_BYTES:

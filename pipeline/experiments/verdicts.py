@@ -1,7 +1,4 @@
-"""Findings: a question, its verdict by a table of rules, and the numbers that decide it.
-
-The paper's networks answer the paper's questions together; any other is asked on its own.
-"""
+"""Findings: a question, its verdict by a table of rules, and the numbers that decide it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -152,10 +149,7 @@ class PairedComparison:
 def compare(
     first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio"
 ) -> PairedComparison:
-    """Compare two planners on the trials that both have flown, by columns safe and ``fuel``.
-
-    Several rows of a trial, as of several trainings, count as their mean.
-    """
+    """Compare two planners on the trials of both, by each trial's mean of safe and ``fuel``."""
     one, other = (
         rows.assign(safe=rows["safe"].astype(float)).groupby("trial")[["safe", fuel]].mean()
         for rows in (first, second)

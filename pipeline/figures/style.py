@@ -107,10 +107,7 @@ in_style = matplotlib.rc_context(RC)
 
 @in_style
 def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
-    """Write a figure as ``path`` with each suffix, the same bytes for the same figure.
-
-    It is laid out once, for the first. In its texts, invisible characters become escapes.
-    """
+    """Write a figure as ``path`` with each suffix, laid out once; same figure, same bytes."""
     for text in figure.findobj(Text):
         text.set_text(visible(text.get_text()))
     facts = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}

@@ -105,10 +105,7 @@ class Architecture(Protocol):
     def score(
         self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """What decides which weights are kept, and when to stop: least is best.
-
-        It is a mean over a batch of validation data, without gradients.
-        """
+        """What decides which weights are kept: a mean over validation data, least best."""
 
     def answer(
         self, network: nn.Module, swarms: Swarms, encoding: Encoding
@@ -117,21 +114,13 @@ class Architecture(Protocol):
 
 
 def unused_fields(architecture: Architecture) -> frozenset[str]:
-    """Fields of a recipe that change nothing in an architecture's training.
-
-    An architecture may say so in a member ``unused``; commands refuse these fields, and a search
-    for better recipes leaves them alone.
-    """
+    """Fields of a recipe that change nothing: the member ``unused``, where there is one."""
     return frozenset(getattr(architecture, "unused", ()))
 
 
 @lru_cache
 def find(name: str) -> Architecture:
-    """The architecture of a name, looked up once.
-
-    InputError for an unknown name, or where the entry point leads to something else. ProlearnError
-    where its module cannot be imported.
-    """
+    """The architecture of a name; InputError if unknown, ProlearnError if not importable."""
     point = entry_point(name)
     try:
         found = point.load()
@@ -149,10 +138,7 @@ def find(name: str) -> Architecture:
 
 
 def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
-    """The recipe of a name as in ``recipe_for``, with some of its fields set otherwise.
-
-    InputError as ``recipe_for``, for a bad value, or a field that changes nothing.
-    """
+    """``recipe_for`` with other fields; InputError also for one that changes nothing."""
     followed = recipe_for(arch, name)
     for field in sorted({*changes} & unused_fields(find(arch))):
         raise InputError(

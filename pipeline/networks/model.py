@@ -147,11 +147,7 @@ def _documented(model: Model) -> tuple[bytes, ModelDocument]:
 
 
 def load(folder: Path) -> Model:
-    """The model that ``save`` wrote; nothing in the files is executed.
-
-    InputError where a file is missing, damaged, of another schema, or does not fit the other, or
-    where the architecture is not installed.
-    """
+    """The model that ``save`` wrote; InputError where files are missing, damaged or do not fit."""
     document = read_model(folder)
     encoding = Encoding(
         problem=Problem(**document.problem.model_dump()),

@@ -115,11 +115,7 @@ def _seconds(session: Any, model: Model, n: int) -> float:
 
 
 class OnBoard(nn.Module):
-    """The exported graph: encoding, network and decoding in float32, for batches of any size.
-
-    With ``flown`` the prediction is then projected onto the transfers that obey the dynamics and
-    both ends.
-    """
+    """The exported graph, float32: encoding, network, decoding, projection if ``flown``."""
 
     read: Tensor  # linear map from both end states of a craft to its input trajectory, (12, 6T)
     flyable: Tensor  # from predicted states and both ends to flown ones and controls

@@ -29,10 +29,7 @@ class WorkersLostError(Exception):
 
 
 def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
-    """Results of calls in the order in which they are done; a call is drawn when its turn comes.
-
-    WorkersLostError where a process was killed.
-    """
+    """Results of calls as they are done, each drawn at its turn; WorkersLostError after a kill."""
     _remove_left_semaphores()
     parallel = joblib.Parallel(
         n_jobs=jobs,

@@ -1,8 +1,4 @@
-"""The linear assignment problem of craft and goals: costs, best assignment, ranking.
-
-A craft's decoupled optimum bounds its fuel. So the least sum of decoupled optima over all
-assignments bounds the fuel of every plan, whoever goes where.
-"""
+"""The linear assignment problem of craft and goals: costs, best assignment, ranking."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

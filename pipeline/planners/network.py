@@ -1,7 +1,4 @@
-"""Networks as planners: alone, as seeds of the expert, and with the expert as a fallback.
-
-A network's answer is flown, so that dynamics and both ends hold exactly.
-"""
+"""Networks as planners: alone, as seeds of the expert, and with the expert as a fallback."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -96,10 +93,7 @@ class Seeded:
 
 @dataclass(frozen=True, eq=False)
 class FallbackPlanner:
-    """A network, the network and one convex solve, the expert: the first whose plan is safe.
-
-    Each is tried on the scenarios that the one before left without a proof of safety.
-    """
+    """A network, a convex solve from it, the expert: each where no plan was proven safe before."""
 
     network: NetworkPlanner
     settings: Settings = FIRST_SAFE  # of the expert where it comes to that

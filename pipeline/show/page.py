@@ -1,7 +1,4 @@
-"""The page of a plan: words, tables, numbers and the script that draws them, in one file.
-
-Plotly's 3-D bundle, which is not ours, lies unchanged in ``vendor``.
-"""
+"""The page of a plan: text, tables, numbers and script in one file, with Plotly's bundle."""
 
 import base64
 import gzip

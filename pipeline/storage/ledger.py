@@ -280,11 +280,7 @@ def committed(ledger: Ledger[Kind]) -> Iterator[Ledger[Kind]]:
 def open_ledger(
     folder: Folder, owned: str, begin: Callable[[], Kind], progress: Progress
 ) -> Iterator[Ledger[Kind]]:
-    """The ledger of a folder that is held for writing.
-
-    ``owned`` is the pattern of its files, as for ``sole_writer``; ``begin`` gives its manifest, or
-    an error where it cannot be continued, once the folder is held.
-    """
+    """The ledger of a folder held for writing, whose manifest ``begin`` gives once it is held."""
     with sole_writer(folder, owned), committed(Ledger(folder, begin(), progress)) as ledger:
         yield ledger
 

@@ -194,11 +194,7 @@ def batches(source: ExampleSource, preparation: Preparation) -> Batches:
 
 
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
-    """Refuse examples that nothing can be learned from.
-
-    InputError where either is empty or holds values that are not finite numbers, or where the two
-    differ in swarm size or problem.
-    """
+    """Refuse examples that are empty, not finite, or of different n or problems (InputError)."""
     for name, source in (("training", train), ("validation", valid)):
         if len(source) == 0:
             raise InputError(f"there are no {name} examples; expected at least one: add more data.")

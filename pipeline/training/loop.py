@@ -205,10 +205,7 @@ def _seeded(seed: int, device: torch.device) -> Iterator[None]:
 
 
 def training_device(name: str) -> torch.device:
-    """The device of a name; "auto" is CUDA where there is one, else the CPU.
-
-    InputError for a name that means nothing or a device that is not there.
-    """
+    """The device of a name, "auto" CUDA where there is one; InputError where there is none."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
@@ -226,10 +223,7 @@ def training_device(name: str) -> torch.device:
 
 
 def position_rmse(model: Model, examples: ExampleSource) -> float:
-    """Root mean square distance of predicted node positions from the expert's, m.
-
-    It does not depend on the recipe's units, and is no number where the expert has not planned.
-    """
+    """RMS distance of predicted node positions from the expert's, m; NaN without its plans."""
     squares, count = 0.0, 0
     for part in examples.parts():
         if part.states is not None:

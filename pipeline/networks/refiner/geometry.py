@@ -113,10 +113,7 @@ class EncounterGeometry:
 def encounters(
     states: Float[Array, "N T 6"], n: int, near: float = NEAR, of_extent: float = NEAR_OF_EXTENT
 ) -> Encounters:
-    """Pairs of the same swarm of n craft, and intervals in which they come near each other.
-
-    That is within a distance of ``near`` r_col, or a share of the swarm's extent where it is more.
-    """
+    """Pairs of a swarm and intervals within ``near`` r_col, or a share of its extent."""
     within = np.maximum(near, of_extent * extents(states, n))
     return Encounters(*close_pairs(np.ascontiguousarray(states), n, within))
 

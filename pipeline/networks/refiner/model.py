@@ -277,10 +277,7 @@ def problem_data(
     radius: Float[Any, "b"],
     device: Any = None,
 ) -> ProblemData:
-    """Swarms with their decoupled optima and their encounters, from m and m/s.
-
-    ``device`` is torch's, where gradients are wanted.
-    """
+    """Planning problems from m and m/s; ``device`` is torch's, where gradients are wanted."""
     grid, n = grid_of(problem), initial.shape[1]
     begin, end = (in_units(plain(ends), plain(radius), problem) for ends in (initial, goal))
     own = decoupled_optima(begin, end, grid, problem)

@@ -37,10 +37,7 @@ class Decoupled:
 def decoupled_optima(
     initial: Float[Array, "N 6"], goal: Float[Array, "N 6"], grid: Grid, problem: Problem
 ) -> Decoupled:
-    """The decoupled optima, by table (``pipeline.orbit.decoupled``).
-
-    InputError for a problem whose controls do not reach every state.
-    """
+    """The decoupled optima, by table; InputError where controls do not reach every state."""
     miss = goal - initial @ grid.drift[-6:].T  # (N, 6)
     found = least_fuel(np.concatenate([miss[:, :3], miss[:, 3:] / grid.step], axis=1), problem)
     if found is None:

@@ -223,10 +223,7 @@ def _ratio(data: ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "
 
 
 def _crowded(batch: TensorBatch, encoding: Encoding, settings: LossSettings) -> Swarms:
-    """Collision radii somewhere between what they are and the most that they may be.
-
-    Those of plans that are learned from stay.
-    """
+    """Collision radii drawn up to the most that they may be; those of plans to learn from stay."""
     least, most = batch["radius"], batch["most"]
     radius = least + (most - least) * torch.rand_like(least) if settings.raised else least
     given = Swarms(encoding.problem, batch["initial"], batch["goal"], radius)

@@ -1,8 +1,4 @@
-"""A refiner as ONNX files, one for each step of a craft, and swarms whose craft run them.
-
-Each craft runs the steps by itself; before the files take their names, its controls are compared
-with those of the whole swarm at once.
-"""
+"""A refiner as ONNX files, a step of one craft each, checked against the whole swarm's controls."""
 
 import hashlib
 import time

@@ -187,10 +187,7 @@ class Begin(Step):
 
 
 class Meet(Step):
-    """Which other craft, and in which intervals, this craft must look at in all rounds.
-
-    These are what ``geometry.encounters`` finds.
-    """
+    """A craft's encounters: other craft and intervals that ``geometry.encounters`` finds."""
 
     takes, gives = ("states", "told_states", "r_col"), ("met",)
 
@@ -251,10 +248,7 @@ class Listen(Step):
 
 
 class Settle(Step):
-    """The trade, which both sides compute alike, and the craft's own program under it.
-
-    It gives controls, states at the encounters' nodes, and prices of the planes.
-    """
+    """The trade, computed alike by both sides, and the craft's own program under it."""
 
     takes = (*ENDS, "interval", "controls", *NODES, "live", *PRICES, "offer", "told_offer")
     gives, tells = ("controls", "nodes", "price"), ("nodes", "price")

@@ -128,10 +128,7 @@ def first_duals(own: Tableau, gain: Float[Tensor, "P m"]) -> Float[Tensor, "P"]:
 def solve_one(
     own: Tableau, row: Float[Tensor, "p m"], asked: Float[Tensor, "p"], real: Bool[Tensor, "p"]
 ) -> tuple[Float[Tensor, "m"], Float[Tensor, "p"]]:
-    """Controls and duals of one craft's program, with rows g of the planes and what they ask, d.
-
-    Only some of the planes are real; the others are met and stay so.
-    """
+    """Controls and duals of one craft's program with planes g·u ≥ d where they are ``real``."""
     p, m = row.shape
     row = torch.where(real[:, None], row, 0.0)
     left = torch.where(real, row @ own.controls(m) - asked, 1.0)
