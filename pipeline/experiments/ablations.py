@@ -25,7 +25,6 @@ LACKS = {
     SHORT: "most epochs",
     "no-third": "messages of other encounters",
     "uncrowded": "crowded swarms to learn from",
-    "labelled": "most epochs, but has labels",
     RULE: "learning",
     DECOUPLED: "rounds",
 }
@@ -34,7 +33,6 @@ LACKS = {
 QUESTIONS = {
     "no-third": "Is the refiner worse without messages of other encounters?",
     "uncrowded": "Is the refiner worse without crowded swarms to learn from?",
-    "labelled": "Is the refiner worse with the expert's plans as labels?",
     RULE: "Is the refiner worse without learning, by its rule alone?",
 }
 """Asked of the score over that of ``short``."""

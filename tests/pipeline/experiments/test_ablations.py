@@ -125,7 +125,7 @@ def asked(table):
 
 
 SIDES, CROWDS = "without messages of other encounters", "without crowded swarms to learn from"
-RULE_ALONE, LABELS = "without learning, by its rule alone", "with the expert's plans as labels"
+RULE_ALONE = "without learning, by its rule alone"
 
 
 def test_a_part_is_missed_where_its_lack_is_beyond_noise(some):
@@ -133,7 +133,6 @@ def test_a_part_is_missed_where_its_lack_is_beyond_noise(some):
     assert found[SIDES] == ("n = 10: yes", "n = 10: score +0.800 % [+0.800, +0.800]")
     assert found[CROWDS] == ("n = 10: open: within noise", "n = 10: score 0.000 % [0.000, 0.000]")
     assert found[RULE_ALONE] == ("n = 10: yes", "n = 10: score +0.800 % [+0.800, +0.800]")
-    assert LABELS not in found
     better = asked(some(uncrowded=0.011))[CROWDS]
     assert better == ("n = 10: no, better", "n = 10: score -0.100 % [-0.100, -0.100]")
 
@@ -143,13 +142,6 @@ def test_an_unsafe_trial_counts_in_what_learning_is_worth(some):
     verdict, numbers = asked(some(rule=(0.005, 12)))[RULE_ALONE]
     assert verdict == "n = 10: yes"
     assert numbers.startswith("n = 10: score +2.300 % [")
-
-
-@pytest.mark.parametrize(
-    ("excess", "said"), [(0.013, "yes"), (0.011, "no, better"), (0.012, "open: within noise")]
-)
-def test_whether_labels_help_is_asked_by_itself(some, tried, excess, said):
-    assert asked([*some(), *tried("refiner", "labelled", excess)])[LABELS][0] == f"n = 10: {said}"
 
 
 def test_a_difference_smaller_than_the_spread_between_trainings_is_noise(some, tried):
