@@ -79,12 +79,7 @@ def fly(
 
 
 def _fly_trials(
-    path: Path,
-    plan: "Plan",
-    conditions: "Conditions",
-    settings: FlownTrials,
-    *,
-    as_json: bool,
+    path: Path, plan: "Plan", conditions: "Conditions", settings: FlownTrials, *, as_json: bool
 ) -> None:
     """Fly it many times, with errors."""
     from cli.jobs.fly_trials import fly_trials

@@ -254,9 +254,7 @@ def _say(made: "ExportedModel") -> None:
 
 
 @app.command()
-def register(
-    folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.")],
-) -> None:
+def register(folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.")]) -> None:
     """Register a trained network that was kept because the tracking store had failed.
 
     The folder stays as it is.

@@ -197,9 +197,7 @@ def _show(found: "list[Diagnostic]") -> None:
 
 
 @app.command()
-def schema(
-    plan: Annotated[bool, flag("--plan", "Of plan files instead.")] = False,
-) -> None:
+def schema(plan: Annotated[bool, flag("--plan", "Of plan files instead.")] = False) -> None:
     """Print the JSON Schema of scenario files: every field, its type and its unit.
 
     Editors that know it complete fields and mark mistakes while one types.

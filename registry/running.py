@@ -31,12 +31,7 @@ FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
 
 @contextmanager
 def recorded_run(
-    store: "Store",
-    experiment: str,
-    name: str,
-    tags: Mapping[str, str],
-    *,
-    again: str | None = None,
+    store: "Store", experiment: str, name: str, tags: Mapping[str, str], *, again: str | None = None
 ) -> Iterator[str]:
     """An MLflow run, new or of the id ``again``: FINISHED after the block, or FAILED."""
     folder, prefix = _place(store.uri)

@@ -243,11 +243,7 @@ def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def network_findings(
-    asked: str,
-    trials: pd.DataFrame,
-    training: pd.DataFrame,
-    n: int,
-    papers: str = PAPERS,
+    asked: str, trials: pd.DataFrame, training: pd.DataFrame, n: int, papers: str = PAPERS
 ) -> list[Finding]:
     """A row for each group of networks of which any was flown at one swarm size."""
     flown = flown_networks(trials)

@@ -147,12 +147,7 @@ def train(
 
 
 def _improve(
-    objective: Objective,
-    train: Batches,
-    valid: Batches,
-    epochs: int,
-    seed: int,
-    progress: Progress,
+    objective: Objective, train: Batches, valid: Batches, epochs: int, seed: int, progress: Progress
 ) -> tuple[tuple[Epoch, ...], int]:
     """All epochs and the number of the best, whose weights the network is left with."""
     recipe = objective.recipe

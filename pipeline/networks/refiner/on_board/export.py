@@ -56,12 +56,7 @@ and the place there."""
 
 
 def fly_rounds(
-    run: Run,
-    initial: Float[Array, "n 6"],
-    goal: Float[Array, "n 6"],
-    r_col: float,
-    *,
-    rounds: int,
+    run: Run, initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], r_col: float, *, rounds: int
 ) -> Iterator[Float[Array, "n m"]]:
     """Controls of all craft, m/s²: the decoupled optima, and after each round; by m and m/s."""
     swarm: list[AgentMemory] = [
