@@ -76,11 +76,7 @@ def _drawn(
 
 
 def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
-    """Each peer's time over the expert's, on the same instances in turn.
-
-    The peers keep craft apart at the nodes; so they stand beside the expert both as it works by
-    default, at all times, and at the nodes.
-    """
+    """Time of each peer over the expert's at all times and, as peers plan, at the nodes only."""
     plain = PlainScp(n, Problem())
 
     def by_plain(

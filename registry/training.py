@@ -279,11 +279,7 @@ def add_model_results(
 def _add_metrics(
     store: Store, version: ModelVersion, metrics: Mapping[int, Mapping[str, SupportsFloat]]
 ) -> None:
-    """Add metrics to a model's run, and to the model where MLflow knows it.
-
-    Of a metric's values the latest counts, and machines' clocks may differ: the time of these is
-    after that of every value that is there.
-    """
+    """Add metrics to a run and its model, dated after all that are there, as clocks may differ."""
     try:
         model = store.client.get_logged_model(version.model_id).model_id
     except MlflowException:

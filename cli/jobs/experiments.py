@@ -1,9 +1,4 @@
-"""Experiments 1 to 5 on the test split of a dataset, recorded for the report and MLflow's UI.
-
-Each job takes its settings, whether to leave what was done before with the same settings, data,
-models and versions, and whom to tell of progress. It raises ``InputError`` for unknown models,
-models of another problem than the dataset's, sizes that are not in it, and numbers of no use.
-"""
+"""Experiments 1 to 5 on the test split of a dataset, recorded for the report and MLflow's UI."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress

@@ -1,9 +1,4 @@
-"""What an architecture is: sizes, how it learns, and how it answers swarms of any size.
-
-One is an object with the members of ``Architecture``, named by an entry point of the group
-``prolearn.architectures``; one that learns the expert's plans gets most of them from
-``pipeline.networks.supervised.Supervised``, as ``pipeline/networks/lstm.py`` does.
-"""
+"""The protocol of architectures, ``Architecture``; an entry point names each object of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -58,11 +53,7 @@ def _tensor(values: Float[Array, "..."]) -> Float64[Tensor, "..."]:
 
 @runtime_checkable
 class Architecture(Protocol):
-    """One way from the end states of a swarm to its transfer.
-
-    An architecture chooses what its network reads, what it learns from, what decides which of its
-    weights are kept, and whether it answers with states or with controls.
-    """
+    """One way from the end states of a swarm to its transfer: what it reads, learns, answers."""
 
     @property
     def config(self) -> Mapping[str, Any]:

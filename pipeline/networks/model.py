@@ -66,12 +66,7 @@ class Model:
         return _documented(self)[1].digest
 
     def on(self, problem: Problem) -> "Model":
-        """The same weights and scales for another problem: other nodes, step or orbit.
-
-        Nothing is trained anew; whether the answers are of any use there is another question.
-        InputError where the weights do not fit, as those of a network that reads all 6·n·T numbers
-        at once fit one T alone.
-        """
+        """The same weights and scales for another problem; InputError where they do not fit."""
         encoding = replace(self.encoding, problem=problem)
         try:
             network = _skeleton(self.architecture, self.config, encoding)

@@ -58,10 +58,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 
 def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
-    """Where results are given up, what joblib's parts make of cancelled calls is not reported.
-
-    Its thread that hands out calls finds some taken away, and it warns of those not finished.
-    """
+    """Hide what joblib's parts report of cancelled calls where results are given up."""
     if kind is None:
         return
     usual = threading.excepthook

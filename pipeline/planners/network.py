@@ -25,11 +25,7 @@ ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
 
 @dataclass(frozen=True, eq=False)
 class NetworkPlanner:
-    """A model's plans, which obey the dynamics and meet the goal whatever it answers.
-
-    States are projected onto the transfers that can be flown; controls get the correction of
-    least energy.
-    """
+    """A model's plans, flyable whatever it answers: states are projected, controls corrected."""
 
     model: TrainedNetwork
     name: str  # what tables and plans call it

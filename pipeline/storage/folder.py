@@ -124,10 +124,7 @@ class Folder:
 
     @contextmanager
     def _without_secrets(self, sentence: Callable[[str], str] | None = None) -> Iterator[None]:
-        """Any error of a library becomes a ProlearnError with a sentence, or else an OSError.
-
-        The original is not in the chain, since its text may have secrets.
-        """
+        """Turn errors of libraries into ProlearnErrors or OSErrors without the URL's secrets."""
         try:
             yield
         except Exception as error:

@@ -101,11 +101,7 @@ class Ledger(Generic[Kind]):
     def publish(
         self, name: str, content: bytes, timings: bytes | None = None, derived: str = ""
     ) -> None:
-        """Write a shard and its timings into the folder, and commit them at once or a bit later.
-
-        Another file in its place is set aside; the ``derived`` shard is dropped where this one
-        changed.
-        """
+        """Write a shard and its timings, drop ``derived`` where it changed, set others aside."""
         digest = digest_of(content)
         if self.manifest.shards.get(name, digest) != digest:
             self.drop([derived])

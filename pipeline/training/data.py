@@ -156,10 +156,7 @@ class Streamed:
         return len(self.source)
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
-        """Parts in random order go through a buffer that gives out half of itself at random.
-
-        It holds two batches at least. What is endless has nothing to shuffle.
-        """
+        """Parts in random order, by a buffer of two batches or more that gives a random half."""
         if self.source.endless:
             yield from self.preparation.of(self.source.read(next(self.passes))).in_order(size)
             return

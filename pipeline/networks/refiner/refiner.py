@@ -68,10 +68,7 @@ class LossSettings(BaseModel):
 
 
 class MessagePassing(nn.Module):
-    """The weights of the network, of which ``model.agree`` is the forward pass.
-
-    Untrained its trades are 0. A message has so many numbers, and an answer takes so many rounds.
-    """
+    """The weights of the network; ``model.agree`` is its forward pass. Untrained, trades are 0."""
 
     hears: Float[Tensor, ""]  # 1, or 0 where messages are left out; stored with the weights
 

@@ -76,11 +76,7 @@ class Tableau(NamedTuple):
 def decoupled_optimum(
     initial: Float[Tensor, "6"], goal: Float[Tensor, "6"], grid: Grid, problem: Problem
 ) -> Tableau:
-    """The decoupled optimum in r_col and Δt.
-
-    The weights of the facet that is met are B⁻¹ but for units, so no equations are solved.
-    InputError for a problem whose controls do not reach every state.
-    """
+    """The decoupled optimum in r_col and Δt, by table; InputError where a state is out of reach."""
     table = facets_of(problem)
     if table is None:
         raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
