@@ -132,7 +132,6 @@ def refiners_on(data: Where) -> list[ModelVersion]:
 
 
 def _common_rounds(networks: Sequence[EvaluatedNetwork]) -> int:
-    """The rounds that the answers of all take."""
     counts = {network.label: network.predictor.config.get("rounds") for network in networks}
     found = set(counts.values())
     if len(found) == 1 and (own := found.pop()) is not None:

@@ -71,7 +71,6 @@ def _examples(count: int) -> Examples:
 
 
 def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
-    """Time of each way to go over the examples once."""
     recipe = recipe_for(arch, "tuned")
     seconds = _in_turn(_ways(arch, recipe, examples), rounds)
     return [
@@ -120,7 +119,6 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, RunEpoc
 def _plain_epoch(
     objective: Objective, optimizer: torch.optim.Optimizer, batches: TorchBatches
 ) -> float:
-    """The tutorial's loop over batches."""
     objective.network.train()
     total = 0.0
     for inputs, target in batches:

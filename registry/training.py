@@ -207,7 +207,6 @@ def _read_record(path: Path) -> TrainingRecord:
 
 
 def _log_curves(store: Store, run_id: str, record: TrainingRecord) -> None:
-    """Learning curves as numbers and as a figure."""
     store.client.log_dict(run_id, dict(record.history), "learning_curve.json")
     arch = str(record.params["arch"])
     columns = {name: record.history[name] for name in CURVES}

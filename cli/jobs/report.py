@@ -235,5 +235,4 @@ def _provenance_row(
 
 
 def _day(made: Run | ModelVersion) -> str:
-    """When a run or a version was made."""
     return made.created.strftime("%Y-%m-%d %H:%M UTC")

@@ -142,7 +142,6 @@ def _by_time(rows: pd.DataFrame) -> dict[str, Measured]:
 
 
 def _worst(at: Mapping[str, Measured]) -> str:
-    """The worst of one planner over its transfer times."""
     least, dearest = min(at, key=lambda t: at[t].safe), max(at, key=lambda t: at[t].fuel)
     low, high = percents(*at[least].safe_interval), ratios(*at[dearest].fuel_interval)
     return (

@@ -40,7 +40,6 @@ class Baseline:
 
 
 def _straight_line(batch: Batch) -> Controls:
-    """The straight line made flyable."""
     states = straight_line(batch.initial, batch.goal, batch.problem.nodes)
     return project_to_flyable(states, batch.initial, batch.goal, batch.problem)
 

@@ -53,7 +53,6 @@ def _number(given: Any) -> Any:
 
 
 def _utc(given: Any) -> datetime:
-    """An epoch as a file has it."""
     try:
         epoch = datetime.fromisoformat(given)
     except (TypeError, ValueError):

@@ -149,7 +149,6 @@ def open_folder(where: Where | Folder) -> Folder:
 
 
 def _local_path(url: str) -> Path:
-    """The path in a file:// URL."""
     host, slash, path = url.partition("://")[2].partition("/")
     if host.lower() not in ("", "localhost") or not slash:
         raise InputError(

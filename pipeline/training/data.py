@@ -36,7 +36,6 @@ def fresh_draws(family: str, seed: int, n: int, problem: Problem, count: int) ->
 def _drawn(
     family: str, seed: int, n: int, problem: Problem, which: range, progress: Progress = SILENT
 ) -> Examples:
-    """The training scenarios of some indices."""
     ends = []
     progress.expect(len(which))
     for index in which:

@@ -189,7 +189,6 @@ class Refiner:
 
 
 def _options(**changes: Any) -> dict[str, Any]:
-    """A recipe's options, as plain JSON values."""
     return LossSettings(**changes).model_dump(mode="json")
 
 

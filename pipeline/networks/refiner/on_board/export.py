@@ -247,7 +247,6 @@ def export_craft(
 
 
 def _write(step: Step, message: int, path: Path, about: Mapping[str, Any]) -> None:
-    """The file of a step."""
     sizes = sizes_of(step.problem.nodes, message, ANY["P"], ANY["Q"])
     inputs, gives = step.takes, outputs(type(step))
     axes = {
