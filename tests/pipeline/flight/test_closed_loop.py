@@ -161,7 +161,7 @@ def test_where_craft_are_too_close_already_the_least_unsafe_plan_flies_and_is_co
     initial = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 10.0, 0.0, 0.0, 0.0, 0.0]])
     goal = np.array([[0.0, 150.0, 0.0, 0.0, 0.0, 0.0], [0.0, -150.0, 0.0, 0.0, 0.0, 0.0]])
     scenario = Scenario(problem, initial, goal)
-    own = named_planner("own-LP").plan([scenario])[0]
+    own = named_planner("decoupled-optimum").plan([scenario])[0]
     guide = closed(scenario, own, trials=3)
     flown(scenario, guide, Errors(), trials=3)  # the first interval is as planned, to 2 m or so
     assert (guide.unsafe >= 1).all()
