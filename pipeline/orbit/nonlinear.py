@@ -12,9 +12,13 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
+from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.chebyshev import INTEGRAL, POINTS
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
+from pipeline.orbit.nearest import nearest
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.separation import Separation
 
 CONVERGED = 1e-9  # largest change of a position in the last iteration, m
 ITERATIONS = 40
@@ -52,6 +56,30 @@ def flown_arcs(
             )
         state = found[:, flown.stop - 1, -1, -1]
     return found
+
+
+def fly_in_world(
+    initial: Formation, controls: Controls, problem: Problem
+) -> tuple[States, Separation]:
+    """Node states of controls (m/s²) about a problem's reference orbit, and how close craft come.
+
+    ``fly`` and ``least_separation`` are the same in linear motion. The separation is at any time.
+    """
+    arcs = _arcs(initial, controls, problem)
+    states = np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
+    pieces = arcs.reshape(1, len(initial), -1, *arcs.shape[3:])
+    return states, nearest(pieces, 0.0, problem.duration).separation()
+
+
+def ends_in_world(initial: Formation, controls: Controls, problem: Problem) -> Formation:
+    """The last states alone of the same flight."""
+    return _arcs(initial, controls, problem)[:, -1, -1, -1]
+
+
+def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
+    dynamics = problem.dynamics
+    assert isinstance(dynamics, LinearizedDynamics)  # only about a reference orbit
+    return flown_arcs(dynamics, initial, controls, dynamics.orbit.ballistics(len(initial)))
 
 
 def _window(

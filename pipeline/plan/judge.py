@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.arrays import Controls
+from pipeline.orbit.nonlinear import fly_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
@@ -35,16 +36,27 @@ def planned_all(
     scenarios: Sequence[Scenario],
     made: Sequence[Made],
     requirements: Requirements = AT_ALL_TIMES,
+    *,
+    as_flown: bool = False,
 ) -> list[Plan]:
-    """The plans of a planner's controls for scenarios of one problem, with their status."""
+    """The plans of a planner's controls for scenarios of one problem, with their status.
+
+    As flown, they are flown about the problem's reference orbit; else motion is linear.
+    """
     if not scenarios:
         return []
-    started = perf_counter()
+    started, closest = perf_counter(), None
     problem = shared_problem(scenarios)
-    controls = with_coasts(np.concatenate([one.controls for one in made]), problem)
-    states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
+    controls = np.concatenate([one.controls for one in made])
+    if as_flown:
+        both = zip(scenarios, made, strict=True)
+        flights = [fly_in_world(s.initial, one.controls, problem) for s, one in both]
+        states, closest = np.concatenate([s for s, _ in flights]), [apart for _, apart in flights]
+    else:
+        controls = with_coasts(controls, problem)
+        states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    certificates = certify(scenarios, states, controls, bounds, requirements)
+    certificates = certify(scenarios, states, controls, bounds, requirements, closest)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
@@ -52,15 +64,21 @@ def planned_all(
     for scenario, one, flown, burned, found in zip(scenarios, made, *parts, strict=True):
         timing = {**one.timing, "certificate": each}
         made_so = planner, SOLVED, flown, burned, found, one.convex_solves, timing
-        plans.append(judged(Plan(scenario, *made_so, separation=requirements.separation)))
+        plan = Plan(scenario, *made_so, separation=requirements.separation, as_flown=as_flown)
+        plans.append(judged(plan))
     return plans
 
 
 def planned(
-    planner: str, scenario: Scenario, made: Made, requirements: Requirements = AT_ALL_TIMES
+    planner: str,
+    scenario: Scenario,
+    made: Made,
+    requirements: Requirements = AT_ALL_TIMES,
+    *,
+    as_flown: bool = False,
 ) -> Plan:
     """The plan of one scenario, as in ``planned_all``."""
-    return planned_all(planner, [scenario], [made], requirements)[0]
+    return planned_all(planner, [scenario], [made], requirements, as_flown=as_flown)[0]
 
 
 def judged(plan: Plan) -> Plan:
@@ -113,8 +131,12 @@ def is_safe(
 
 def check_states(plan: Plan) -> None:
     """Refuse a plan whose states start elsewhere or break the dynamics with an InputError."""
-    defect = dynamics_defect(plan.states, plan.controls, plan.scenario.problem)[..., :3]
-    start = (plan.states[:, 0] - plan.scenario.initial)[:, :3]
+    problem, initial = plan.scenario.problem, plan.scenario.initial
+    if plan.as_flown:
+        defect = (plan.states - fly_in_world(initial, plan.controls, problem)[0])[..., :3]
+    else:
+        defect = dynamics_defect(plan.states, plan.controls, problem)[..., :3]
+    start = (plan.states[:, 0] - initial)[:, :3]
     off = max(float(np.abs(defect).max()), float(np.abs(start).max()))
     if not off <= POSITION_TOLERANCE:
         raise InputError(

@@ -66,6 +66,8 @@ class Plan:
         message: why, where the status is not SOLVED.
         assignment: who takes which of the given goals, where that was chosen.
         separation: when craft were to be kept apart: at all times, or at the nodes only.
+        as_flown: whether states and certificate are of the nonlinear flight about the problem's
+            reference orbit, or of linear motion.
     """
 
     scenario: Scenario
@@ -79,6 +81,7 @@ class Plan:
     message: str = ""
     assignment: Assignment | None = None
     separation: Separation = "continuous"
+    as_flown: bool = False
 
     def __repr__(self) -> str:
         """Who made it, its status, cost and closest approach; without the arrays."""

@@ -50,7 +50,8 @@ def recheck(claimed: Plan) -> Rechecked:
         )
     bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
     made = Made(claimed.controls, *bound, claimed.convex_solves)
-    flown = planned(claimed.planner, claimed.scenario, made, claimed.requirements)
+    asked = claimed.scenario, made, claimed.requirements
+    flown = planned(claimed.planner, *asked, as_flown=claimed.as_flown)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])

@@ -12,6 +12,7 @@ from pipeline.expert import FIRST_SAFE, Settings, nominal_plans, within_risk
 from pipeline.expert.batch import Batch
 from pipeline.networks.document import TrainedNetwork
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
 from pipeline.planners.certified import certified, stacked_ends
@@ -140,11 +141,15 @@ def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
     """
     field = _other_field(model, problem)
     if field is not None:
+        there, known = (_written(getattr(one, field)) for one in (problem, model.problem))
         raise InputError(
-            f"{where} has {field} {getattr(problem, field):.9g} and the network "
-            f"{model.architecture} was trained with {getattr(model.problem, field):.9g}; expected "
-            "the same: take data of this kind or other models."
+            f"{where} has {field} {there} and the network {model.architecture} was trained with "
+            f"{known}; expected the same: take data of this kind or other models."
         )
+
+
+def _written(value: float | ReferenceOrbit | None) -> str:
+    return f"{value:.9g}" if isinstance(value, int | float) else str(value or "a circle")
 
 
 def _other_field(model: TrainedNetwork, problem: Problem) -> str | None:
@@ -152,4 +157,4 @@ def _other_field(model: TrainedNetwork, problem: Problem) -> str | None:
     for name in ("nodes", "time_step", "mean_motion"):
         if not isclose(getattr(problem, name), getattr(model.problem, name), rel_tol=SAME):
             return name
-    return None
+    return None if problem.orbit == model.problem.orbit else "orbit"
