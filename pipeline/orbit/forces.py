@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, ArrayOrNumber
 from pipeline.errors import InputError
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
@@ -41,7 +41,7 @@ class Atmosphere:
     density: float  # there, kg/m³
     scale: float  # height in which it falls to 1/e, m
 
-    def density_at(self, height: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    def density_at(self, height: Float[ArrayOrNumber, "*batch"]) -> Float[ArrayOrNumber, "*batch"]:
         """Density in kg/m³ at heights in m."""
         return self.density * np.exp((self.base - height) / self.scale)
 

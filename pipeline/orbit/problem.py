@@ -52,6 +52,11 @@ class Problem:
     def __post_init__(self) -> None:
         """Refuse values out of range."""
         check_mean_motion(self.mean_motion)
+        if self.orbit is not None and self.mean_motion != self.orbit.mean_motion:
+            raise InputError(
+                f"mean_motion is {self.mean_motion:.9g} rad/s; expected that of its orbit, "
+                f"{self.orbit.mean_motion:.9g} rad/s: use about."
+            )
         for name, (least, most) in RANGES.items():
             value = getattr(self, name)
             if name == "max_acceleration" and value is None:

@@ -23,6 +23,7 @@ from pipeline.orbit.inertial import Elements
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 
 MOST_ECCENTRIC = 0.85
+MOST_TURNS = 10_000  # revolutions after the epoch by which a plan begins
 MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
 TOLERANCE = 1e-9  # of a step along the reference, m; of velocities, in m/s, a thousandth of it
 RELATIVE = 2.3e-14  # tolerance: the least that scipy accepts
@@ -71,6 +72,7 @@ class ReferenceOrbit:
             )
         if self.ballistic is not None:
             atmosphere_near(perigee)  # refuses what is below all layers
+        check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)
 
     @property
     def mean_motion(self) -> float:

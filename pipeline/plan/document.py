@@ -14,7 +14,13 @@ from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import Separation
 from pipeline.scenario import Scenario
-from pipeline.scenario.document import Number, ScenarioDocument, State, document_of
+from pipeline.scenario.document import (
+    Number,
+    OrbitDocument,
+    ScenarioDocument,
+    State,
+    document_of,
+)
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
@@ -63,6 +69,12 @@ class PlanDocument(BaseModel):
         "nodes only. Left out where it is continuous.",
     )
 
+    world: OrbitDocument | None = Field(
+        None,
+        description="The scenario's orbit, where the plan is as flown about it in all terms of "
+        "gravity, J2 and drag; left out where states are of linear motion.",
+    )
+
     @field_validator("certificate", mode="before")
     @classmethod
     def _written_out(cls, given: Any) -> Any:
@@ -83,13 +95,17 @@ class PlanDocument(BaseModel):
         rows = [{len(craft) for craft in part} for part in (self.states, self.controls)]
         if len(self.controls) != n or rows != [{T}, {T - 1}]:
             raise ValueError(f"give each of {n} craft {T} states and {T - 1} controls")
+        if self.world is not None and (asked is None or asked.orbit != self.world):
+            raise ValueError("world is another orbit than the scenario's: plan again")
         if self.assignment is not None and sorted(self.assignment.slots) != [*range(n)]:
             raise ValueError(f"assignment.slots is no order of the {n} goals")
         return self
 
     def plan(self, scenario: Scenario) -> Plan:
         """The plan that the other fields describe, for the scenario."""
-        given: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(Plan)}
+        names = {field.name for field in fields(Plan)} - {"as_flown"}
+        given: dict[str, Any] = {name: getattr(self, name) for name in names}
+        given["as_flown"] = self.world is not None
         arrays = {name: np.array(given[name]) for name in ("states", "controls")}
         return Plan(**given | arrays | {"scenario": scenario})
 
@@ -98,7 +114,11 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     """The fields of a plan file; what is infinite or absent becomes null."""
     problem = plan.scenario.problem
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
-    asked = {"separation": plan.separation} if plan.separation == "nodes" else {}
+    asked: dict[str, Any] = {}
+    if plan.separation == "nodes":
+        asked["separation"] = plan.separation
+    if plan.as_flown and problem.orbit is not None:
+        asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
     claims = asdict(plan.certificate)
     given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) is not None}
     for name, value in claims.items():

@@ -148,7 +148,7 @@ def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
         )
 
 
-def _written(value: float | ReferenceOrbit | None) -> str:
+def _written(value: float | int | ReferenceOrbit | None) -> str:
     return f"{value:.9g}" if isinstance(value, int | float) else str(value or "a circle")
 
 

@@ -26,6 +26,7 @@ from pipeline.files import stem_of
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
+from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 from pipeline.scenario.validation import check
@@ -187,6 +188,41 @@ class ReferenceDocument(BaseModel):
     )
 
 
+class OrbitDocument(BaseModel):
+    """The reference orbit, and the forces on all craft, where they are not a circle's alone.
+
+    Osculating elements at the first node. Angles refer to the Earth's mean equator and equinox of
+    J2000 (EME2000).
+    """
+
+    model_config = _strict()
+
+    semi_major_axis: Positive = Field(description="Semi-major axis, m.")
+    eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Of the osculating orbit.")
+    inclination_deg: Number = Field(0.0, ge=0, le=180, description="Inclination, deg.")
+    raan_deg: Number = Field(0.0, description="Right ascension of the ascending node, deg.")
+    argument_of_perigee_deg: Number = Field(0.0, description="From the ascending node, deg.")
+    argument_of_latitude_deg: Number = Field(
+        0.0, description="From the ascending node to the LVLH frame's origin, deg."
+    )
+    j2: bool = Field(True, description="Whether the Earth is oblate.")
+    ballistic: Positive | None = Field(
+        None, description="Mean C_D A/m of the swarm, m²/kg; null for no drag."
+    )
+    spread: Number = Field(
+        0.0, description="By what share of it the first craft has less, and the last more."
+    )
+
+    @classmethod
+    def of(cls, orbit: ReferenceOrbit) -> "OrbitDocument":
+        """The fields of an orbit at its epoch."""
+        return cls(**{name: getattr(orbit, name) for name in cls.model_fields})
+
+    def orbit(self) -> ReferenceOrbit:
+        """The orbit."""
+        return ReferenceOrbit(**self.model_dump())
+
+
 class ScenarioDocument(BaseModel):
     """What a swarm is asked to do: where each craft starts, and where it must be at the end.
 
@@ -204,6 +240,9 @@ class ScenarioDocument(BaseModel):
     )
     altitude: Positive | None = Field(
         None, description="Of the circular reference orbit above the Earth's equatorial radius, m."
+    )
+    orbit: OrbitDocument | None = Field(
+        None, description="A reference orbit that is no circle, or has perturbations."
     )
     time_step: Positive = Field(
         Problem.time_step, description="Length of an interval of constant control, s."
@@ -225,8 +264,9 @@ class ScenarioDocument(BaseModel):
 
     @model_validator(mode="after")
     def _one_orbit(self) -> "ScenarioDocument":
-        if (self.mean_motion is None) == (self.altitude is None):
-            raise ValueError("give one of mean_motion (rad/s) and altitude (m)")
+        given = [one for one in (self.mean_motion, self.altitude, self.orbit) if one is not None]
+        if len(given) != 1:
+            raise ValueError("give one of mean_motion (rad/s), altitude (m) and orbit")
         return self
 
     @property
@@ -238,7 +278,12 @@ class ScenarioDocument(BaseModel):
     def scenario(self, name: str) -> Scenario:
         """The scenario that the fields describe."""
         grid, limits = (self.time_step, self.nodes), (self.collision_radius, self.max_acceleration)
-        problem = Problem(self.mean_motion or mean_motion_at(self.altitude or 0.0), *grid, *limits)
+        if self.orbit is not None:
+            orbit = self.orbit.orbit()
+            problem = Problem(orbit.mean_motion, *grid, *limits, orbit)
+        else:
+            mean_motion = self.mean_motion or mean_motion_at(self.altitude or 0.0)
+            problem = Problem(mean_motion, *grid, *limits)
         initial, goal = (_end_states(end, problem.mean_motion) for end in (self.initial, self.goal))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         return Scenario(problem, initial, goal, name=name, reference=where)
@@ -269,9 +314,13 @@ def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
 
 def document_of(scenario: Scenario) -> dict[str, Any]:
     """The fields of a scenario file, with raw states at both ends."""
+    problem = scenario.problem.document()
+    if scenario.problem.orbit is not None:  # of which the mean motion follows
+        del problem["mean_motion"]
+        problem["orbit"] = OrbitDocument.of(scenario.problem.orbit).model_dump()
     fields = {
         "schema": SCHEMA,
-        **scenario.problem.document(),
+        **problem,
         "initial": scenario.initial.tolist(),
         "goal": scenario.goal.tolist(),
     }

@@ -1,12 +1,12 @@
 """The nonlinear world against Kepler, secular rates, derivatives and the propagator of brahe."""
 
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 
 import brahe
 import numpy as np
 import pytest
+from by_brahe import acceleration_by_brahe, flown_by_brahe
 from scipy.integrate import solve_ivp
 
 from pipeline.errors import InputError, ProlearnError
@@ -251,44 +251,6 @@ def test_the_air_is_that_of_the_layer():
         atmosphere_near(90e3)
 
 
-def acceleration_by_brahe(state, j2, air, ballistic):
-    """Of the forces of brahe, whose constants of gravity are a little different."""
-    total = brahe.accel_point_mass_gravity(state[:3], np.zeros(3), MU_EARTH)
-    if j2:
-        zonal = brahe.accel_earth_zonal_gravity(state[:3], 2)
-        zonal = zonal - brahe.accel_point_mass_gravity(state[:3], np.zeros(3), brahe.GM_EARTH)
-        ours = J2 * MU_EARTH * R_EARTH**2
-        total = total + zonal * ours / (brahe.J2_EARTH * brahe.GM_EARTH * brahe.R_EARTH**2)
-    if air is not None:
-        height = np.linalg.norm(state[:3]) - R_EARTH
-        density = air.density * np.exp(-(height - air.base) / air.scale)
-        total = total + brahe.accel_drag(state, density, 1.0, ballistic, 1.0, np.eye(3))
-    return total
-
-
-def by_brahe(start, pushes, forces, ballistics, step):
-    """Chief and deputy after all arcs, integrated together by brahe's RKF78; inertial."""
-
-    def motion(_, both, push):
-        chief, deputy = both[:6], both[6:]
-        thrust = brahe.rotation_rtn_to_eci(chief) @ push
-        a, b = (
-            acceleration_by_brahe(one, *forces, held)
-            for one, held in zip((chief, deputy), ballistics, strict=True)
-        )
-        return np.concatenate([chief[3:], a, deputy[3:], b + thrust])
-
-    config = brahe.IntegratorConfig.adaptive(abs_tol=1e-9, rel_tol=1e-14)
-    both = start
-    for push in pushes:
-        integrator = brahe.RKF78Integrator(12, partial(motion, push=push), config=config)
-        done = 0.0
-        while done < step:
-            result = integrator.step(done, both, min(10.0, step - done))
-            both, done = result.state, done + result.dt_used
-    return both
-
-
 @pytest.mark.parametrize("dragged", [False, True], ids=["no drag", "drag"])
 @pytest.mark.parametrize("j2", [False, True], ids=["two bodies", "J2"])
 def test_brahe_agrees_over_a_transfer(j2, dragged):
@@ -303,7 +265,7 @@ def test_brahe_agrees_over_a_transfer(j2, dragged):
     for craft in (0, 2):
         start = np.concatenate([chief, chief + frame.to_inertial(RING[craft])])
         held = (0.02, coefficients[craft])
-        end = by_brahe(start, PUSHES[:, craft], (j2, air), held, 120.0)
+        end = flown_by_brahe(start, PUSHES[:, craft], (j2, air), held, 120.0)
         relative = brahe.state_eci_to_rtn(end[:6], end[6:])
         assert np.abs(world.orbit.states(np.array([1200.0]))[0] - end[:6])[:3].max() < 1e-5
         assert np.abs(relative[:3] - states[craft, :3]).max() < 1e-6

@@ -1,0 +1,194 @@
+"""Linear relative motion by other roads than the product's.
+
+About a Keplerian orbit in closed form (Yamanaka and Ankersen 2002, "New state transition matrix for
+relative motion on an arbitrary elliptical orbit"); about any orbit by an integrator, from forces
+whose derivatives are complex steps. Axes are LVLH (x radial, y along-track, z cross-track).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+MU = 398600.4418e9
+"""Of the Earth, m³/s²; as all constants here, those of EGM96 and WGS84."""
+
+RADIUS = 6378137.0
+"""Of the Earth at the equator, m."""
+
+J2 = 1.0826266836e-3
+
+TURN = 7.292115e-5
+"""Of the Earth, rad/s."""
+
+STEP = 1e-30
+"""Of complex derivatives, as a share."""
+
+Air = tuple[float, float, float]
+"""Height of a known density, m, that density, kg/m³, and the height in which it falls to 1/e, m."""
+
+
+def true_anomaly(a: float, e: float, begin: float, time: float) -> float:
+    """True anomaly some s after another, rad, by Kepler's equation; whole revolutions counted."""
+    half = np.sqrt((1 - e) / (1 + e))
+    first = begin + 2 * np.arctan2(
+        (half - 1) * np.tan(begin / 2), 1 + half * np.tan(begin / 2) ** 2
+    )
+    mean = first - e * np.sin(first) + np.sqrt(MU / a**3) * time
+    eccentric = mean
+    for _ in range(100):
+        eccentric -= (eccentric - e * np.sin(eccentric) - mean) / (1 - e * np.cos(eccentric))
+    tangent = np.tan(eccentric / 2)
+    return eccentric + 2 * np.arctan2((1 / half - 1) * tangent, 1 + tangent**2 / half)
+
+
+def yamanaka_ankersen(a: float, e: float, begin: float, time: float) -> np.ndarray:
+    """State-transition matrix (6, 6) from a true anomaly, rad, over some s."""
+    end = true_anomaly(a, e, begin, time)
+    momentum = np.sqrt(MU * a * (1 - e**2))
+    k2 = momentum / (a * (1 - e**2)) ** 2
+    to_tilde = _tilde(e, begin, k2)
+    in_plane = _fundamental(e, end, k2 * time) @ np.linalg.inv(_fundamental(e, begin, 0.0))
+    turn = end - begin
+    cross = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    tilde = np.zeros((6, 6))
+    tilde[np.ix_([0, 2, 3, 5], [0, 2, 3, 5])] = in_plane  # of x, z and their derivatives
+    tilde[np.ix_([1, 4], [1, 4])] = cross
+    theirs = np.linalg.inv(_tilde(e, end, k2)) @ tilde @ to_tilde
+    axes = np.zeros((6, 6))  # x along the velocity, y against the momentum, z towards the Earth
+    axes[[0, 1, 2, 3, 4, 5], [1, 2, 0, 4, 5, 3]] = [1, -1, -1, 1, -1, -1]
+    return axes.T @ theirs @ axes
+
+
+def _fundamental(e: float, anomaly: float, j: float) -> np.ndarray:
+    """Four solutions of the in-plane motion as columns; rows x̃, z̃ and their derivatives."""
+    sin, cos = np.sin(anomaly), np.cos(anomaly)
+    rho = 1 + e * cos
+    s, c = rho * sin, rho * cos
+    ds, dc = cos + e * np.cos(2 * anomaly), -(sin + e * np.sin(2 * anomaly))
+    return np.array(
+        [
+            [1, -c * (1 + 1 / rho), s * (1 + 1 / rho), 3 * rho**2 * j],
+            [0, s, c, 2 - 3 * e * s * j],
+            [0, 2 * s, 2 * c - e, 3 * (1 - 2 * e * s * j)],
+            [0, ds, dc, -3 * e * (ds * j + s / rho**2)],
+        ]
+    )
+
+
+def _tilde(e: float, anomaly: float, k2: float) -> np.ndarray:
+    """From positions and velocities to those scaled by ρ, per radian of true anomaly."""
+    rho = 1 + e * np.cos(anomaly)
+    scaled = np.array([[rho, 0.0], [-e * np.sin(anomaly), 1 / (k2 * rho)]])
+    return np.kron(scaled, np.eye(3))
+
+
+def forced(a: float, e: float, begin: float, time: float) -> np.ndarray:
+    """What a held acceleration comes to over some s, (6, 3): ∫ Φ(T, t) (0, I) dt by quadrature."""
+    at, weight = np.polynomial.legendre.leggauss(20)
+    parts = max(1, int(np.ceil(10 * time * np.sqrt(MU / a**3))))
+    middles = (np.arange(parts) + 0.5) / parts
+    total = np.zeros((6, 3))
+    for share, w in zip(
+        (middles[:, None] + at / 2 / parts).ravel(), np.tile(weight, parts), strict=True
+    ):
+        later = true_anomaly(a, e, begin, share * time)
+        columns = yamanaka_ankersen(a, e, later, (1 - share) * time)[:, 3:]
+        total += w * time / 2 / parts * columns
+    return total
+
+
+def pull(state: np.ndarray, j2: bool, ballistic: float = 0.0, air: Air | None = None) -> np.ndarray:
+    """Acceleration at inertial states (..., 6), which may be complex, m/s²."""
+    r = np.moveaxis(state[..., :3], -1, 0)
+    far = _length(r)
+    total = -MU * r / far**3
+    if j2:  # the gradient of -(μ J2 R²/2) (3 z²/r² - 1)/r³
+        share, pole = (r[2] / far) ** 2, np.array([0.0, 0.0, 1.0])
+        size = 1.5 * MU * J2 * RADIUS**2 / far**5
+        total = total + size * (
+            (5 * share - 1) * r - 2 * r[2] * np.multiply.outer(pole, 1 + 0 * far)
+        )
+    if air is not None:
+        base, density, scale = air
+        vx, vy, vz = np.moveaxis(state[..., 3:], -1, 0)
+        wind = np.stack([vx + TURN * r[1], vy - TURN * r[0], vz])
+        thick = density * np.exp(-(far - RADIUS - base) / scale)
+        total = total - thick * ballistic / 2 * _length(wind) * wind
+    return np.moveaxis(total, 0, -1)
+
+
+def _length(v: np.ndarray) -> np.ndarray:
+    return np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+
+
+def axes(state: np.ndarray) -> np.ndarray:
+    """LVLH unit vectors of an inertial state, which may be complex, as columns."""
+    r, v = state[:3], state[3:]
+    h = np.cross(r, v)
+    radial, cross = r / _length(r), h / _length(h)
+    return np.stack([radial, np.cross(cross, radial), cross], axis=1)
+
+
+def to_lvlh(state: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """From inertial differences to LVLH ones (6, 6), about a reference's inertial state."""
+    turning = np.concatenate([state[3:], acceleration])
+    both = axes(state + 1j * STEP * turning)
+    turned, rate = both.real.T, both.imag.T / STEP
+    return np.block([[turned, np.zeros((3, 3))], [rate, turned]])
+
+
+def linear_maps(
+    begin: np.ndarray, times: np.ndarray, force: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (k, 6, 6) and B (k, 6, 3) to ascending times, s, and a reference's inertial states there.
+
+    From its state at the beginning. ``force`` is the acceleration at inertial states, which may be
+    complex. Controls are held along the LVLH axes, which turn.
+    """
+    scale = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])[:, None]  # 1 m and 1 mm/s alike
+
+    def motion(_: float, flat: np.ndarray) -> np.ndarray:
+        state, maps = flat[:6], flat[6:].reshape(6, 9) * scale
+        gradient = force(state + 1j * STEP * np.eye(6)).imag.T / STEP
+        rate = np.concatenate([maps[3:], gradient @ maps])
+        rate[3:, 6:] += axes(state)
+        return np.concatenate([state[3:], force(state), (rate / scale).ravel()])
+
+    first = np.linalg.inv(to_lvlh(begin, force(begin)))
+    start = np.concatenate([first, np.zeros((6, 3))], axis=1)
+    flat = np.concatenate([begin, (start / scale).ravel()])
+    solved = solve_ivp(
+        motion, (0.0, times[-1]), flat, method="DOP853", t_eval=times, rtol=1e-13, atol=1e-12
+    )
+    states, maps = solved.y[:6].T, solved.y[6:].T.reshape(-1, 6, 9) * scale
+    seen = np.stack([to_lvlh(one, force(one)) for one in states]) @ maps
+    return seen[..., :6], seen[..., 6:], states
+
+
+def linear_flight(
+    begin: np.ndarray,
+    step: float,
+    intervals: int,
+    parts: int,
+    force: Callable[[np.ndarray], np.ndarray],
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """What flies craft about a reference: states (..., 6) and controls (..., intervals, 3).
+
+    Its result is their states at equal parts of all intervals, (..., intervals, parts + 1, 6).
+    """
+    tables, times = [], np.linspace(0.0, step, parts + 1)
+    for _ in range(intervals):
+        free, forced, states = linear_maps(begin, times, force)
+        tables.append(np.concatenate([free, forced], axis=-1))
+        begin = states[-1]
+
+    def fly(states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        flown = []
+        for k, table in enumerate(tables):
+            given = np.concatenate([states, controls[..., k, :]], axis=-1)
+            flown.append(np.einsum("qij,...j->...qi", table, given))
+            states = flown[-1][..., -1, :]
+        return np.stack(flown, axis=-3)
+
+    return fly
