@@ -1,6 +1,7 @@
 """The command that plans a scenario of one's own."""
 
 from collections.abc import Iterator
+from dataclasses import fields, replace
 from itertools import groupby, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,23 +9,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.app import not_over, told_if_stopped, within_memory
-from cli.options import with_settings
+from cli.options import refuse, with_settings
 from cli.output import beside, print_json, stdout_free
 from cli.plan_table import print_plans
 from cli.progress import progress
-from cli.settings import AsJson, Planning, RiskSettings, flag, option
+from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.files import STDIO, stem_of
 
 if TYPE_CHECKING:
     from pipeline.scenario import Scenario
 
+CONDITIONS = tuple(field.name for field in fields(FlightConditions))
 TOGETHER = 50
 """Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
 
 
 @with_settings
 def plan(
+    context: typer.Context,
     scenarios: Annotated[list[Path], typer.Argument(help="Scenario files; - is standard input.")],
     out: Annotated[Path, option("Plan file, - for standard output, or a folder for several.")],
     *,
@@ -41,6 +44,11 @@ def plan(
             metavar="ORBITS",
         ),
     ] = None,
+    world: Annotated[
+        bool,
+        flag("--world", "Plan for the flight about an oblate Earth, with the conditions below."),
+    ] = False,
+    conditions: FlightConditions,
     as_json: AsJson = False,
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
@@ -70,6 +78,11 @@ def plan(
     plan and then drift on from their goals. Where the two ends alone forbid it the plan is said
     to be infeasible, with the pair and the time.
 
+    With `--world` the plan is made for the flight that `prolearn fly` flies, about an orbit with
+    eccentricity, J2 and, if asked for, drag: there it meets every goal to a micrometre and keeps
+    craft apart, proven. The conditions are those of `fly`, or the scenario's own orbit. The gap is
+    to the least fuel of linear programs about that flight.
+
     Examples:
 
         prolearn plan scenario.json --planner expert --out plan.json
@@ -80,6 +93,8 @@ def plan(
         prolearn plan s.json --risk 1e-3 --navigation-sigma 0.2 --out p.json
         prolearn plan s.json --risk 0.01 --thrust-sigma 0.01 --out p.json
         prolearn plan scenario.json --passive-safety 1 --out plan.json
+        prolearn plan scenario.json --world --out plan.json
+        prolearn plan s.json --world --eccentricity 0.01 --out p.json
         prolearn plan a.json b.json --json --out plans/
         prolearn plan - --out p.json
     """
@@ -87,16 +102,22 @@ def plan(
     from pipeline.orbit.dynamics import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
+    from pipeline.planners.as_flown import AsFlown
     from pipeline.scenario.document import read_checked
 
+    if not world:
+        refuse(context, CONDITIONS, "without --world; expected both, or neither: add --world.")
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
         not_over(path, target)
     asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
+    if world:
+        asked = [_in_world(one, context, conditions) for one in asked]
     requirements = Requirements(planning.separation, passive_safety, risk.limit())
     chosen = planner_of(
         planning.planner, requirements, planning.effort, raw=raw, assignment=planning.assignment
     )
+    chosen = AsFlown(chosen) if world else chosen
     rows: list[dict[str, Any]] = []
 
     def kept() -> str:
@@ -110,12 +131,24 @@ def plan(
                 write_plan(target, made)
                 problem = made.scenario.problem
                 off = model_error(made.states, problem.mean_motion, problem.duration).total
+                off = 0.0 if world else off
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
                 rows.append({"scenario": str(path), "plan": str(target), **summary(made), **more})
                 shown.done()
     with beside(not to_people):
         print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
+
+
+def _in_world(
+    scenario: "Scenario", context: typer.Context, conditions: FlightConditions
+) -> "Scenario":
+    """The scenario about its own orbit, or the one of the conditions."""
+    if scenario.problem.orbit is not None:
+        refuse(context, CONDITIONS, "and the scenario has an orbit of its own: leave it out.")
+        return scenario
+    orbit = conditions.about(scenario.reference).orbit(scenario.problem)
+    return replace(scenario, problem=scenario.problem.about(orbit))
 
 
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":

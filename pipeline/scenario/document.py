@@ -28,7 +28,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.orbit.rings import pro_states
-from pipeline.scenario.scenario import MOST_CRAFT, Scenario
+from pipeline.scenario.scenario import MOST_CRAFT, Ends, Scenario
 from pipeline.scenario.validation import check
 
 SCHEMA = "prolearn.scenario/1"
@@ -198,7 +198,7 @@ class OrbitDocument(BaseModel):
     model_config = _strict()
 
     semi_major_axis: Positive = Field(description="Semi-major axis, m.")
-    eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Of the osculating orbit.")
+    eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Osculating.")
     inclination_deg: Number = Field(0.0, ge=0, le=180, description="Inclination, deg.")
     raan_deg: Number = Field(0.0, description="Right ascension of the ascending node, deg.")
     argument_of_perigee_deg: Number = Field(0.0, description="From the ascending node, deg.")
@@ -261,6 +261,11 @@ class ScenarioDocument(BaseModel):
     reference: ReferenceDocument | None = Field(
         None, description="Where and when the reference orbit is, for files in inertial frames."
     )
+    ends: Ends = Field(
+        "passive",
+        description="passive: both ends are on orbits that do not drift; any: as in a rendezvous, "
+        "they may.",
+    )
 
     @model_validator(mode="after")
     def _one_orbit(self) -> "ScenarioDocument":
@@ -286,7 +291,7 @@ class ScenarioDocument(BaseModel):
             problem = Problem(mean_motion, *grid, *limits)
         initial, goal = (_end_states(end, problem.mean_motion) for end in (self.initial, self.goal))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
-        return Scenario(problem, initial, goal, name=name, reference=where)
+        return Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
 
     def scenario_of(self, path: Path) -> Scenario:
         """The scenario, whose InputErrors name the file."""
@@ -324,6 +329,8 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
         "initial": scenario.initial.tolist(),
         "goal": scenario.goal.tolist(),
     }
+    if scenario.ends != "passive":
+        fields["ends"] = scenario.ends
     if scenario.reference is None:
         return fields
     epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,9 @@ FURTHEST, FASTEST = 1e9, 1e6
 RELATIVE = 0.1  # share of the reference orbit's radius beyond which no motion is relative
 
 
+Ends = Literal["passive", "any"]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Scenario:
     """Initial and goal states of a swarm, with the problem they belong to.
@@ -29,6 +33,7 @@ class Scenario:
         family: the family it was drawn from, or "custom".
         name: in files and tables.
         reference: epoch and attitude of the reference orbit, or None; not used in planning.
+        ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
     """
 
     problem: Problem
@@ -37,6 +42,7 @@ class Scenario:
     family: str = "custom"
     name: str = ""
     reference: Reference | None = None
+    ends: Ends = "passive"
 
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""

@@ -1,7 +1,7 @@
 """Validation of a scenario: every fault with its size, and what is fine, in words."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from math import ceil, floor, log10
 
 import numpy as np
@@ -54,20 +54,28 @@ class Diagnostic:
 
 def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     """All that is wrong with a scenario, and what is fine."""
-    ends = {"initial": scenario.initial, "goal": scenario.goal}
     rules = (_apart, _matched, _passive)
-    found = [rule(end, states, scenario.problem) for end, states in ends.items() for rule in rules]
+    found = [rule(*end) for end in _ends(scenario) for rule in rules]
+    if scenario.ends == "any":
+        found = [replace(one, cases=()) if one.rule == MATCHED else one for one in found]
     return [*found, _reachable(scenario), _linear(scenario)]
+
+
+def _ends(scenario: Scenario) -> Iterator[tuple[str, Formation, Problem]]:
+    """Name and states of both ends, and the problem with its reference where it is then."""
+    problem = scenario.problem
+    yield "initial", scenario.initial, problem
+    yield "goal", scenario.goal, problem.starting_at(problem.intervals)
 
 
 def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     """Refuse formations that no transfer can start from or end in safely.
 
-    InputError where a pair is within the collision radius at either end or, unless ``allow_drift``,
-    a state is not energy-matched (Eq. 3).
+    InputError where a pair is within the collision radius at either end or, unless ``allow_drift``
+    or the scenario's ends are any, a state is not energy-matched (Eq. 3).
     """
-    problem = scenario.problem
-    for end, states in {"initial": scenario.initial, "goal": scenario.goal}.items():
+    allow_drift = allow_drift or scenario.ends == "any"
+    for end, states, problem in _ends(scenario):
         close = _apart(end, states, problem)
         for case in close.cases:
             raise InputError(
@@ -76,9 +84,19 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
             )
         for case in () if allow_drift else _matched(end, states, problem).cases:
             raise InputError(
-                f"{case.text}; expected 0 within {ENERGY_TOLERANCE:g} m/s (energy matching): "
+                f"{case.text}; expected 0 within {_tolerance(problem)} (energy matching): "
                 f"set vy to {case.numbers['vy_wanted']:.9g}, or give --allow-drift."
             )
+
+
+def _tolerance(problem: Problem) -> str:
+    circle = problem.orbit is None
+    return f"{ENERGY_TOLERANCE:g} m/s" if circle else f"{_most_drift(problem):.2g} m"
+
+
+def _most_drift(problem: Problem) -> float:
+    """Along-track drift in an orbit that goes with the tolerance, m."""
+    return 6 * np.pi / problem.mean_motion * ENERGY_TOLERANCE
 
 
 def _apart(end: str, states: Formation, problem: Problem) -> Diagnostic:
@@ -109,6 +127,8 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
 
     A craft that drifts does so by -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch.
     """
+    if problem.orbit is not None:
+        return _closed(end, states, problem)
     e = problem.mean_motion
     mismatch = energy_mismatch(states, e)
     off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
@@ -129,6 +149,31 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
         return Diagnostic(MATCHED, end, text, cases, cure)
     text = f"no craft drifts by more than {np.abs(drift).max():.3f} m an orbit"
     return Diagnostic(MATCHED, end, text)
+
+
+def _closed(end: str, states: Formation, problem: Problem) -> Diagnostic:
+    """Whether craft come back to where they were in an orbit of the reference."""
+    faster = np.eye(6)[4]
+    flown = free_drift(np.vstack([states, faster]), problem)[0]
+    moved = flown[:, -1, :3] - flown[:, 0, :3]
+    moved, gained = moved[:-1], moved[-1]
+    drift = np.linalg.norm(moved, axis=1)
+    wanted = states[:, 4] - moved @ gained / (gained @ gained)
+    cases = tuple(
+        Case(
+            (int(k),),
+            f"{end}[{k}] drifts {drift[k]:.4g} m an orbit, least with a vy of {wanted[k]:.9g}",
+            {"drift_per_orbit": float(drift[k]), "vy_wanted": float(wanted[k])},
+        )
+        for k in drift.argsort(kind="stable")[::-1]
+        if drift[k] > _most_drift(problem)
+    )
+    text = f"no craft drifts by more than {drift.max():.3g} m an orbit"
+    if not cases:
+        return Diagnostic(MATCHED, end, text)
+    text = f"craft that drift by more than {_most_drift(problem):.2g} m an orbit: {len(cases)}"
+    cure = 'give them that vy, or say "ends": "any" where they are meant to'
+    return Diagnostic(MATCHED, end, text, cases, cure)
 
 
 def _passive(end: str, states: Formation, problem: Problem) -> Diagnostic:
@@ -201,7 +246,9 @@ def _linear(scenario: Scenario) -> Diagnostic:
     """Whether the linear model is off by less than the collision radius."""
     problem = scenario.problem
     ends = np.concatenate([scenario.initial, scenario.goal])
-    found = model_error(ends, problem.mean_motion, problem.duration)
+    found = model_error(ends, problem.dynamics.fastest, problem.duration)
+    if problem.orbit is not None:
+        found = replace(found, oblateness=0.0)  # is in the linear model
     off = f"about an oblate Earth craft end some {found.total:.2g} m off their goals"
     if found.total <= problem.collision_radius:
         return Diagnostic(LINEAR, "transfer", off)
