@@ -10,7 +10,7 @@ import typer
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, print_table
-from cli.plan_table import closest
+from cli.plan_table import closest, orbit_said
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile
 from pipeline.errors import InputError
@@ -72,6 +72,8 @@ def fly(
     with within_memory():
         made = read_plan(plan)
     about = conditions.about(made.scenario.reference)
+    if made.scenario.problem.orbit is not None:
+        refuse(context, CONDITIONS, "and the plan has an orbit of its own: leave it out.")
     if settings.trials is None:
         _fly_once(plan, made, about, as_json=as_json)
     else:
@@ -83,12 +85,13 @@ def _fly_trials(
 ) -> None:
     from cli.jobs.fly_trials import fly_trials
     from cli.jobs.planner import planner_of
+    from pipeline.flight.conditions import world_of
     from pipeline.flight.loops import refuse_replanning
     from pipeline.flight.world import LinearWorld
 
     scenario, linear = plan.scenario, settings.world == "linear"
     problem = scenario.problem
-    world = LinearWorld(problem.dynamics) if linear else conditions.world(problem, scenario.n)
+    world = LinearWorld(problem.dynamics) if linear else world_of(scenario, conditions)
     errors = errors_of(settings.errors, settings.error or [])
     planner = None
     if settings.replan != "none":
@@ -162,10 +165,8 @@ HEADINGS = (
 def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
     of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
-    held, j2 = of["ballistic"], "with" if of["j2"] else "without"
-    pulled = f"drag of {held:g} m²/kg ± {of['spread']:.0%}" if held else "without drag"
-    orbit = f"Eccentricity {of['eccentricity']:g}, inclination {of['inclination_deg']:g}°"
-    echo(f"{orbit}, {j2} J2, {pulled}.")
+    said = orbit_said(of)
+    echo(said[0].upper() + said[1:])
     near = [k for k, row in enumerate(rows) if (row["min_separation_bound"] or safe + 1) <= safe]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
     echo(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
@@ -178,7 +179,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
         error(row["goal_error"]),
         error(1e3 * row["goal_velocity_error"]),
         MISSING if plan else error(row["added_error"]),
-        MISSING if plan else f"{row['share']:.0%}".replace("-0%", "0%"),
+        MISSING if plan or row["share"] is None else f"{row['share']:.0%}".replace("-0%", "0%"),
         *closest(row),
     ]
 

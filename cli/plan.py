@@ -1,7 +1,7 @@
 """The command that plans a scenario of one's own."""
 
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from itertools import groupby, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -133,7 +133,9 @@ def plan(
                 off = model_error(made.states, problem.mean_motion, problem.duration).total
                 off = 0.0 if world else off
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
-                rows.append({"scenario": str(path), "plan": str(target), **summary(made), **more})
+                of = {"world": asdict(problem.orbit) if world and problem.orbit else None}
+                files = {"scenario": str(path), "plan": str(target)}
+                rows.append({**files, **summary(made), **more, **of})
                 shown.done()
     with beside(not to_people):
         print_json(rows) if as_json else print_plans(rows)

@@ -23,7 +23,7 @@ def cells(row: Row) -> list[str]:
     return [
         number(row["fuel"]),
         number(row["delta_v"]),
-        MISSING if gap is None or not isfinite(gap) else f"{gap:.2%}",
+        MISSING if gap is None or not isfinite(gap) else f"{gap:.2%}".replace("-0.00", "0.00"),
         *closest(row),
         number(1e3 * row["seconds"]),
     ]
@@ -68,9 +68,19 @@ def print_plans(rows: Sequence[Row]) -> None:
             "adrift from: who comes closest to another after a loss of thrust, and the node of the "
             f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
         )
+    if rows[0]["world"]:
+        echo(f"As flown: {orbit_said(rows[0]['world'])}")
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
     echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+
+
+def orbit_said(of: Mapping[str, Any]) -> str:
+    """A reference orbit and its forces in a line, by their names."""
+    held, j2 = of["ballistic"], "with" if of["j2"] else "without"
+    pulled = f"drag of {held:g} m²/kg ± {of['spread']:.0%}" if held else "without drag"
+    orbit = f"eccentricity {of['eccentricity']:g}, inclination {of['inclination_deg']:g}°"
+    return f"{orbit}, {j2} J2, {pulled}."
 
 
 def _print_craft(row: Row) -> None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from pipeline.errors import check_range
-from pipeline.flight.conditions import Conditions
+from pipeline.errors import InputError, check_range
+from pipeline.flight.conditions import Conditions, world_of
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.loops import flight_loops, fly_loops, refuse_replanning
@@ -26,7 +26,7 @@ def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
     Args:
         plan: whose controls are flown.
         conditions: reference orbit and what perturbs it; by default a frozen, sun-synchronous
-            orbit, or that of the scenario's reference.
+            orbit, or that of the scenario's reference. A scenario with an orbit has its own.
 
     Raises:
         InputError: where the controls lead too far away.
@@ -87,7 +87,7 @@ def monte_carlo(
     if replan is not None:
         refuse_replanning(plan)
         planner = planner_from(replan, plan.requirements)
-    world = _conditions(plan, conditions).world(asked.problem, asked.n)
+    world = world_of(asked, _conditions(plan, conditions))
     loops = list(flight_loops(asked, plan.controls, errors, planner, margin))
     flown = fly_loops(asked, world, errors, loops, trials, seed)
     radius = asked.problem.collision_radius
@@ -98,6 +98,11 @@ def monte_carlo(
 def _conditions(plan: Plan, given: Conditions | None) -> Conditions:
     """Those given, or the usual ones about the scenario's reference orbit."""
     reference = plan.scenario.reference
+    if given is not None and plan.scenario.problem.orbit is not None:
+        raise InputError(
+            "the plan has a reference orbit of its own; expected no conditions with it: leave them "
+            "out."
+        )
     if given is not None or reference is None:
         return given or Conditions()
     return Conditions().about(reference)

@@ -14,9 +14,12 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.files import write_text
 from pipeline.orbit.inertial import Elements, lvlh_frame
+from pipeline.orbit.nonlinear import flown_between
 from pipeline.orbit.reference import radius_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.plan import Plan
 from pipeline.plan.judge import check_states
+from pipeline.scenario.document import OrbitDocument
 from pipeline.text import visible
 
 FEWEST = 8  # states of an arc, so that readers that take eight for degree 7 find them
@@ -84,8 +87,12 @@ def thrust_arcs(plan: Plan) -> Arcs:
             "is what epochs in a file tell apart."
         )
     time = microseconds * 1e-6
-    A, B = problem.dynamics.step(time - start, np.arange(problem.intervals)[:, None])
-    relative = np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
+    relative = _relative(plan, time - start)
+    if problem.orbit is not None:
+        origin = problem.orbit.states(time.ravel()).reshape(*time.shape, 6)
+        pull = problem.orbit.acceleration(origin, problem.orbit.ballistic or 0.0)
+        states = origin + lvlh_frame(origin, pull).to_inertial(relative)
+        return Arcs(reference.epoch, microseconds.astype(int), states)
     i, raan, latitude = np.deg2rad(
         [reference.inclination_deg, reference.raan_deg, reference.argument_of_latitude_deg]
     ).tolist()
@@ -96,6 +103,15 @@ def thrust_arcs(plan: Plan) -> Arcs:
     return Arcs(reference.epoch, microseconds.astype(int), states)
 
 
+def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
+    """LVLH states at times since the start of each interval, s."""
+    problem = plan.scenario.problem
+    if plan.as_flown:
+        return flown_between(plan.scenario.initial, plan.controls, problem, time)
+    A, B = problem.dynamics.step(time, np.arange(problem.intervals)[:, None])
+    return np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
+
+
 def _header(plan: Plan, craft: int, created: str) -> Iterator[str]:
     problem = plan.scenario.problem
     planner = visible(plan.planner).encode("ascii", "replace").decode()
@@ -103,11 +119,22 @@ def _header(plan: Plan, craft: int, created: str) -> Iterator[str]:
     about += " Craft are kept apart at the nodes only." * (plan.separation == "nodes")
     yield "CCSDS_OEM_VERS = 2.0"
     yield from (f"COMMENT {line}" for line in wrap(about, LONGEST))
-    yield "COMMENT Relative motion is linear (Clohessy-Wiltshire). It was added to a circular"
-    yield f"COMMENT two-body orbit of mean motion {problem.mean_motion!r} rad/s,"
-    yield f"COMMENT radius {radius_at(problem.mean_motion) / 1e3:.9f} km."
+    if problem.orbit is None:
+        yield "COMMENT Relative motion is linear (Clohessy-Wiltshire). It was added to a circular"
+        yield f"COMMENT two-body orbit of mean motion {problem.mean_motion!r} rad/s,"
+        yield f"COMMENT radius {radius_at(problem.mean_motion) / 1e3:.9f} km."
+    else:
+        motion = "as flown in all terms" if plan.as_flown else "linear"
+        yield f"COMMENT Relative motion is {motion}, about an orbit of osculating elements"
+        yield from (f"COMMENT {line}" for line in wrap(_elements(problem.orbit), LONGEST))
     yield f"CREATION_DATE = {created}"
     yield ORIGINATOR
+
+
+def _elements(orbit: ReferenceOrbit) -> str:
+    """A reference orbit in a comment."""
+    named = OrbitDocument.of(orbit).model_dump()
+    return ", ".join(f"{name} {value}" for name, value in named.items()) + "."
 
 
 def _segment(plan: Plan, arcs: Arcs, craft: int, arc: int, name: str) -> Iterator[str]:

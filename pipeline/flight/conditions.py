@@ -7,6 +7,7 @@ from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.reference_orbit import MOST_BALLISTIC, ReferenceOrbit
+from pipeline.scenario import Scenario
 
 MOST_ECCENTRIC = 0.01  # for which plans for a circular orbit are flown, and separation is bounded
 
@@ -63,3 +64,11 @@ class Conditions:
         """The reference orbit of these conditions, of a problem's mean motion."""
         fields = vars(self) | ({} if self.ballistic else {"spread": 0.0})
         return ReferenceOrbit(radius_at(problem.mean_motion), **fields)
+
+
+def world_of(scenario: Scenario, conditions: Conditions | None) -> NonlinearWorld:
+    """The world about a scenario's own reference orbit, or that of the conditions without one."""
+    problem = scenario.problem
+    if problem.orbit is not None:
+        return NonlinearWorld.of(problem, scenario.n)
+    return (conditions or Conditions()).world(problem, scenario.n)

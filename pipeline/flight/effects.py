@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.flight.conditions import Conditions
+from pipeline.flight.conditions import Conditions, world_of
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
@@ -20,6 +20,7 @@ from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import Separation, node_collisions
 from pipeline.orbit.transfer import fly, fuel
 from pipeline.plan import Plan
+from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.scenario import Scenario
 
 PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
@@ -40,7 +41,7 @@ class Effect:
     nearest: Separation  # the least separation of any pair at any time
     errors: Formation  # state at the end minus goal, m and m/s
     added: Formation  # to the errors by this effect; their sum is the last errors
-    share: float
+    share: float | None  # None where nothing but rounding is left
 
 
 def fly_controls(
@@ -55,12 +56,15 @@ def fly_controls(
     return np.stack(nodes, axis=1), reduce(nearer, closest).separation()
 
 
-def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> list[Effect]:
+def effects(
+    scenario: Scenario, controls: Controls, conditions: Conditions | None = None
+) -> list[Effect]:
     """Fly a plan's controls (m/s²) with one effect more each time, up to all of the conditions.
 
     Effects are added in this order: curvature, two bodies on a circular orbit instead of the
     linear model; eccentricity; J2; drag. What each adds depends on the order by products of two
-    effects, which are small. Those that the conditions lack are left out.
+    effects, which are small. Those that the conditions lack are left out. Of a scenario with a
+    reference orbit of its own, all that the linear model leaves out is curvature.
 
     Raises:
         InputError: where the controls lead too far away, or for conditions without a world.
@@ -76,13 +80,18 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
     added = np.diff(errors, axis=0, prepend=np.zeros((1, *goal.shape)))
     worst = int(norm(errors[-1, :, :3]).argmax())
     last = errors[-1, worst, :3]
-    shares = np.vecdot(added[:, worst, :3], last) / max(float(last @ last), np.finfo(float).tiny)
-    rows = zip(worlds, flights, errors, added, shares.tolist(), strict=True)
+    none = norm(last) <= POSITION_TOLERANCE
+    shares = np.vecdot(added[:, worst, :3], last) / (1.0 if none else float(last @ last))
+    given = [None if none else share for share in shares.tolist()]
+    rows = zip(worlds, flights, errors, added, given, strict=True)
     return [Effect(name, *flight, *rest) for (name, _), flight, *rest in rows]
 
 
-def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, World]]:
+def _worlds(scenario: Scenario, conditions: Conditions | None) -> Iterator[tuple[str, World]]:
     """Worlds by the effect that is new in each."""
+    if conditions is None or scenario.problem.orbit is not None:
+        yield "curvature", world_of(scenario, conditions)
+        return
     bare = replace(conditions, eccentricity=0.0, j2=False, ballistic=None)
     eccentric = replace(bare, eccentricity=conditions.eccentricity)
     steps = {
@@ -113,7 +122,9 @@ def refuse_distance(scenario: Scenario, controls: Controls) -> None:
         )
 
 
-def flight_report(plan: Plan, conditions: Conditions, found: Sequence[Effect]) -> dict[str, Any]:
+def flight_report(
+    plan: Plan, conditions: Conditions | None, found: Sequence[Effect]
+) -> dict[str, Any]:
     """The last flight, with all effects, and under ``effects`` each of them; SI units.
 
     Errors at the goal are distances, of the craft that misses by most. Separations are None for a
@@ -131,7 +142,7 @@ def flight_report(plan: Plan, conditions: Conditions, found: Sequence[Effect]) -
         "separation": plan.separation,
         "safe": safe,
         "collision_radius": problem.collision_radius,
-        "conditions": asdict(conditions),
+        "conditions": asdict(world_of(plan.scenario, conditions).orbit),
         "fuel": used,
         "delta_v": used * problem.time_step,
         **_of(last),

@@ -76,6 +76,20 @@ def ends_in_world(initial: Formation, controls: Controls, problem: Problem) -> F
     return _arcs(initial, controls, problem)[:, -1, -1, -1]
 
 
+def flown_between(
+    initial: Formation, controls: Controls, problem: Problem, time: Float[Array, "K t"]
+) -> Float[Array, "n K t 6"]:
+    """States of the same flight at times since the start of each interval, s."""
+    arcs = _arcs(initial, controls, problem)
+    pieces = arcs.shape[2]
+    along = time / problem.time_step * pieces
+    piece = np.clip(along.astype(int), 0, pieces - 1)
+    weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
+    each = np.arange(len(time))[:, None]
+    found: Float[Array, "n K t 6"] = np.einsum("ktq,nktqs->nkts", weights, arcs[:, each, piece])
+    return found
+
+
 def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
     dynamics = problem.dynamics
     assert isinstance(dynamics, LinearizedDynamics)  # only about a reference orbit

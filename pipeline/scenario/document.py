@@ -223,6 +223,10 @@ class OrbitDocument(BaseModel):
         return ReferenceOrbit(**self.model_dump())
 
 
+# Of both a reference and an orbit
+ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
+
+
 class ScenarioDocument(BaseModel):
     """What a swarm is asked to do: where each craft starts, and where it must be at the end.
 
@@ -272,6 +276,10 @@ class ScenarioDocument(BaseModel):
         given = [one for one in (self.mean_motion, self.altitude, self.orbit) if one is not None]
         if len(given) != 1:
             raise ValueError("give one of mean_motion (rad/s), altitude (m) and orbit")
+        for name in ANGLES if self.orbit and self.reference else ():
+            here, there = getattr(self.reference, name), getattr(self.orbit, name)
+            if here % 360 != there % 360:
+                raise ValueError(f"{name} is {here:g} in reference and {there:g} in orbit")
         return self
 
     @property

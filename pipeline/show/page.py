@@ -28,7 +28,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         planner=claimed.planner,
         n=scenario.n,
         verdict=verdict(shown, claimed.status),
-        certificate=certificate_rows(found, claimed.status),
+        certificate=certificate_rows(shown.plan, claimed.status),
         scenario=scenario_rows(scenario),
         spent=list(zip(found.craft_delta_v, found.craft_delta_v_2norm, strict=True)),
         planning=planner_rows(shown.plan, claimed.status),

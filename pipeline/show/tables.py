@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pipeline.figures.labels import MISSING, error, number
 from pipeline.orbit.reference import R_EARTH, radius_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan, Rechecked
 from pipeline.scenario import Scenario
 
@@ -44,14 +45,16 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
     return Verdict(shown.safe and not shown.faults, headline, tuple(reasons))
 
 
-def certificate_rows(found: Certificate, status: str) -> Rows:
+def certificate_rows(plan: Plan, status: str) -> Rows:
     """The certificate: labels, and numbers with their units."""
+    found = plan.certificate
     gap = f"at most {100 * found.optimality_gap:.2f} %"
     if status == INFEASIBLE:  # no plan keeps to the thrust limit: no optimum to be far from
         gap = MISSING
     elif not math.isfinite(found.optimality_gap):
         gap = "unknown: the bound is no more than rounding"
     return [
+        ("It holds for", _motion(plan)),
         ("Fuel Σ‖u‖₁ (Eq. 4)", f"{found.fuel:.6g} m/s²"),
         ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
         ("No plan needs less fuel than, by the file", f"{found.fuel_lower_bound:.6g} m/s²"),
@@ -64,6 +67,14 @@ def certificate_rows(found: Certificate, status: str) -> Rows:
         ("Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"),
         ("Dynamics violated by, at most", f"{error(found.dynamics_error)} m"),
     ]
+
+
+def _motion(plan: Plan) -> str:
+    """Which motion a certificate is about."""
+    if plan.as_flown:
+        return "the flight about the reference orbit, in all terms"
+    circle = plan.scenario.problem.orbit is None
+    return "linear motion about a circle" if circle else "linear motion about the reference orbit"
 
 
 def _separation_rows(found: Certificate) -> Rows:
@@ -119,8 +130,10 @@ def scenario_rows(scenario: Scenario) -> Rows:
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
     most = problem.max_acceleration
     limit = "none" if most is None else f"{1000 * most:g} mm/s²"
-    altitude = radius_at(problem.mean_motion) - R_EARTH
-    about = f", {number(altitude / 1000)} km above the Earth" if altitude > 0 else ""
+    eccentricity = 0.0 if problem.orbit is None else problem.orbit.eccentricity
+    altitude = radius_at(problem.mean_motion) * (1 - eccentricity) - R_EARTH
+    lowest = "at perigee " if eccentricity else ""
+    about = f", {lowest}{number(altitude / 1000)} km above the Earth" if altitude > 0 else ""
     return [
         ("Craft", str(scenario.n)),
         ("Transfer", f"{problem.duration:g} s in {steps}"),
@@ -128,6 +141,18 @@ def scenario_rows(scenario: Scenario) -> Rows:
         ("Limit on each component of thrust", limit),
         ("Mean motion of the reference orbit", f"{problem.mean_motion:.6g} rad/s"),
         ("Its period", f"{2 * math.pi / problem.mean_motion / 60:.1f} min{about}"),
+        *_orbit_rows(problem.orbit),
+    ]
+
+
+def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
+    """A reference orbit that is no circle, or has perturbations."""
+    if orbit is None:
+        return []
+    drag = "" if orbit.ballistic is None else f", drag of {orbit.ballistic:g} m²/kg"
+    return [
+        ("Eccentricity and inclination", f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°"),
+        ("Forces", f"{'an oblate Earth (J2)' if orbit.j2 else 'two bodies'}{drag}"),
     ]
 
 
