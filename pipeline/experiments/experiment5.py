@@ -149,7 +149,7 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
         Line2D([], [], linestyle="none", marker="o", color=GREY, markerfacecolor=face, label=label)
         for label, face in {"with errors": GREY, "without errors": "white"}.items()
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    figure.legend(handles=handles, loc="outside lower center", ncols=5)
     return figure
 
 
