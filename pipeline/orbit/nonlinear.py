@@ -13,7 +13,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Controls, Formation, States
-from pipeline.orbit.chebyshev import INTEGRAL, POINTS
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import nearest
 from pipeline.orbit.problem import Problem
