@@ -123,8 +123,9 @@ class ReferenceOrbit:
         return gradient
 
     def states(self, times: Float[Array, "k"]) -> Float[Array, "k 6"]:
-        """Inertial states, m and m/s, at ascending times from 0 on, s since the plan's start."""
-        return _states(self, tuple((self.start + times).tolist()))
+        """Inertial states, m and m/s, at times from 0 on, s since the plan's start."""
+        ascending, place = np.unique(self.start + times, return_inverse=True)
+        return _states(self, tuple(ascending.tolist()))[place]
 
 
 @lru_cache(maxsize=32)
