@@ -33,8 +33,6 @@ class TransferMaps:
     drift: Float[Array, "T 6 6"]  # powers of A
     reach: Float[Array, "T 6 m"]  # of the flattened controls on each node's state, m = 3(T-1)
     to_goal: Float[Array, "m 6"]  # pseudo-inverse of reach[T]: the least-energy controls
-    # the controls that fit given node states best while leaving the final state unchanged, (m, 6T)
-    project: Float[Array, "m _"]
 
 
 @lru_cache(maxsize=32)
@@ -48,12 +46,18 @@ def transfer_maps(problem: Problem) -> TransferMaps:
         reach[t] = A[t - 1] @ reach[t - 1]
         reach[t, :, 3 * (t - 1) : 3 * t] = B[t - 1]
     weight = state_weight(problem)
-    scaled = weight[:, None] * reach[-1]
-    to_goal = np.linalg.pinv(scaled) * weight
-    free = np.eye(m) - to_goal @ reach[-1]  # leaves the final state alone
-    fit = (np.tile(weight, T)[:, None] * reach.reshape(6 * T, m)) @ free
-    project = free @ np.linalg.pinv(fit, rcond=1e-12) * np.tile(weight, T)
-    return TransferMaps(drift, reach, to_goal, project)
+    to_goal = np.linalg.pinv(weight[:, None] * reach[-1]) * weight
+    return TransferMaps(drift, reach, to_goal)
+
+
+@lru_cache(maxsize=32)
+def _projection(problem: Problem) -> Float[Array, "m _"]:
+    """To the controls that fit node states, 6T, best while the final state stays as it is."""
+    maps, weight, T = transfer_maps(problem), state_weight(problem), problem.nodes
+    free = np.eye(len(maps.to_goal)) - maps.to_goal @ maps.reach[-1]  # leaves that state alone
+    fit = (np.tile(weight, T)[:, None] * maps.reach.reshape(6 * T, -1)) @ free
+    projected: Float[Array, "m _"] = free @ np.linalg.pinv(fit, rcond=1e-12) * np.tile(weight, T)
+    return projected
 
 
 @lru_cache(maxsize=32)
@@ -161,7 +165,7 @@ def project_to_flyable(
     """
     controls = minimum_energy(initial, goal, problem)
     rest = states - fly(initial, controls, problem)
-    flat = rest.reshape(*rest.shape[:-2], 6 * problem.nodes) @ transfer_maps(problem).project.T
+    flat = rest.reshape(*rest.shape[:-2], 6 * problem.nodes) @ _projection(problem).T
     return meet_goal(initial, controls + flat.reshape(controls.shape), goal, problem)
 
 

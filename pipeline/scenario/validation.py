@@ -57,8 +57,18 @@ def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     rules = (_apart, _matched, _passive)
     found = [rule(*end) for end in _ends(scenario) for rule in rules]
     if scenario.ends == "any":
-        found = [replace(one, cases=()) if one.rule == MATCHED else one for one in found]
+        found = [_meant(one) for one in found]
     return [*found, _reachable(scenario), _linear(scenario)]
+
+
+def _meant(found: Diagnostic) -> Diagnostic:
+    """The outcome where craft are meant to drift."""
+    if found.rule != MATCHED or found.fine:
+        return found
+    most = max(abs(case.numbers["drift_per_orbit"]) for case in found.cases)
+    return Diagnostic(
+        MATCHED, found.end, f"craft drift, as they may, by up to {most:.4g} m an orbit"
+    )
 
 
 def _ends(scenario: Scenario) -> Iterator[tuple[str, Formation, Problem]]:
@@ -249,7 +259,8 @@ def _linear(scenario: Scenario) -> Diagnostic:
     found = model_error(ends, problem.dynamics.fastest, problem.duration)
     if problem.orbit is not None:
         found = replace(found, oblateness=0.0)  # is in the linear model
-    off = f"about an oblate Earth craft end some {found.total:.2g} m off their goals"
+    earth = "about an oblate Earth" if problem.orbit is None else "outside the linear model"
+    off = f"{earth} craft end some {found.total:.2g} m off their goals"
     if found.total <= problem.collision_radius:
         return Diagnostic(LINEAR, "transfer", off)
     turns = problem.mean_motion * problem.duration / (2 * np.pi)
@@ -257,6 +268,6 @@ def _linear(scenario: Scenario) -> Diagnostic:
         f"{found.curvature:.2g} m since craft are up to {found.reach:.3g} m from the origin, "
         f"{found.oblateness:.2g} m by J2 over {turns:.3g} orbits"
     )
-    cure = "stay nearer to the origin or take less time; `prolearn fly` says what a plan misses"
+    cure = "plan with --world; or stay nearer to the origin, or take less time"
     cases = (Case((), text, vars(found)),)
     return Diagnostic(LINEAR, "transfer", f"{off}: more than collision_radius", cases, cure)
