@@ -23,6 +23,7 @@ from pipeline.orbit.inertial import Frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
 ANGLE = 0.25  # most by which the reference turns in a piece, rad
+AT_ONCE = 256  # pieces that are solved at once, which bounds memory
 AHEAD = 64  # intervals beyond a plan's that are tabled at once
 
 
@@ -136,7 +137,8 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     first = np.concatenate([origin[:1], later[:-1, -1]])
     origin = np.concatenate([first[:, None], later], axis=1)  # (pieces in all, q, 6)
     frame = orbit.frame(origin)
-    local = _seen_from(frame, _inertial_maps(orbit.gradient(origin), frame.axes, half))
+    portions = np.array_split(origin, 1 + len(origin) // AT_ONCE)
+    local = np.concatenate([_piece_maps(orbit, portion, half) for portion in portions])
     shape = intervals, pieces, POINTS
     maps = local.reshape(*shape, 6, 9)
     for m in range(1, pieces):
@@ -156,6 +158,14 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
             for order in (1, 3)
         ),
     )
+
+
+def _piece_maps(
+    orbit: ReferenceOrbit, origin: Float[Array, "P q 6"], half: float
+) -> Float[Array, "P q 6 9"]:
+    """LVLH state at each point from that at the piece's start and the control."""
+    frame = orbit.frame(origin)
+    return _seen_from(frame, _inertial_maps(orbit.gradient(origin), frame.axes, half))
 
 
 def _inertial_maps(
