@@ -232,28 +232,28 @@ def _at_ends(
     motions: Motions, row: Indices, part: Indices, many: Indices, dynamics: Dynamics, h: float
 ) -> Iterator[tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"]]]:
     """A and B of some motions to the beginning of a part, of so many, and to its end."""
-    interval = motions.interval[row]
-    A, B, first = _steps(dynamics, h, int(many.max()), int(interval.max()))
+    table = _steps(dynamics, h, int(many.max()))
     for end in (part, part + 1):
-        at = first[many] + end
-        if A.ndim == 3:  # the same in all intervals
-            yield A[at], B[at]
-        elif motions.since.any():
-            yield dynamics.step(h * end / many, interval, motions.since[row])
+        if table is None:
+            yield dynamics.step(h * end / many, motions.interval[row], motions.since[row])
         else:
-            yield A[interval, at], B[interval, at]
+            A, B, first = table
+            at = first[many] + end
+            yield A[at], B[at]
 
 
 @lru_cache(maxsize=64)
 def _steps(
-    dynamics: Dynamics, h: float, most: int, last: int
-) -> tuple[Float[Array, "*intervals _ 6 6"], Float[Array, "*intervals _ 6 3"], Int[Array, "_"]]:
+    dynamics: Dynamics, h: float, most: int
+) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"], Int[Array, "_"]] | None:
     """A and B to the ends of equal parts, for each number of parts, and where its own begin.
 
-    Up to the last interval, unless they are the same in all.
+    None where intervals have maps of their own.
     """
+    if dynamics.step(h, np.arange(1))[0].ndim > 2:
+        return None
     share = np.concatenate([np.arange(parts + 1) / max(parts, 1) for parts in range(most + 1)])
-    return *dynamics.step(h * share, np.arange(last + 1)[:, None]), np.cumsum(np.arange(most + 1))
+    return *dynamics.step(h * share), np.cumsum(np.arange(most + 1))
 
 
 def _candidates(

@@ -29,6 +29,7 @@ from pipeline.orbit.dynamics import Interval, Node, Since
 from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
+AT_ONCE = 256  # pieces that are solved at once, which bounds memory
 AHEAD = 64  # intervals beyond a plan's that are tabled at once
 
 
@@ -168,7 +169,12 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     origin = np.concatenate([first[:, None], later], axis=1)  # (pieces in all, q, 6)
     acceleration = orbit.acceleration(origin, orbit.ballistic or 0.0)
     frame, gradient = lvlh_frame(origin, acceleration), orbit.gradient(origin)
-    local = _seen_from(frame, _inertial_maps(gradient, frame.axes, half))
+    local = np.concatenate(
+        [
+            _piece_maps(Frame(frame.axes[some], frame.rate[some]), gradient[some], half)
+            for some in np.array_split(np.arange(len(origin)), 1 + len(origin) // AT_ONCE)
+        ]
+    )
     shape = intervals, pieces, POINTS
     maps = local.reshape(*shape, 6, 9)
     for m in range(1, pieces):
@@ -191,6 +197,13 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
             for order in (1, 3)
         ),
     )
+
+
+def _piece_maps(
+    frame: Frame, gradient: Float[Array, "P q 3 6"], half: float
+) -> Float[Array, "P q 6 9"]:
+    """LVLH state at each point from that at the piece's start and the control."""
+    return _seen_from(frame, _inertial_maps(gradient, frame.axes, half))
 
 
 def _inertial_maps(

@@ -11,11 +11,12 @@ from trials import Errors, drawn, wilson
 from pipeline.expert import solve
 from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.approaches import pairs, side_by_side
+from pipeline.orbit.infeasibility import unavoidable
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import SOLVED, Requirements, RiskLimit
+from pipeline.plan import INFEASIBLE, SOLVED, Requirements, RiskLimit
 from pipeline.planners.named import named_planner
 from pipeline.scenario import draw
 
@@ -112,6 +113,23 @@ def test_after_a_loss_of_thrust_craft_stay_apart(e):
     assert found.bound - 1e-6 <= least < found.distance + 0.2
     assert claim.min_separation == pytest.approx(found.distance, abs=1e-3)
     assert least >= 15.0 - 1e-6
+
+
+def test_where_no_plan_is_passively_safe_the_encounter_that_is_named_happens():
+    """A craft that drifts on from its start meets another that drifts on from its goal."""
+    scenario, problem = ring(1, 0.5), about(0.5)
+    plan = solve(scenario, requirements=Requirements(passive_safety=0.5))
+    assert plan.status == INFEASIBLE
+    found = unavoidable(scenario.initial, scenario.goal, problem, 0.5)
+    assert f"within {found.distance:g} m" in plan.message
+    assert (found.node, problem.duration < found.time) == (0, True)
+    begin = problem.orbit.states(np.zeros(1))[0]
+    free, _, _ = linear_maps(begin, np.array([problem.duration, found.time]), FORCE)
+    lost, other = found.pair
+    start = np.linalg.solve(free[0], scenario.goal[other])  # where its drift would have begun
+    apart = free[1] @ (scenario.initial[lost] - start)
+    assert np.linalg.norm(apart[:3]) == pytest.approx(found.distance, abs=1e-6)
+    assert found.distance < 15.0
 
 
 @pytest.mark.parametrize("e", [0.1, 0.8])
