@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,9 +35,9 @@ settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")
-def forked() -> Iterator[Forked]:
+def forked(testrun_uid: str) -> Iterator[Forked]:
     """What runs commands and code in processes of their own, without the imports of each."""
-    with Forked() as found:
+    with Forked(Path(tempfile.gettempdir(), f"forked-{testrun_uid[:12]}")) as found:
         yield found
 
 
