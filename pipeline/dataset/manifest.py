@@ -119,7 +119,7 @@ class Manifest:
 
     def fields(self) -> dict[str, Any]:
         """Fields of its file, JSON-ready."""
-        fields = {"schema": SCHEMA, **asdict(self)}
+        fields = {"schema": SCHEMA, **asdict(self), "problem": self.problem.document()}
         for part in ("samples", "shards"):
             fields[part] = dict(sorted(fields[part].items()))
         return fields

@@ -62,7 +62,7 @@ def _begin(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> M
     if not is_begun(folder):
         return Manifest(problem, dict(samples), {}, MadeWith(versions, {}), {})
     manifest = read_manifest(folder)
-    refuse_change(str(folder), asdict(manifest.problem), asdict(problem))
+    refuse_change(str(folder), manifest.problem.document(), problem.document())
     for n, one in samples.items():
         if n in manifest.samples:
             refuse_change(f"{folder} at n={n}", asdict(manifest.samples[n]), asdict(one))

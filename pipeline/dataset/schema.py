@@ -6,7 +6,7 @@ problem and how it was sampled and solved, as JSON.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -85,7 +85,7 @@ def metadata(
 ) -> dict[bytes, bytes]:
     """The schema metadata of a shard: its problem, how it was drawn and solved, and with what."""
     return metadata_of(
-        {"schema": SCHEMA, **asdict(problem), **settings, "made_with": dict(made_with)}
+        {"schema": SCHEMA, **problem.document(), **settings, "made_with": dict(made_with)}
     )
 
 

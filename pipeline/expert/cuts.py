@@ -63,7 +63,7 @@ def cuts_at(
     first: Indices, second: Indices, interval: Indices, offset: Values, problem: Problem
 ) -> Cuts:
     """Cuts at times since the starts of their intervals, s."""
-    free, pushed = problem.dynamics.step(offset)
+    free, pushed = problem.dynamics.step(offset, interval)
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
@@ -75,11 +75,10 @@ def passive_safety_cuts(found: Approaches, states: States, problem: Problem) -> 
     position is fixed, and the cut is about the other alone, so that it joins no two craft. In each
     encounter the controls of at least one craft count. States are in m and m/s.
     """
-    h, last, node = problem.time_step, problem.nodes - 1, found.node
+    dynamics, last, node = problem.dynamics, problem.nodes - 1, found.node
     assert node is not None  # at which the first craft lost its thrust
-    drifted, _ = problem.dynamics.step(h * (found.interval - node))
-    drifting = found.free @ drifted
-    beyond, _ = problem.dynamics.step(h * np.maximum(found.interval - last, 0))
+    drifting = found.free @ dynamics.drift(node, found.interval)
+    beyond = dynamics.drift(last, np.maximum(found.interval, last))
     goal = np.matvec(found.free @ beyond, states[found.second, last])
     start = np.matvec(drifting, states[found.first, node])
     fixed, arrived = node == 0, found.interval >= last

@@ -45,11 +45,13 @@ class PlainScp:
         self.n, self.problem = n, problem
         self._pairs, T, one = pairs(n), problem.nodes, sparse.eye_array
         self._bounds, states = 3 * n * problem.intervals, 6 * n * T
-        A, B = problem.dynamics.step(problem.time_step)
+        steps = problem.dynamics.step(problem.time_step, np.arange(T - 1))
+        A, B = (np.broadcast_to(one, (T - 1, *one.shape[-2:])) for one in steps)
         ends_first = [0, T - 1, *range(1, T - 1)]
         now, later = (np.eye(T - 1, T, k)[:, ends_first] for k in (0, 1))
-        moved = sparse.kron(later, one(6 * n)) - sparse.kron(now, sparse.kron(A, one(n)))
-        pushed = sparse.kron(one(T - 1), sparse.kron(UNIT * B, one(n)))
+        drifted = sparse.block_diag([sparse.kron(each, one(n)) for each in A])
+        moved = sparse.kron(later, one(6 * n)) - drifted @ sparse.kron(now, one(6 * n))
+        pushed = sparse.block_diag([sparse.kron(UNIT * each, one(n)) for each in B])
         ends = one(12 * n, states)
         self._equal = sparse.block_array(
             [[_zeros(12 * n, self._bounds), None, ends], [None, -pushed, moved]]

@@ -84,7 +84,7 @@ def thrust_arcs(plan: Plan) -> Arcs:
             "is what epochs in a file tell apart."
         )
     time = microseconds * 1e-6
-    A, B = problem.dynamics.step(time - start)
+    A, B = problem.dynamics.step(time - start, np.arange(problem.intervals)[:, None])
     relative = np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
     i, raan, latitude = np.deg2rad(
         [reference.inclination_deg, reference.raan_deg, reference.argument_of_latitude_deg]

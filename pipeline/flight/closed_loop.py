@@ -71,7 +71,8 @@ class ClosedLoop:
             if left == 1:
                 self._end(estimate)
             else:
-                self._replan(node, estimate, replace(problem, nodes=left + 1))
+                rest = replace(problem.starting_at(node), nodes=left + 1)
+                self._replan(node, estimate, rest)
         return self._ahead[:, :, 0]
 
     def _replan(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
@@ -101,7 +102,8 @@ class ClosedLoop:
 
     def _end(self, estimate: Float[Array, "K n 6"]) -> None:
         """Choose the last controls: the nearest to the goal, or the planned ones if safer."""
-        problem = self._scenario.problem
+        whole = self._scenario.problem
+        problem = whole.starting_at(whole.intervals - 1)
         A, B = problem.dynamics.step(problem.time_step)
         weight = state_weight(problem)
         nearest = np.linalg.pinv(weight[:, None] * B) * weight

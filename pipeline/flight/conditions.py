@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.errors import InputError, check_range
-from pipeline.flight.perturbations import atmosphere_near
 from pipeline.flight.world import Drag, NonlinearWorld
+from pipeline.orbit.forces import atmosphere_near
 from pipeline.orbit.inertial import Elements
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, Reference, radius_at

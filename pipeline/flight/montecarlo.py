@@ -120,7 +120,7 @@ class Portion:
         return shards.metadata_of(
             {
                 "schema": SCHEMA,
-                **asdict(of.scenario.problem),
+                **of.scenario.problem.document(),
                 "n_spacecraft": of.scenario.n,
                 "plan": plan.hexdigest(),
                 "seed": of.seed,

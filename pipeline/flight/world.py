@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError
-from pipeline.flight.perturbations import Atmosphere, drag, oblateness, point_mass
 from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.forces import Atmosphere, drag, oblateness, point_mass
 from pipeline.orbit.inertial import Elements, lvlh_axes, lvlh_frame
 
 TOLERANCE = 1e-6

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +139,7 @@ def _documented(model: Model) -> tuple[bytes, ModelDocument]:
         architecture=model.architecture,
         config=dict(model.config),
         recipe=model.recipe,
-        problem=ProblemFields(**asdict(encoding.problem)),
+        problem=ProblemFields(**encoding.problem.document()),
         n_train=encoding.n,
         interior=encoding.interior,
         target=encoding.target,

@@ -1,5 +1,6 @@
 """Closest approaches of craft, found by branch and bound with proven lower bounds, no sampling."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -88,6 +89,8 @@ class Motions(Rows):
     end: Float[Array, "k 6"]  # and at its end
     push: Vectors  # control, m/s²
     reach: Values  # distance from the origin up to which it is of interest, m
+    interval: Indices  # counted from the plan's first node
+    since: Values  # when they start, s since the interval's start
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,9 +149,11 @@ def close_approaches(
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
     motion = states[:, :-1], states[:, 1:, :3], controls, problem.dynamics, problem.time_step
-    i, j, k = _candidates(*balls(*motion), reach, swarms, moved)
+    each = np.arange(controls.shape[1])
+    i, j, k = _candidates(*balls(*motion, each), reach, swarms, moved)
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
-    motions = Motions(start, end, controls[i, k] - controls[j, k], reach[i])
+    push, since = controls[i, k] - controls[j, k], np.zeros(len(k))
+    motions = Motions(start, end, push, reach[i], k, since)
     near, found = closest_to_origin(motions, problem.dynamics, problem.time_step, tolerance)
     return Approaches(**vars(found), first=i[near], second=j[near], interval=k[near])
 
@@ -156,8 +161,10 @@ def close_approaches(
 def closest_to_origin(
     motions: Motions, dynamics: Dynamics, h: float, tolerance: float = TOLERANCE
 ) -> tuple[Indices, Closest]:
-    """Which motions over an interval of h s may come within their distances, and when."""
-    remainder = h**4 / 384 * dynamics.most_fourth_derivative(motions.start, motions.push)
+    """Which motions may come within their distances in the h s that they take, and when."""
+    where = motions.interval, motions.since
+    fourth = dynamics.most_fourth_derivative(motions.start, motions.push, *where)
+    remainder = h**4 / 384 * fourth
     apart = chord_bound(hermite_bezier(motions.start, motions.end, h)) - remainder
     near = np.flatnonzero(apart <= motions.reach)
     if len(near) == 0:
@@ -171,7 +178,7 @@ def closest_to_origin(
             when[which], bound[which] = search(*given)
     keep = bound <= motions.reach
     motions, offset, bound = motions[keep], when[keep] * h, bound[keep]
-    A, B = dynamics.step(offset)
+    A, B = dynamics.step(offset, motions.interval, motions.since)
     free, pushed = A[:, :3], B[:, :3]
     relative = np.matvec(free, motions.start) + np.matvec(pushed, motions.push)
     return near[keep], Closest(offset, np.maximum(norm(relative), bound), bound, free, pushed)
@@ -190,10 +197,11 @@ def _closest_in_interval(
     row = np.repeat(np.arange(len(parts)), parts)
     part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
     many = parts[row]
-    A, B, first = _steps(dynamics, h, int(many.max()))
     start, push = motions.start[row], motions.push[row]
-    ends = (first[many] + part, first[many] + part + 1)
-    begin, end = (np.matvec(A[at], start) + np.matvec(B[at], push) for at in ends)
+    begin, end = (
+        np.matvec(A, start) + np.matvec(B, push)
+        for A, B in _at_ends(motions, row, part, many, dynamics, h)
+    )
     curve, remainder = hermite_bezier(begin, end, h / many), remainder[row] / many**4
     stretch = part / many, 1.0 / many
     return branch_and_bound(curve, remainder, row, stretch, motions.reach, tolerance / 2)
@@ -203,13 +211,16 @@ def _closest_in_pieces(
     motions: Motions, _: Values, dynamics: Dynamics, h: float, tolerance: float
 ) -> tuple[Values, Values]:
     """The same for intervals of too many parts, by pieces that are searched where they are near."""
-    A, B = dynamics.step(h / MOST_PARTS * np.arange(MOST_PARTS + 1))
+    begins = h / MOST_PARTS * np.arange(MOST_PARTS + 1)
     when, bound = np.zeros(len(motions)), np.full(len(motions), np.inf)
     for some in np.array_split(np.arange(len(motions)), 1 + len(motions) // AT_ONCE):
         row, whole = np.repeat(some, MOST_PARTS), motions[some]
+        A, B = dynamics.step(begins, whole.interval[:, None], whole.since[:, None])
         states = np.matvec(A, whole.start[:, None]) + np.matvec(B, whole.push[:, None])
         begin, end = states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6)
-        pieces = Motions(begin, end, motions.push[row], motions.reach[row])
+        since = (whole.since[:, None] + begins[:-1]).ravel()
+        pushed, reach, interval = motions.push[row], motions.reach[row], motions.interval[row]
+        pieces = Motions(begin, end, pushed, reach, interval, since)
         near, found = closest_to_origin(pieces, dynamics, h / MOST_PARTS, tolerance)
         np.minimum.at(bound, row[near], found.bound)
         which, k = least_of_each(found.distance, row[near])
@@ -217,13 +228,32 @@ def _closest_in_pieces(
     return when, bound
 
 
+def _at_ends(
+    motions: Motions, row: Indices, part: Indices, many: Indices, dynamics: Dynamics, h: float
+) -> Iterator[tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"]]]:
+    """A and B of some motions to the beginning of a part, of so many, and to its end."""
+    interval = motions.interval[row]
+    A, B, first = _steps(dynamics, h, int(many.max()), int(interval.max()))
+    for end in (part, part + 1):
+        at = first[many] + end
+        if A.ndim == 3:  # the same in all intervals
+            yield A[at], B[at]
+        elif motions.since.any():
+            yield dynamics.step(h * end / many, interval, motions.since[row])
+        else:
+            yield A[interval, at], B[interval, at]
+
+
 @lru_cache(maxsize=64)
 def _steps(
-    dynamics: Dynamics, h: float, most: int
-) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"], Int[Array, "_"]]:
-    """A and B to the ends of equal parts, for each number of parts, and where its own begin."""
+    dynamics: Dynamics, h: float, most: int, last: int
+) -> tuple[Float[Array, "*intervals _ 6 6"], Float[Array, "*intervals _ 6 3"], Int[Array, "_"]]:
+    """A and B to the ends of equal parts, for each number of parts, and where its own begin.
+
+    Up to the last interval, unless they are the same in all.
+    """
     share = np.concatenate([np.arange(parts + 1) / max(parts, 1) for parts in range(most + 1)])
-    return *dynamics.step(h * share), np.cumsum(np.arange(most + 1))
+    return *dynamics.step(h * share, np.arange(last + 1)[:, None]), np.cumsum(np.arange(most + 1))
 
 
 def _candidates(
@@ -252,14 +282,19 @@ def _candidates(
 
 
 def balls(
-    start: AnyState, end: Vector, control: Vector, dynamics: Dynamics, h: float
+    start: AnyState,
+    end: Vector,
+    control: Vector,
+    dynamics: Dynamics,
+    h: float,
+    interval: Indices,
 ) -> tuple[Vector, Scalar]:
-    """Middle and radius of a ball that each craft stays in over an interval of h s, m.
+    """Middle and radius of a ball that each craft stays in over the first h s of an interval, m.
 
-    Of states at its start and positions at its end: |p - chord| ≤ h²/8 max|p̈|.
+    Of states at its start and positions h s later: |p - chord| ≤ h²/8 max|p̈|.
     """
     begin = start[..., :3]
-    sag = dynamics.most_acceleration(start, control, h) * h**2 / 8
+    sag = dynamics.most_acceleration(start, control, h, interval) * h**2 / 8
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 

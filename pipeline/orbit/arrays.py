@@ -28,6 +28,13 @@ Values = Float[Array, "k"]
 Vectors = Float[Array, "k 3"]  # of k pairs, times or the like
 
 
+def mapped(
+    maps: Float[Array, "*steps i j"], rows: Float[Array, "*batch j"]
+) -> Float[Array, "*all i"]:
+    """Rows mapped by one matrix, or each interval's by its own."""
+    return rows @ maps.T if maps.ndim == 2 else np.matvec(maps, rows)
+
+
 SomeRows = TypeVar("SomeRows", bound="Rows")
 
 

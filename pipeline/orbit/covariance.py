@@ -88,7 +88,9 @@ class Dispersion:
         columns[:, :, :J] = self.state[:, :-1].mT
         push = np.zeros((n, T - 1, J + 3, 3))
         push[:, :, J:] = self.burn.mT
-        return norm(problem.dynamics.most_acceleration(columns, push, problem.time_step))
+        intervals = np.arange(T - 1)[:, None]
+        bound = problem.dynamics.most_acceleration(columns, push, problem.time_step, intervals)
+        return norm(bound)
 
     def most_deviation(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square distance from the plan in each interval, m.

@@ -1,9 +1,11 @@
-"""Linear relative motion by the Clohessy-Wiltshire equations, and what they leave out."""
+"""Linear relative motion by intervals, and the Clohessy-Wiltshire equations about a circle."""
 
+from collections.abc import Hashable
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.orbit.arrays import AnyState, Scalar, Vector
@@ -13,30 +15,82 @@ from pipeline.orbit.reference import J2, R_EARTH, radius_at
 SERIES_BELOW = 0.1  # angle in rad under which θ - sin θ is taken from its series
 
 
-@dataclass(frozen=True)
-class Dynamics:
-    """Motion relative to a point on a circular orbit (Eq. 1), in intervals of constant control.
+Interval = int | Int[Array, "*some"]
+"""Numbers of intervals or nodes, counted from a plan's first; they broadcast against times."""
+Node = int | Int[Array, "*others"]
+Since = float | Float[Array, "*some"]
+
+
+@runtime_checkable
+class Dynamics(Hashable, Protocol):
+    """Linear motion relative to a reference orbit, in intervals of constant control.
 
     States x y z vx vy vz in m and m/s, controls in m/s², of a craft or differences of two.
     """
 
+    def step(
+        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+        """A and B of s(t) = A s(0) + B u, Eq. 2, of a time, s, from the start of an interval.
+
+        Or from some s ``since`` its start.
+        """
+
+    def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
+        """A from one node to another, without control; intervals may lie beyond the plan's."""
+
+    def most_acceleration(
+        self, start: AnyState, control: Vector, time: float, interval: Interval
+    ) -> Scalar:
+        """Upper bound on ‖p̈‖ until a time since an interval's start, m/s²."""
+
+    def most_fourth_derivative(
+        self,
+        start: AnyState,
+        control: Vector,
+        interval: Interval,
+        since: Since = 0.0,
+    ) -> Scalar:
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴: the error of a cubic interpolant.
+
+        Of states some s ``since`` its start.
+        """
+
+
+@dataclass(frozen=True)
+class ClohessyWiltshire:
+    """Motion relative to a point on a circular orbit (Eq. 1), the same in all intervals."""
+
     mean_motion: float  # e, rad/s
+    time_step: float  # length of an interval, s
 
     def step(
-        self, time: float | Scalar
-    ) -> tuple[Float[Array, "*batch 6 6"], Float[Array, "*batch 6 3"]]:
-        """A and B of s(t) = A s(0) + B u at a time since an interval's start, s: Eq. 2."""
+        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+        """As ``Dynamics.step``; the time may also be longer than the interval."""
         return cw_matrices(self.mean_motion, time)
 
-    def most_acceleration(self, start: AnyState, control: Vector, time: float) -> Scalar:
-        """Upper bound on ‖p̈‖ until a time since the start, m/s², with ÿ = u - 2e ẋ."""
+    def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
+        """As ``Dynamics.drift``."""
+        return self.step(self.time_step * (np.asarray(last) - first))[0]
+
+    def most_acceleration(
+        self, start: AnyState, control: Vector, time: float, interval: Interval = 0
+    ) -> Scalar:
+        """As ``Dynamics.most_acceleration``, with ÿ = u - 2e ẋ."""
         e = self.mean_motion
         in_plane, cross = self._amplitudes(start, control)
         along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
         return np.sqrt(in_plane**2 + cross**2 + along**2)
 
-    def most_fourth_derivative(self, start: AnyState, control: Vector) -> Scalar:
-        """Upper bound on ‖p⁗‖ at all times, m/s⁴: the error of a cubic interpolant.
+    def most_fourth_derivative(
+        self,
+        start: AnyState,
+        control: Vector,
+        interval: Interval = 0,
+        since: Since = 0.0,
+    ) -> Scalar:
+        """As ``Dynamics.most_fourth_derivative``, at all times.
 
         x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
         """

@@ -57,7 +57,7 @@ def _starts_with_goals(
 ) -> Encounters:
     """Encounters after the plan: of craft adrift from their starts with others on goals' orbits."""
     n = len(goal)
-    A, _ = problem.dynamics.step(problem.duration)
+    A = problem.dynamics.drift(0, problem.intervals)
     both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
     longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
     for first, second, one in _encounters(both, problem, longer, 0):
@@ -69,7 +69,7 @@ def _encounters(states: Formation, problem: Problem, orbits: float, node: int) -
     """Encounters within the collision radius in free drift from the plan's end on."""
     if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
         return
-    flown, idle, drift = free_drift(states, problem, orbits)
+    flown, idle, drift = free_drift(states, problem, orbits, problem.duration)
     found = close_approaches(flown, idle, drift, problem.collision_radius)
     time = problem.duration + found.times(drift)
     for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():

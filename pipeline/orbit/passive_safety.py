@@ -19,7 +19,17 @@ from pipeline.orbit.approaches import (
     closest_to_origin,
     side_by_side,
 )
-from pipeline.orbit.arrays import AnyState, Controls, Marked, Scalar, States, Values, Vector
+from pipeline.orbit.arrays import (
+    AnyState,
+    Controls,
+    Indices,
+    Marked,
+    Scalar,
+    States,
+    Values,
+    Vector,
+    mapped,
+)
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
@@ -79,18 +89,21 @@ class _Paths:
         whole = int(steps + NO_LENGTH)
         self.problem, self.last = problem, states.shape[1] - 1  # the last node of the plan
         self.rest = max(0.0, (steps - whole) * h)  # what is left of a drift after M time steps, s
-        # Powers of A, (M + 1, 6, 6).
-        self.drift, _ = problem.dynamics.step(h * np.arange(whole + 1))
+        self.whole = whole  # M, time steps of a drift
         # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
-        after = np.matvec(self.drift[1:], states[:, -1:])
+        after = np.matvec(self.drift(self.last)[1:], states[:, -1:])
         self.states = np.concatenate([states, after], axis=1)
         idle = np.zeros((len(states), whole + 1, 3))  # after the plan
         self.controls = np.concatenate([controls, idle], axis=1)
 
+    def drift(self, node: int) -> Float[Array, "_ 6 6"]:
+        """A from a node to each time step of a drift from there, of M."""
+        return self.problem.dynamics.drift(node, node + np.arange(self.whole + 1))
+
     @property
     def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
         """Intervals of one length, s, and how many time steps after the loss they begin."""
-        whole = len(self.drift) - 1
+        whole = self.whole
         if whole:
             yield self.problem.time_step, np.arange(whole)
         if self.rest > NO_LENGTH * self.problem.time_step or not whole:
@@ -107,11 +120,12 @@ def _candidates(
 ) -> Iterator[tuple[Array, ...]]:
     """Drifting craft, node, other craft and interval whose balls are within a distance."""
     dynamics = paths.problem.dynamics
-    middle, radius = _balls(paths.states, paths.controls, dynamics, length)
+    each = np.arange(paths.states.shape[1])
+    middle, radius = _balls(paths.states, paths.controls, dynamics, length, each)
     for node in range(paths.last + 1):
-        drifting = np.matvec(paths.drift[since], paths.states[:, node, None])
+        drifting = np.matvec(paths.drift(node)[since], paths.states[:, node, None])
         idle = np.zeros((*drifting.shape[:2], 3))
-        centre, size = _balls(drifting, idle, dynamics, length)
+        centre, size = _balls(drifting, idle, dynamics, length, node + since)
         for i, j, steps in _searched(node, paths.last, since, swarms, moved):
             at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
             apart = norm(centre[i, steps] - middle[j, at])
@@ -120,11 +134,12 @@ def _candidates(
 
 
 def _balls(
-    start: AnyState, controls: Vector, dynamics: Dynamics, h: float
+    start: AnyState, controls: Vector, dynamics: Dynamics, h: float, interval: Indices
 ) -> tuple[Vector, Scalar]:
     """As ``balls``, with the ends to which controls, m/s², lead."""
-    A, B = dynamics.step(h)
-    return balls(start, start @ A[:3].T + controls @ B[:3].T, controls, dynamics, h)
+    A, B = (one[..., :3, :] for one in dynamics.step(h, interval))
+    end = mapped(A, start) + mapped(B, controls)
+    return balls(start, end, controls, dynamics, h, interval)
 
 
 def _searched(
@@ -155,11 +170,12 @@ def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]
     """The encounters among candidates."""
     lost, node, other, interval = which
     dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
-    drifting = np.matvec(paths.drift[interval - node], paths.states[lost, node])
+    drifting = np.matvec(dynamics.drift(node, interval), paths.states[lost, node])
     start = drifting - paths.states[other, interval]
-    A, B = dynamics.step(length)
-    end = np.matvec(A, start) - np.matvec(B, held)
-    near, found = closest_to_origin(Motions(start, end, -held, reach[lost]), dynamics, length)
+    A, B = dynamics.step(length, interval)
+    end, since = np.matvec(A, start) - np.matvec(B, held), np.zeros(len(start))
+    motions = Motions(start, end, -held, reach[lost], interval, since)
+    near, found = closest_to_origin(motions, dynamics, length)
     return Approaches(
         **vars(found),
         first=lost[near],
@@ -172,10 +188,10 @@ def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]
 def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
     """The least separation after a loss at any time step; its bound allows for rounding."""
     closest = [Separation()] * len(swarms.sizes)
-    since, step = np.arange(len(paths.drift)), paths.problem.time_step
+    since, step = np.arange(paths.whole + 1), paths.problem.time_step
     slack = ROUNDING * float(np.abs(paths.states[..., :3]).max())
     for node in range(paths.last + 1):
-        drifting = np.matvec(paths.drift, paths.states[:, node, None])[..., :3]
+        drifting = np.matvec(paths.drift(node), paths.states[:, node, None])[..., :3]
         for i, j, _ in _searched(node, paths.last, since, swarms, None):
             apart = norm(drifting[i] - paths.states[j, node : node + len(since), :3])
             for swarm, distance, at, pair in closest_sampled(apart, i, j, swarms):

@@ -1,12 +1,15 @@
 """The transfer problem: orbit, time grid and limits that all scenarios of a dataset share."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
+from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 
 # Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds
 RANGES = {
@@ -30,11 +33,13 @@ class Problem:
     circular orbit and 120 s the expert's fuel is of the size that the paper reports.
 
     Attributes:
-        mean_motion: e of the reference circular orbit, rad/s.
+        mean_motion: e of the reference orbit, rad/s.
         time_step: Δt, length of an interval of constant control, s.
         nodes: T, time nodes; there are T-1 intervals.
         collision_radius: r_col, m.
         max_acceleration: limit on each component of the control, m/s², or None.
+        orbit: reference orbit about which motion is linearized; by default a circle without
+            perturbations, which needs no more than its mean motion.
     """
 
     mean_motion: float = mean_motion_at(500e3)
@@ -42,6 +47,7 @@ class Problem:
     nodes: int = 11
     collision_radius: float = 15.0
     max_acceleration: float | None = None
+    orbit: ReferenceOrbit | None = None
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
@@ -66,8 +72,25 @@ class Problem:
 
     @property
     def dynamics(self) -> Dynamics:
-        """Relative motion, and bounds on its derivatives."""
-        return Dynamics(self.mean_motion)
+        """Linear relative motion, and bounds on its derivatives."""
+        if self.orbit is None:
+            return ClohessyWiltshire(self.mean_motion, self.time_step)
+        return LinearizedDynamics(self.orbit, self.time_step, self.intervals)
+
+    def about(self, orbit: ReferenceOrbit) -> "Problem":
+        """The same problem about a reference orbit."""
+        return replace(self, mean_motion=orbit.mean_motion, orbit=orbit)
+
+    def starting_at(self, node: int) -> "Problem":
+        """The same problem where the reference is at another node, as for a plan begun there."""
+        if self.orbit is None:
+            return self
+        return replace(self, orbit=self.orbit.later(node * self.time_step))
+
+    def document(self) -> dict[str, Any]:
+        """The fields for files, without a reference orbit where it is the default."""
+        fields = asdict(self)
+        return fields if fields.pop("orbit") is None else asdict(self)
 
     @property
     def intervals(self) -> int:

@@ -77,9 +77,10 @@ class _Stretches:
     stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
     normals: float  # K
 
-    def maps(self, share: Values) -> Maps:
+    def maps(self, which: Indices, share: Values) -> Maps:
         """Maps to relative positions at shares of the interval."""
-        free, pushed = self.problem.dynamics.step(share * self.problem.time_step)
+        problem = self.problem
+        free, pushed = problem.dynamics.step(share * problem.time_step, self.interval[which])
         return free[:, :3], pushed[:, :3]
 
     def position(self, which: Indices, maps: Maps) -> Vectors:
@@ -94,7 +95,7 @@ class _Stretches:
 
     def directions(self, which: Indices, share: Values) -> Vectors:
         """Directions in which pairs are likeliest to meet, at shares of the interval."""
-        (free, pushed), (state, push) = self.maps(share), self.covariances
+        (free, pushed), (state, push) = self.maps(which, share), self.covariances
         spread = free @ state[which] @ free.mT + pushed @ push[which] @ pushed.mT
         mean = self.position(which, (free, pushed))
         return likeliest_direction(mean, spread, self.problem.collision_radius)
@@ -103,7 +104,7 @@ class _Stretches:
         """Whether pairs may be near at some time of each panel."""
         at, half = panels.stretch, panels.width * self.problem.time_step / 2
         middle = (panels.begin + panels.width / 2) * self.problem.time_step
-        A, B = self.problem.dynamics.step(middle)
+        A, B = self.problem.dynamics.step(middle, self.interval[at])
         mean = np.matvec(A, self.state[at]) + np.matvec(B, self.push[at])
         moved = (norm(mean[:, 3:]) + self.bend[at] * half) * half  # at most, from there
         return norm(mean[:, :3]) - moved < self.near[at]
@@ -210,7 +211,7 @@ def _stretches(
     keep = keep[np.lexsort((k[keep], number[keep]))]
     i, j, k, number, near = (one[keep] for one in (i, j, k, number, near))
     state, push = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
-    bend = problem.dynamics.most_acceleration(state, push, problem.time_step)
+    bend = problem.dynamics.most_acceleration(state, push, problem.time_step, k)
     erring = spread.most_acceleration(problem)
     return _Stretches(
         problem=problem,
@@ -255,7 +256,8 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     """Each panel's probability, as in ``_chances``, and an estimate of its margin's part in it."""
     at, radius = panels.stretch, stretches.problem.collision_radius
     width = panels.width * stretches.problem.time_step
-    here, there = stretches.maps(panels.begin), stretches.maps(panels.begin + panels.width)
+    ends = panels.begin, panels.begin + panels.width
+    here, there = (stretches.maps(at, share) for share in ends)
     start, end = stretches.position(at, here), stretches.position(at, there)
 
     def along(normal: Float[Array, "q 3"], maps: Maps) -> Maps:

@@ -16,6 +16,7 @@ from pipeline.orbit.arrays import (
     Formation,
     Scalar,
     States,
+    mapped,
 )
 from pipeline.orbit.problem import MOST_NODES, Problem
 
@@ -39,13 +40,13 @@ class TransferMaps:
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
     """The maps of a problem, computed once."""
-    A, B = problem.dynamics.step(problem.time_step)
+    A, B = _steps(problem)
     T, m = problem.nodes, 3 * problem.intervals
     drift = _powers(problem)
     reach = np.zeros((T, 6, m))
     for t in range(1, T):
-        reach[t] = A @ reach[t - 1]
-        reach[t, :, 3 * (t - 1) : 3 * t] = B
+        reach[t] = A[t - 1] @ reach[t - 1]
+        reach[t, :, 3 * (t - 1) : 3 * t] = B[t - 1]
     weight = state_weight(problem)
     scaled = weight[:, None] * reach[-1]
     to_goal = np.linalg.pinv(scaled) * weight
@@ -57,9 +58,18 @@ def transfer_maps(problem: Problem) -> TransferMaps:
 
 @lru_cache(maxsize=32)
 def _powers(problem: Problem) -> Float[Array, "T 6 6"]:
-    """Powers of A, to each node."""
+    """A from the first node to each: powers of A about a circle."""
+    if problem.orbit is not None:
+        return problem.dynamics.drift(0, np.arange(problem.nodes))
     A, _ = problem.dynamics.step(problem.time_step)
     return np.stack([np.linalg.matrix_power(A, t) for t in range(problem.nodes)])
+
+
+def _steps(problem: Problem) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 6 3"]]:
+    """A and B of Eq. 2 of each interval."""
+    A, B = problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
+    K = problem.intervals
+    return np.broadcast_to(A, (K, 6, 6)), np.broadcast_to(B, (K, 6, 3))
 
 
 def has_one_plan(problem: Problem) -> bool:
@@ -86,12 +96,16 @@ def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates
 
 
 def free_drift(
-    states: Formation, problem: Problem, orbits: float = 1.0
+    states: Formation, problem: Problem, orbits: float = 1.0, start: float = 0.0
 ) -> tuple[States, Controls, Problem]:
-    """Free drift over so many orbits: node states, zero controls and the problem they belong to."""
+    """Free drift over so many orbits: node states, zero controls and the problem they belong to.
+
+    It starts some s after the first node, which counts where the reference orbit is not a circle.
+    """
     intervals = min(max(2, math.ceil(orbits * ORBIT_INTERVALS)), MOST_NODES - 1)
     step = orbits * 2 * np.pi / problem.mean_motion / intervals
-    drift = Problem(problem.mean_motion, step, intervals + 1)
+    orbit = problem.orbit and problem.orbit.later(start)
+    drift = Problem(problem.mean_motion, step, intervals + 1, orbit=orbit)
     idle = np.zeros((len(states), intervals, 3))
     # To the bit what ``fly`` has, without its maps of controls, which take a minute for 999 nodes.
     flown = np.matvec(_powers(drift).reshape(-1, 6), states)
@@ -102,9 +116,8 @@ def dynamics_defect(
     states: AnyStates, controls: AnyControls, problem: Problem
 ) -> Float[Array, "*batch intervals 6"]:
     """Violation of Eq. 2: s[t+1] - A s[t] - B u[t], m and m/s."""
-    maps = transfer_maps(problem)
-    A, B = maps.drift[1], maps.reach[1, :, :3]
-    return states[..., 1:, :] - states[..., :-1, :] @ A.T - controls @ B.T
+    A, B = problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
+    return states[..., 1:, :] - mapped(A, states[..., :-1, :]) - mapped(B, controls)
 
 
 def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Scalar:
@@ -118,8 +131,8 @@ def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
     Exact where the states obey Eq. 2. Others, such as a network's raw output, can look cheaper
     than any transfer that can be flown.
     """
-    A, B = problem.dynamics.step(problem.time_step)
-    return (states[..., 1:, :] - states[..., :-1, :] @ A.T) @ np.linalg.pinv(B).T
+    A, B = problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
+    return mapped(np.linalg.pinv(B), states[..., 1:, :] - mapped(A, states[..., :-1, :]))
 
 
 def meet_goal(
@@ -185,8 +198,9 @@ def track(
     states: States, controls: Controls, problem: Problem, steps: int
 ) -> Float[Array, "n _ 3"]:
     """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
-    A, B = problem.dynamics.step(problem.time_step / steps * np.arange(steps))
-    between = np.einsum("qij,ntj->ntqi", A[:, :3], states[:, :-1])
-    between += np.einsum("qij,ntj->ntqi", B[:, :3], controls)
+    times, intervals = problem.time_step / steps * np.arange(steps), np.arange(problem.intervals)
+    A, B = problem.dynamics.step(times, intervals[:, None])
+    between = np.matvec(A[..., :3, :], states[:, :-1, None])
+    between += np.matvec(B[..., :3, :], controls[:, :, None])
     n = len(states)
     return np.concatenate([between.reshape(n, -1, 3), states[:, -1:, :3]], axis=1)

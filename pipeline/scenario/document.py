@@ -276,7 +276,7 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
     """The fields of a scenario file, with raw states at both ends."""
     fields = {
         "schema": SCHEMA,
-        **asdict(scenario.problem),
+        **scenario.problem.document(),
         "initial": scenario.initial.tolist(),
         "goal": scenario.goal.tolist(),
     }

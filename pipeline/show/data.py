@@ -89,7 +89,7 @@ def positions_at(
 ) -> Float[Array, "n S 3"]:
     """Positions in m at any times of a transfer, s: Eq. 2 from the node before each."""
     interval = np.clip(times // problem.time_step, 0, problem.intervals - 1).astype(int)
-    A, B = problem.dynamics.step(times - interval * problem.time_step)
+    A, B = problem.dynamics.step(times - interval * problem.time_step, interval)
     free = np.einsum("sij,nsj->nsi", A[:, :3], states[:, interval])
     return free + np.einsum("sij,nsj->nsi", B[:, :3], controls[:, interval])
 

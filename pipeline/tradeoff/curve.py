@@ -98,7 +98,7 @@ def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
     check_choice("goal", goal, get_args(Goal))
     if goal == "fixed":
         return replace(scenario, problem=problem)
-    A, _ = problem.dynamics.step(problem.duration - scenario.problem.duration)
+    A = problem.dynamics.drift(scenario.problem.intervals, arcs)
     return replace(scenario, problem=problem, goal=scenario.goal @ A.T)
 
 

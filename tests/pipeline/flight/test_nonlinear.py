@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.flight.perturbations import Atmosphere, atmosphere_near
 from pipeline.flight.world import Drag, LinearWorld, NonlinearWorld, World
+from pipeline.orbit.forces import Atmosphere, atmosphere_near
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH, mean_motion_at, radius_at

@@ -57,6 +57,23 @@ def atmosphere_near(height: float) -> Atmosphere:
     return Atmosphere(*below[-1])
 
 
+def gravity_gradient(position: Float[Array, "*batch 3"], *, j2: bool) -> Float[Array, "*batch 3 3"]:
+    """Derivative of the attraction by the position, 1/s²: of a point mass and, perhaps, of J2."""
+    r, unit = norm(position)[..., None, None], np.eye(3)
+    outer = position[..., :, None] * position[..., None, :]
+    gradient: Float[Array, "*batch 3 3"] = MU_EARTH * (3 * outer / r**5 - unit / r**3)
+    if j2:
+        z = position[..., 2:, None]
+        pole = np.outer(unit[2], unit[2])
+        mixed = position[..., :, None] * unit[2]
+        gradient -= (1.5 * J2 * MU_EARTH * R_EARTH**2) * (
+            (unit + 2 * pole) / r**5
+            - 5 * (outer + z**2 * unit + 2 * z * (mixed + mixed.mT)) / r**7
+            + 35 * z**2 * outer / r**9
+        )
+    return gradient
+
+
 def point_mass(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
     """Attraction of the Earth as a point, -μ r/r³, m/s²."""
     return -MU_EARTH / norm(position)[..., None] ** 3 * position
@@ -83,8 +100,27 @@ def drag(
     States are inertial, m and m/s, B = C_D A/m is the ballistic coefficient, m²/kg; the air's
     density is by height above a sphere of the Earth's equatorial radius.
     """
-    position, velocity = states[..., :3], states[..., 3:].copy()
-    velocity[..., 0] += EARTH_RATE * position[..., 1]
-    velocity[..., 1] -= EARTH_RATE * position[..., 0]
-    density = air.density_at(norm(position) - R_EARTH)
+    velocity = _through_air(states)
+    density = air.density_at(norm(states[..., :3]) - R_EARTH)
     return (-0.5 * density * ballistic * norm(velocity))[..., None] * velocity
+
+
+def drag_gradient(
+    states: Float[Array, "*batch 6"], ballistic: float, air: Atmosphere
+) -> Float[Array, "*batch 3 6"]:
+    """Derivative of ``drag`` by the state, 1/s² by the position and 1/s by the velocity."""
+    position, velocity = states[..., :3], _through_air(states)
+    r, speed = norm(position)[..., None, None], norm(velocity)[..., None, None]
+    pull = -0.5 * ballistic * air.density_at(r - R_EARTH)
+    along = velocity[..., :, None]
+    by_velocity = pull * (speed * np.eye(3) + along * velocity[..., None, :] / speed)
+    thinner = -pull * speed * along * position[..., None, :] / (r * air.scale)
+    return np.concatenate([thinner + by_velocity @ _AIR_TURNS, by_velocity], axis=-1)
+
+
+# Velocity through the air that turns with the Earth: v + _AIR_TURNS r
+_AIR_TURNS = np.array([[0.0, EARTH_RATE, 0.0], [-EARTH_RATE, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+def _through_air(states: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3"]:
+    return states[..., 3:] + states[..., :3] @ _AIR_TURNS.T

@@ -1,0 +1,32 @@
+"""Polynomials through Chebyshev-Lobatto points: their integrals, derivatives and bounds."""
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial import chebyshev
+
+from pipeline.arrays import Array
+
+POINTS = 12  # of a piece, both ends included
+# On [-1, 1], ascending
+NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
+_VALUES = chebyshev.chebvander(NODES, POINTS - 1)
+COEFFICIENTS = np.linalg.inv(_VALUES)  # from values at the points to Chebyshev coefficients
+# From values at the points to those of the integral from the first point
+INTEGRAL = chebyshev.chebvander(NODES, POINTS) @ chebyshev.chebint(COEFFICIENTS, lbnd=-1)
+
+
+def basis(at: Float[Array, "*batch"]) -> Float[Array, "*batch q"]:
+    """The Chebyshev polynomials at places in [-1, 1]."""
+    return chebyshev.chebvander(at.ravel(), POINTS - 1).reshape(*at.shape, POINTS)
+
+
+def most_derivative(
+    values: Float[Array, "*batch q d"], order: int, half: float
+) -> Float[Array, "*batch d"]:
+    """Upper bound on a derivative's size over a piece, from values at its points.
+
+    The sum of the absolute Chebyshev coefficients, since no Chebyshev polynomial exceeds 1. A piece
+    takes twice ``half``, s.
+    """
+    series = np.moveaxis(COEFFICIENTS @ values, -2, 0)
+    return np.abs(chebyshev.chebder(series, order, 1 / half)).sum(axis=0)

@@ -1,0 +1,190 @@
+"""Linear time-varying motion relative to any bound orbit, by its variational equations.
+
+About the reference a craft's inertial difference obeys ẍ = G x + D ẋ + C u, with the gradient
+(G, D) of all forces along the reference, the LVLH axes C as columns, and a control u that is
+constant along them over an interval. Each interval is cut into pieces, over which this is solved
+by collocation at Chebyshev points (Boyd, "Chebyshev and Fourier Spectral Methods", ch. 6), and
+then seen from the turning frame. The maps are polynomials in time, exact to rounding.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.arrays import AnyState, Scalar, Vector
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis, most_derivative
+from pipeline.orbit.dynamics import Interval, Node, Since
+from pipeline.orbit.inertial import Frame
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+
+ANGLE = 0.25  # most by which the reference turns in a piece, rad
+AHEAD = 64  # intervals beyond a plan's that are tabled at once
+
+
+@dataclass(frozen=True, eq=False)
+class Arcs:
+    """The reference, and motion about it, at q points of each of M pieces of K intervals."""
+
+    half: float  # half of a piece's length, s
+    origin: Float[Array, "K M q 6"]  # inertial states of the reference, m and m/s
+    frame: Frame  # LVLH frames there
+    # A and B, side by side, from the state at an interval's start and the control in it
+    maps: Float[Array, "K M q 6 9"]
+    series: Float[Array, "K M q 6 9"]  # their Chebyshev coefficients, over each piece
+    most_acceleration: Float[Array, "K 3 9"]  # of the maps to positions, over an interval
+    most_fourth: Float[Array, "K 3 9"]  # likewise, of the fourth derivatives
+
+
+@dataclass(frozen=True)
+class LinearizedDynamics:
+    """Motion relative to a reference orbit to first order; ``Dynamics``."""
+
+    orbit: ReferenceOrbit
+    time_step: float  # length of an interval, s
+    intervals: int  # so many are tabled at once
+
+    @property
+    def arcs(self) -> Arcs:
+        """The reference and the maps in the intervals of a plan."""
+        return arcs_of(self.orbit, self.time_step, self.intervals)
+
+    def step(
+        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+        """As ``Dynamics.step``, for times within the interval."""
+        A, B = self._from_start(np.asarray(time) + since, interval)
+        if np.any(since):
+            before, pushed = self._from_start(since, interval)
+            A = A @ np.linalg.inv(before)
+            B = B - A @ pushed
+        return A, B
+
+    def _from_start(
+        self, time: float | Scalar, interval: Interval
+    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+        arcs = self._covering(interval)
+        pieces = arcs.maps.shape[1]
+        along = np.asarray(time) / (2 * arcs.half)
+        piece = np.clip(along.astype(int), 0, pieces - 1)
+        polynomials = basis(np.asarray(2 * (along - piece) - 1))
+        series = arcs.series.reshape(-1, pieces, POINTS, 54)[interval, piece]
+        maps = (polynomials[..., None, :] @ series).reshape(*series.shape[:-2], 6, 9)
+        return maps[..., :6], maps[..., 6:]
+
+    def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
+        """As ``Dynamics.drift``."""
+        nodes = _nodes(self.orbit, self.time_step, self._count(int(np.max(last, initial=0)) - 1))
+        return nodes[last] @ np.linalg.inv(nodes[first])
+
+    def _count(self, interval: Interval) -> int:
+        """Intervals that are tabled where some are asked for: few different numbers."""
+        beyond = int(np.max(interval, initial=0)) + 1 - self.intervals
+        return self.intervals + (0 if beyond <= 0 else -(-beyond // AHEAD) * AHEAD)
+
+    def _covering(self, interval: Interval) -> Arcs:
+        return arcs_of(self.orbit, self.time_step, self._count(interval))
+
+    def most_acceleration(
+        self, start: AnyState, control: Vector, time: float, interval: Interval
+    ) -> Scalar:
+        """As ``Dynamics.most_acceleration``, in the whole interval."""
+        return _most(self._covering(interval).most_acceleration[interval], start, control)
+
+    def most_fourth_derivative(
+        self,
+        start: AnyState,
+        control: Vector,
+        interval: Interval,
+        since: Since = 0.0,
+    ) -> Scalar:
+        """As ``Dynamics.most_fourth_derivative``."""
+        if np.any(since):
+            before, pushed = self._from_start(since, interval)
+            start = np.matvec(np.linalg.inv(before), start - np.matvec(pushed, control))
+        return _most(self._covering(interval).most_fourth[interval], start, control)
+
+
+def _most(bounds: Float[Array, "*some 3 9"], start: AnyState, control: Vector) -> Scalar:
+    given = np.abs(np.concatenate([start, control], axis=-1))
+    return np.asarray(norm(np.matvec(bounds, given)))
+
+
+@lru_cache(maxsize=16)
+def _nodes(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Float[Array, "nodes 6 6"]:
+    """A from the first node to each."""
+    steps = arcs_of(orbit, time_step, intervals).maps[:, -1, -1, :, :6]
+    nodes = [np.eye(6)]
+    for step in steps:
+        nodes.append(step @ nodes[-1])
+    return np.stack(nodes)
+
+
+@lru_cache(maxsize=16)
+def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
+    """The reference and the maps in some intervals, computed once."""
+    pieces = max(1, ceil(orbit.fastest * time_step / ANGLE))
+    half = time_step / pieces / 2
+    begins = 2 * half * np.arange(intervals * pieces)
+    ends = begins[:, None] + half * (1 + NODES[1:])
+    origin = orbit.states(np.concatenate([[0.0], ends.ravel()]))
+    later = origin[1:].reshape(-1, POINTS - 1, 6)
+    first = np.concatenate([origin[:1], later[:-1, -1]])
+    origin = np.concatenate([first[:, None], later], axis=1)  # (pieces in all, q, 6)
+    frame = orbit.frame(origin)
+    local = _seen_from(frame, _inertial_maps(orbit.gradient(origin), frame.axes, half))
+    shape = intervals, pieces, POINTS
+    maps = local.reshape(*shape, 6, 9)
+    for m in range(1, pieces):
+        before = maps[:, m - 1, -1]
+        passed = maps[:, m, ..., :6] @ before[:, None]
+        passed[..., 6:] += maps[:, m, ..., 6:]
+        maps[:, m] = passed
+    rates = maps[..., 3:, :].reshape(*shape, 27)
+    return Arcs(
+        half,
+        origin.reshape(*shape, 6),
+        Frame(frame.axes.reshape(*shape, 3, 3), frame.rate.reshape(*shape, 3)),
+        maps,
+        (COEFFICIENTS @ maps.reshape(*shape, 54)).reshape(maps.shape),
+        *(
+            most_derivative(rates, order, half).max(axis=1).reshape(intervals, 3, 9)
+            for order in (1, 3)
+        ),
+    )
+
+
+def _inertial_maps(
+    gradient: Float[Array, "P q 3 6"], axes: Float[Array, "P q 3 3"], half: float
+) -> Float[Array, "P q 6 9"]:
+    """Inertial state at each point from that at the piece's start and the LVLH control.
+
+    Time is in units of ``half``, s, and so are velocities, so that all numbers are of one size.
+    """
+    P, q, _, _ = gradient.shape
+    motion = np.zeros((P, q, 6, 6))
+    motion[..., :3, 3:] = np.eye(3)
+    motion[..., 3:, :3] = half**2 * gradient[..., :3]
+    motion[..., 3:, 3:] = half * gradient[..., 3:]
+    collocated = -INTEGRAL[:, None, :, None] * motion.transpose(0, 2, 1, 3)[:, None]
+    matrix = collocated.reshape(P, 6 * q, 6 * q) + np.eye(6 * q)
+    given = np.zeros((P, q, 6, 9))
+    given[..., :6] = np.eye(6)
+    given[..., 3:, 6:] = half**2 * np.einsum("ij,pjab->piab", INTEGRAL, axes)
+    maps = np.linalg.solve(matrix, given.reshape(P, 6 * q, 9)).reshape(P, q, 6, 9)
+    maps[..., 3:, :] /= half
+    maps[..., 3:6] *= half
+    return maps
+
+
+def _seen_from(frame: Frame, maps: Float[Array, "P q 6 9"]) -> Float[Array, "P q 6 9"]:
+    """The maps from LVLH state and control to LVLH state, from the inertial ones."""
+    first = Frame(frame.axes[:, None, 0], frame.rate[:, None, 0])
+    begin = first.to_inertial(np.eye(6)).mT  # columns: inertial states of LVLH unit states
+    inertial = np.concatenate([maps[..., :6] @ begin[:, None], maps[..., 6:]], axis=-1)
+    each = Frame(frame.axes[:, :, None], frame.rate[:, :, None])
+    return each.from_inertial(inertial.mT).mT

@@ -1,0 +1,158 @@
+"""The orbit that relative motion is about: osculating elements, and the forces on all craft."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import pi, radians, sqrt
+
+import numpy as np
+from jaxtyping import Float
+from scipy.integrate import solve_ivp
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.orbit.forces import (
+    Atmosphere,
+    atmosphere_near,
+    drag,
+    drag_gradient,
+    gravity_gradient,
+    oblateness,
+    point_mass,
+)
+from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
+from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
+
+MOST_ECCENTRIC = 0.85
+MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
+TOLERANCE = 1e-9  # of a step along the reference, m; of velocities, in m/s, a thousandth of it
+RELATIVE = 2.3e-14  # tolerance: the least that scipy accepts
+
+
+@dataclass(frozen=True)
+class ReferenceOrbit:
+    """Osculating elements of the reference at an epoch, what perturbs it, and when a plan begins.
+
+    The reference is a virtual craft that never burns. It is subject to the same forces as all
+    others, and to drag with the swarm's mean coefficient; what is left is differential drag.
+    Angles are in degrees and refer to the Earth's equator.
+    """
+
+    semi_major_axis: float  # m
+    eccentricity: float = 0.0  # up to MOST_ECCENTRIC
+    inclination_deg: float = 0.0  # i
+    raan_deg: float = 0.0  # Ω, right ascension of the ascending node
+    argument_of_perigee_deg: float = 0.0  # ω, from the ascending node
+    argument_of_latitude_deg: float = 0.0  # u = ω + ν at the epoch
+    j2: bool = True  # whether the Earth is oblate
+    # C_D A/m in the middle of the swarm and of the reference, m²/kg; None for no drag
+    ballistic: float | None = None
+    # by what share of it the first craft has less, and the last more; equally spaced between
+    spread: float = 0.0
+    start: float = 0.0  # of the first node, s since the epoch
+
+    def __post_init__(self) -> None:
+        """Refuse orbits that are none, or hit the Earth."""
+        check_range("eccentricity", self.eccentricity, 0.0, MOST_ECCENTRIC)
+        check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
+        for angle in ("raan_deg", "argument_of_perigee_deg", "argument_of_latitude_deg"):
+            check_range(angle, getattr(self, angle), -360.0, 360.0)
+        check_range("spread", self.spread, 0.0, 1.0)
+        perigee = self.semi_major_axis * (1 - self.eccentricity) - R_EARTH
+        if not LOWEST <= perigee <= HIGHEST:
+            raise InputError(
+                f"semi_major_axis is {self.semi_major_axis:g} m and eccentricity "
+                f"{self.eccentricity:g}, a perigee {perigee:g} m above the Earth; expected one "
+                f"from {LOWEST:g} to {HIGHEST:g} m."
+            )
+        if self.ballistic is not None and not 0 < self.ballistic <= MOST_BALLISTIC:
+            raise InputError(
+                f"ballistic is {self.ballistic:g}; expected a positive C_D A/m in m²/kg, such as "
+                f"0.01, of at most {MOST_BALLISTIC:g}."
+            )
+        if self.ballistic is not None:
+            atmosphere_near(perigee)  # refuses what is below all layers
+
+    @property
+    def mean_motion(self) -> float:
+        """Of the osculating orbit, rad/s."""
+        return sqrt(MU_EARTH / self.semi_major_axis**3)
+
+    @property
+    def fastest(self) -> float:
+        """Angular rate at perigee, rad/s: √(μ a (1-e²)) / (a (1-e))²."""
+        e = self.eccentricity
+        return self.mean_motion * (1 + e) ** 0.5 / (1 - e) ** 1.5
+
+    @property
+    def air(self) -> Atmosphere:
+        """The layer of the perigee."""
+        return atmosphere_near(self.semi_major_axis * (1 - self.eccentricity) - R_EARTH)
+
+    def later(self, time: float) -> "ReferenceOrbit":
+        """The same for a plan that begins some s later."""
+        return replace(self, start=self.start + time)
+
+    def ballistics(self, n: int) -> Float[Array, "n"]:
+        """Ballistic coefficient of each of n craft, m²/kg; zero without drag."""
+        if self.ballistic is None:
+            return np.zeros(n)
+        shares = np.linspace(-1, 1, n) if n > 1 else np.zeros(1)
+        return self.ballistic * (1 + self.spread * shares)
+
+    def acceleration(
+        self, states: Float[Array, "*batch 6"], ballistic: Float[Array, "*batch"] | float
+    ) -> Float[Array, "*batch 3"]:
+        """By all forces but thrust at inertial states, m/s²; drag with coefficients, m²/kg."""
+        position = states[..., :3]
+        total = point_mass(position)
+        if self.j2:
+            total += oblateness(position)
+        if self.ballistic is not None:
+            held = np.broadcast_to(ballistic, position.shape[:-1])
+            total += drag(states, held, self.air)
+        return total
+
+    def gradient(self, states: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 6"]:
+        """Derivative of the acceleration by the state, with the mean coefficient of drag."""
+        by_position = gravity_gradient(states[..., :3], j2=self.j2)
+        gradient = np.concatenate([by_position, np.zeros_like(by_position)], axis=-1)
+        if self.ballistic is not None:
+            gradient += drag_gradient(states, self.ballistic, self.air)
+        return gradient
+
+    def states(self, times: Float[Array, "k"]) -> Float[Array, "k 6"]:
+        """Inertial states, m and m/s, at ascending times from 0 on, s since the plan's start."""
+        return _states(self, tuple((self.start + times).tolist()))
+
+    def frame(self, states: Float[Array, "*batch 6"]) -> Frame:
+        """LVLH frames at inertial states of the reference."""
+        return lvlh_frame(states, self.acceleration(states, self.ballistic or 0.0))
+
+
+@lru_cache(maxsize=32)
+def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 6"]:
+    angles = orbit.inclination_deg, orbit.raan_deg, orbit.argument_of_perigee_deg
+    i, raan, perigee = map(radians, angles)
+    elements = Elements(orbit.semi_major_axis, i, raan, orbit.eccentricity, perigee)
+    begin = elements.states(np.array(radians(orbit.argument_of_latitude_deg)))
+    if times[-1] == 0:
+        return np.repeat(begin[None], len(times), axis=0)
+    held = orbit.ballistic or 0.0
+
+    def motion(_: float, state: Float[Array, "6"]) -> Float[Array, "6"]:
+        return np.concatenate([state[3:], orbit.acceleration(state, held)])
+
+    solved = solve_ivp(
+        motion,
+        (0.0, times[-1]),
+        begin,
+        method="DOP853",
+        t_eval=times,
+        rtol=RELATIVE,
+        atol=np.repeat([TOLERANCE, TOLERANCE / 1e3], 3),
+        max_step=2 * pi / orbit.mean_motion / 16,
+    )
+    if not solved.success:
+        raise ProlearnError(f"the reference could not be flown {times[-1]:g} s: {solved.message}")
+    states: Float[Array, "k 6"] = solved.y.T
+    return states
