@@ -106,9 +106,10 @@ def do_first() -> None:
     from mlflow.utils import requirements_utils
     from typer.testing import CliRunner
 
-    from registry.environment import TRAINED_BY, environment_tags
+    from registry.environment import EVALUATED_BY, TRAINED_BY, environment_tags
 
-    environment_tags(TRAINED_BY)  # a digest of the code
+    for parts in (TRAINED_BY, EVALUATED_BY):
+        environment_tags(parts)  # a digest of their code
     requirements_utils._init_packages_to_modules_map()  # looks into every installed package
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         for command in FIRST:
