@@ -103,7 +103,7 @@ transfer-times: $(BIN)/prolearn ## experiment 4
 flights: $(BIN)/prolearn ## experiment 5
 	$(BIN)/prolearn flights --data $(DATA) --jobs $(JOBS) --resume
 
-ABLATIONS := short no-third uncrowded labelled
+ABLATIONS := short no-third uncrowded
 ablate: $(BIN)/prolearn ## what each idea of the refiner is worth, each trained SEEDS times; then make report
 	$(tuned-refiner)
 	for recipe in $(ABLATIONS); do \

@@ -37,7 +37,7 @@ from registry.store import ABLATIONS
 DENSE, DENSE_CRAFT = "dense", 10
 """The family that is tried beside the data's, and spacecraft of each such swarm."""
 
-OWN_LP = next(planner for planner in BASELINES if planner.name == DECOUPLED)
+DECOUPLED_OPTIMUM = next(planner for planner in BASELINES if planner.name == DECOUPLED)
 """What any refiner plans without a round."""
 
 
@@ -61,9 +61,8 @@ def main(settings: Ablations, resume: Resume = False) -> None:
 def ablate(settings: Ablations, *, resume: bool = False, progress: Progress = SILENT) -> Done:
     """Try refiners of all recipes and the rule alone after other numbers of rounds; record it.
 
-    Raises:
-        InputError: for models that are no refiners or whose answers take different numbers of
-            rounds, sizes that are not in the dataset, or bad numbers.
+    InputError for models that are no refiners or whose answers take different numbers of rounds,
+    sizes that are not in the dataset, or bad numbers.
     """
     rounds, timed, dense = int_list(settings.rounds, "--rounds", 0), settings.timed, settings.dense
     if min(timed, dense) < 0:
@@ -99,11 +98,9 @@ def ablate(settings: Ablations, *, resume: bool = False, progress: Progress = SI
 def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> list[EvaluatedPlanner]:
     """The refiners and the rule; without a round all of them give the decoupled optima."""
     if count == 0:
-        return [EvaluatedPlanner(OWN_LP)]
-    rules = [rule(count), rule(count, null_space=True)]
+        return [EvaluatedPlanner(DECOUPLED_OPTIMUM)]
     if count != own:  # the others are of interest as an answer alone
         networks = [one for one in networks if one.recipe in (TUNED, SHORT)]
-        rules = rules[:1]
     refiners = [
         EvaluatedPlanner(
             replace(one.planner, model=with_rounds(one.predictor, count)),
@@ -112,7 +109,7 @@ def _planners(networks: Sequence[EvaluatedNetwork], count: int, own: int) -> lis
         )
         for one in networks
     ]
-    return [*refiners, *map(EvaluatedPlanner, rules)]
+    return [*refiners, EvaluatedPlanner(rule(count))]
 
 
 def dense_beside(ground: HeldOut, count: int) -> list[Scenario]:
@@ -135,7 +132,6 @@ def refiners_on(data: Where) -> list[ModelVersion]:
 
 
 def _common_rounds(networks: Sequence[EvaluatedNetwork]) -> int:
-    """The rounds that the answers of all take."""
     counts = {network.label: network.predictor.config.get("rounds") for network in networks}
     found = set(counts.values())
     if len(found) == 1 and (own := found.pop()) is not None:

@@ -76,14 +76,10 @@ def _drawn(
 
 
 def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
-    """Each peer's time over the expert's, on the same instances in turn.
-
-    The peers keep craft apart at the nodes; so they stand beside the expert both as it works by
-    default, at all times, and at the nodes.
-    """
+    """Time of each peer over the expert's at all times and, as peers plan, at the nodes only."""
     plain = PlainScp(n, Problem())
 
-    def by_plain(scenario: Scenario) -> object:  # from the own LPs, where the expert starts too
+    def by_plain(scenario: Scenario) -> object:  # from where the expert starts too
         return plain.solve(scenario, decoupled_seed(scenario))
 
     peers: list[tuple[str, Separation, int, Work]] = [
@@ -112,7 +108,6 @@ def _ratio(n: int, name: str, separation: Separation, count: int, peer: Work) ->
 
 
 def _exponent(times: Sequence[tuple[Any, Any]]) -> float:
-    """The exponent by which times grow, from pairs of n and time."""
     n, mean = np.log(np.array(times, dtype=float)).T
     return float(np.polyfit(n, mean, 1)[0])
 
@@ -131,7 +126,6 @@ def _grids() -> list[Row]:
 
 
 def _batch(n: int, count: int) -> Row:
-    """Time an instance, with its certificate, alone and in a batch."""
     scenarios = _drawn(n, count)
     solve_many(scenarios)
     row: Row = {"n": n, "instances": count}

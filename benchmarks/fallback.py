@@ -68,9 +68,8 @@ def main(
 def _compared(
     flown: NetworkPlanner, rounds: int, family: str, n: int, count: int, split: str
 ) -> list[Row]:
-    """A line for each planner, on scenarios of one size."""
     scenarios = [draw(family, 0, n, k, Problem(), split) for k in range(count)]
-    own = next(baseline for baseline in BASELINES if baseline.name == "own LP")
+    own = next(baseline for baseline in BASELINES if baseline.name == "decoupled optimum")
     planners: dict[str, Plans] = {
         "network answers": lambda some: _answer(flown, some),
         "decoupled optima": own.plan,
@@ -123,20 +122,17 @@ def _answer(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:
 
 
 def _speed(seconds: np.ndarray) -> Row:
-    """Time an instance, and instances a second."""
     median = float(np.median(seconds))
     return {"ms": 1e3 * median, "quartiles_ms": quartiles(1e3 * seconds), "a_second": 1 / median}
 
 
 def _over(plans: Sequence[Plan], others: Sequence[Plan]) -> str:
-    """Mean ratio of fuel where both are safe."""
     pairs = zip(plans, others, strict=True)
     safe = [(a.certificate, b.certificate) for a, b in pairs if a.status == b.status == SOLVED]
     return f"{np.mean([one.fuel / other.fuel for one, other in safe] or [np.nan]):.4f}"
 
 
 def _grid(flown: NetworkPlanner, problem: Problem) -> Row:
-    """The network alone beside the expert."""
     scenarios = [draw("rings", 0, 10, k, problem, "valid") for k in range(100)]
     plans, expert = flown.plan(scenarios), solve_many(scenarios, settings=Settings())
     return {

@@ -1,8 +1,4 @@
-"""Programs that one would write in cvxpy: a swarm's variables and dynamics, and DCCP's procedure.
-
-They keep craft apart at the nodes only, which is less than the expert promises. The plain SCP is
-``pipeline.expert.plain``, which has the same program without cvxpy.
-"""
+"""Programs that one would write in cvxpy, apart at nodes only: a swarm's, and DCCP's procedure."""
 
 import cvxpy as cp
 import numpy as np

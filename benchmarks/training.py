@@ -28,7 +28,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 from pipeline.training.data import Preparation, Prepared
-from pipeline.training.loop import Descent, Task, pass_over
+from pipeline.training.loop import Descent, Objective, pass_over
 
 SEED = 2022
 N = 10
@@ -41,8 +41,8 @@ OURS = "prolearn"
 STEPS = "steps alone"
 """The steps of an epoch on batches that were cut beforehand: what no epoch can go below."""
 
-Batches = Iterable[Sequence[Tensor]]  # inputs and targets
-Epoch = Callable[[], object]
+TorchBatches = Iterable[Sequence[Tensor]]  # inputs and targets
+RunEpoch = Callable[[], object]
 
 
 def main(
@@ -61,7 +61,7 @@ def main(
 
 
 def _examples(count: int) -> Examples:
-    """Scenarios of the reference problem with each craft's own optimum, much cheaper than plans."""
+    """Scenarios of the reference problem with decoupled optima, much cheaper than plans."""
     problem = Problem()
     scenarios = [draw("rings", SEED, N, index, problem) for index in range(count)]
     initial = np.stack([s.initial for s in scenarios])
@@ -71,7 +71,6 @@ def _examples(count: int) -> Examples:
 
 
 def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
-    """Time of each way to go over the examples once."""
     recipe = recipe_for(arch, "tuned")
     seconds = _in_turn(_ways(arch, recipe, examples), rounds)
     return [
@@ -90,46 +89,48 @@ def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
     ]
 
 
-def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, Epoch]:
+def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, RunEpoch]:
     """Ways to train for an epoch, each with a network of its own."""
     architecture = find(arch)
     encoding = fit(examples, recipe.interior, recipe.target, recipe.scaling)
     data, size = Preparation(architecture, encoding, CPU).of(examples), recipe.batch_size
     order = torch.Generator().manual_seed(SEED)
 
-    def fresh() -> tuple[Task, Descent]:
+    def fresh() -> tuple[Objective, Descent]:
         network = architecture.network(architecture.config, encoding, recipe.dropout)
-        return Task(architecture, network, encoding, recipe), Descent(network, recipe, steps=1)
+        descent = Descent(network, recipe, steps=1)
+        return Objective(architecture, network, encoding, recipe), descent
 
-    def plain(batches: Batches) -> Epoch:
-        task, descent = fresh()
-        return lambda: _plain_epoch(task, descent.optimizer, batches)
+    def plain(batches: TorchBatches) -> RunEpoch:
+        objective, descent = fresh()
+        return lambda: _plain_epoch(objective, descent.optimizer, batches)
 
-    task, descent = fresh()
+    objective, descent = fresh()
     instances = TensorDataset(data.tensors["inputs"], data.tensors["target"])
     cut = [(batch.tensors["inputs"], batch.tensors["target"]) for batch in data.in_order(size)]
     return {
-        OURS: lambda: pass_over(task, descent, data, order),
+        OURS: lambda: pass_over(objective, descent, data, order),
         STEPS: plain(cut),
         "loader": plain(DataLoader(instances, size, shuffle=True)),
         "loader, 2 workers": plain(DataLoader(instances, size, shuffle=True, num_workers=2)),
     }
 
 
-def _plain_epoch(task: Task, optimizer: torch.optim.Optimizer, batches: Batches) -> float:
-    """The tutorial's loop over batches."""
-    task.network.train()
+def _plain_epoch(
+    objective: Objective, optimizer: torch.optim.Optimizer, batches: TorchBatches
+) -> float:
+    objective.network.train()
     total = 0.0
     for inputs, target in batches:
         optimizer.zero_grad()
-        loss = task.loss(Prepared({"inputs": inputs, "target": target}))
+        loss = objective.loss(Prepared({"inputs": inputs, "target": target}))
         torch.autograd.backward(loss)
         optimizer.step()
         total += loss.item()
     return total
 
 
-def _in_turn(ways: Mapping[str, Epoch], rounds: int) -> dict[str, np.ndarray]:
+def _in_turn(ways: Mapping[str, RunEpoch], rounds: int) -> dict[str, np.ndarray]:
     """Seconds of each way, round after round; one more round goes before them, to warm up."""
     seconds = [[timeit(epoch, number=1) for epoch in ways.values()] for _ in range(rounds + 1)]
     return dict(zip(ways, np.array(seconds[1:]).T, strict=True))

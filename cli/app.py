@@ -38,7 +38,7 @@ USAGE: Any = typer.BadParameter.__base__
 CONTROL_GROUP = Path("/sys/fs/cgroup")  # where a container says what it may take
 
 
-class Group(TyperGroup):
+class CommandGroup(TyperGroup):
     """Commands whose errors are one sentence and an exit status."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -218,11 +218,7 @@ def verify(
 
 
 def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
-    """The workers that the options ask for.
-
-    A scheduler's address in the environment, unlike one on the command line, is no error where
-    work is done on this machine.
-    """
+    """The workers asked for; a scheduler in the environment is no error on this machine."""
     from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
 
     scheduler, wait = settings.scheduler, settings.scheduler_wait

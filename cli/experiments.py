@@ -42,8 +42,8 @@ def evaluate(settings: Evaluation, resume: Resume = False, as_json: AsJson = Fal
 def warmstart(settings: WarmStarts, resume: Resume = False, as_json: AsJson = False) -> None:
     """Experiment 3: start an optimizer from each network's plan and from simple seeds.
 
-    Networks, straight line, minimum energy and the own LPs give seeds; the report sets both
-    optimizers side by side.
+    Networks, straight line, minimum energy and the decoupled optima give seeds; the report sets
+    both optimizers side by side.
 
     Examples:
 

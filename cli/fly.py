@@ -79,14 +79,8 @@ def fly(
 
 
 def _fly_trials(
-    path: Path,
-    plan: "Plan",
-    conditions: "Conditions",
-    settings: FlownTrials,
-    *,
-    as_json: bool,
+    path: Path, plan: "Plan", conditions: "Conditions", settings: FlownTrials, *, as_json: bool
 ) -> None:
-    """Fly it many times, with errors."""
     from cli.jobs.fly_trials import fly_trials
     from cli.jobs.planner import planner_of
     from pipeline.flight.loops import refuse_replanning
@@ -147,7 +141,6 @@ def _kept(required: "Requirements") -> list[str]:
 
 
 def _fly_once(path: Path, plan: "Plan", conditions: "Conditions", *, as_json: bool) -> None:
-    """Fly it without errors, with one effect more each time."""
     from pipeline.flight.effects import effects, flight_report
 
     try:

@@ -13,7 +13,7 @@ import typer
 from typer.main import get_command_name
 
 from cli import convert, dataset, experiments, fly, models, plan, scenario, tradeoff, train
-from cli.app import Group
+from cli.app import CommandGroup
 from cli.output import echo
 
 # Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
@@ -22,7 +22,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 datasets = typer.Typer(
-    name="dataset", cls=Group, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown"
+    name="dataset", cls=CommandGroup, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown"
 )
 datasets.callback(invoke_without_command=True)(dataset.make)
 datasets.command()(dataset.card)
@@ -42,7 +42,7 @@ COMMANDS: Mapping[str, Sequence[Any]] = {
 """Groups of commands in the help."""
 
 
-class Line(Group):
+class Line(CommandGroup):
     """All commands, in the order of the work."""
 
     def list_commands(self, ctx: Any) -> list[str]:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from cli.app import Group
+from cli.app import CommandGroup
 from cli.output import beside, echo, print_json, print_table, seen
 from cli.progress import each
 from cli.settings import AsJson, flag, option
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="models",
-    cls=Group,
+    cls=CommandGroup,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     help="""Registered models: list them, show, promote, export or register one.
@@ -254,9 +254,7 @@ def _say(made: "ExportedModel") -> None:
 
 
 @app.command()
-def register(
-    folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.")],
-) -> None:
+def register(folder: Annotated[Path, typer.Argument(help="A folder in unregistered/.")]) -> None:
     """Register a trained network that was kept because the tracking store had failed.
 
     The folder stays as it is.

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 
-from cli.app import FAILED, Group, within_memory
+from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
 from cli.settings import AsJson, Family, ProblemSettings, flag, option
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="scenario",
-    cls=Group,
+    cls=CommandGroup,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     help="""Scenario files: write one by hand, check one, describe their fields.
@@ -197,9 +197,7 @@ def _show(found: "list[Diagnostic]") -> None:
 
 
 @app.command()
-def schema(
-    plan: Annotated[bool, flag("--plan", "Of plan files instead.")] = False,
-) -> None:
+def schema(plan: Annotated[bool, flag("--plan", "Of plan files instead.")] = False) -> None:
     """Print the JSON Schema of scenario files: every field, its type and its unit.
 
     Editors that know it complete fields and mark mistakes while one types.

@@ -33,8 +33,7 @@ def flag(name: str, text: str) -> Any:
 AsJson = Annotated[bool, flag("--json", "Print one JSON document, and all else on stderr.")]
 Jobs = Annotated[int, option("Processes; -1 for all cores.")]
 Separation = Annotated[
-    Literal["continuous", "nodes"],
-    option("Keep craft apart at all times, or at the nodes only."),
+    Literal["continuous", "nodes"], option("Keep craft apart at all times, or at the nodes only.")
 ]
 Effort = Literal["first", "default", "best"]
 Family = Annotated[
@@ -50,8 +49,7 @@ Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
 TrainingSize = Annotated[int, option("Swarm size to train on.")]
 Device = Annotated[str, option("auto, cpu, cuda or mps.")]
 Resume = Annotated[
-    bool,
-    flag("--resume", "Nothing to do where data, models, settings and versions are as before."),
+    bool, flag("--resume", "Nothing to do where data, models, settings and versions are as before.")
 ]
 
 
@@ -170,8 +168,7 @@ class WorkerSettings:
         Literal["loky", "dask"], option("Where workers run: this machine, or a Dask cluster.")
     ] = "loky"
     scheduler: Annotated[
-        str | None,
-        option("Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"),
+        str | None, option("Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS")
     ] = None
     scheduler_wait: Annotated[
         float | None, option("Seconds in which a lost scheduler may come back; 300 by default.")
@@ -330,7 +327,8 @@ class Planning:
     planner: Annotated[
         str,
         option(
-            "expert, refiner, minimum-energy, straight-line, own-LP, or a model (ff1, ...).",
+            "expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a model (ff1, "
+            "...).",
             autocompletion=planners,
         ),
     ] = "expert"

@@ -7,10 +7,7 @@ from pipeline.text import visible
 
 
 class Markdown(str):
-    """Markdown; any other text is escaped where it goes into Markdown.
-
-    What methods and operators of ``str`` make of it is plain text again.
-    """
+    """Markdown; other text is escaped where it goes into it, and so is what ``str`` makes of it."""
 
     __slots__ = ()
 

@@ -61,10 +61,7 @@ def version_change(was: Mapping[str, str], now: Mapping[str, str], then: str = "
 
 
 def refuse_other_versions(what: str, was: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Raise InputError, naming the first version that differs, for what others have begun.
-
-    ``what`` is a folder and what was done to it, such as "data/n10 was solved".
-    """
+    """InputError with the first version that differs; ``what`` as in "data/n10 was solved"."""
     change = version_change(was, now)
     if change:
         raise InputError(

@@ -1,8 +1,4 @@
-"""Lock files that show whether their process lives, and scratch folders that they guard.
-
-The locks are the operating system's: they end with their process, however that ends, and need
-neither process ids nor clocks.
-"""
+"""Lock files, the operating system's, that show whether their process lives; scratch folders."""
 
 import os
 import re

@@ -17,9 +17,6 @@ def _escape(character: str) -> str:
 
 
 def visible(text: str, escape: Callable[[str], str] = _escape) -> str:
-    """A text on one line, with control, invisible and bidirectional characters as escapes.
-
-    A terminal obeys such characters, and they can make a text look like another.
-    """
+    """A text on one line, with control, invisible and bidirectional characters as escapes."""
     hidden = {ord(c): escape(c) for c in set(text) if not c.isprintable() or _BLANK.match(c)}
     return text.translate(hidden) if hidden else text

@@ -28,10 +28,7 @@ def public(text: object, *urls: object) -> str:
 
 
 def public_url(url: object) -> str:
-    """A URL, which may have spaces in it, without its secrets; a path as it is.
-
-    Where it is unclear what is secret, as with a ``/`` in a password, only the scheme is left.
-    """
+    """A URL without its secrets, or its scheme alone where they are unclear; a path as it is."""
     scheme, _, shown, _ = _parts(str(url))
     return scheme + shown
 

@@ -30,8 +30,8 @@ def planner(
     """The planner of a name, whose ``plan`` takes several scenarios of one problem and one n.
 
     Args:
-        name: expert, refiner, minimum-energy, straight-line, own-LP, or a registered model such as
-            lstm2 or ff1:paper.
+        name: expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a registered
+            model such as lstm2 or ff1:paper.
         requirements: what its plans must satisfy; by default separation at all times.
         effort: of the expert: first, default or best. By default the second; after a model the
             first, and after the refiner that only where it has no safe plan.

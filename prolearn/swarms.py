@@ -79,7 +79,6 @@ def scenario(
 
 
 def _end(given: Any) -> Any:
-    """An end as a scenario file has it."""
     if isinstance(given, list | tuple) and any(isinstance(one, Mapping) for one in given):
         return {"rings": [_plain(one) for one in given]}
     return _plain(given)

@@ -1,4 +1,1 @@
-"""The registry: runs, registered models and results in MLflow; no other package imports mlflow.
-
-Every function that opens the tracking store raises ``ProlearnError`` where the store fails.
-"""
+"""Runs, models and results in MLflow, which no other package imports; ProlearnError if it fails."""

@@ -76,11 +76,7 @@ def curve_metrics(history: Mapping[str, Sequence[float | int]]) -> list[Any]:
 def dataset_input(
     path: str, digest: str, context: str, profile: Mapping[str, Any] | None = None
 ) -> Any:
-    """MLflow's record that a run has used a dataset, by its folder and the digest of its content.
-
-    Context is TRAINING_DATA or EVALUATION_DATA; the profile has further facts about it. The
-    secrets of a URL are left out.
-    """
+    """MLflow's record of a run's dataset; ``context`` is TRAINING_DATA or EVALUATION_DATA."""
     path = public_url(path)
     # A run has a dataset of one name and digest once, whatever it used it for.
     suffix = "" if context == TRAINING_DATA else f"-{context}"

@@ -65,10 +65,7 @@ def versions_of(tags: Mapping[str, str]) -> dict[str, str]:
 
 
 def requirements(arch: str) -> list[str]:
-    """Exact requirements of a registered model, without a build's local label (+cpu).
-
-    The distribution that brings the architecture is one of them.
-    """
+    """Exact requirements of a registered model and its architecture, without +cpu."""
     names = dict.fromkeys((*LOADING, distribution_of(arch) or LOADING[0]))
     return [f"{name}=={version(name).partition('+')[0]}" for name in names]
 

@@ -141,11 +141,7 @@ def resolve(reference: str) -> ModelVersion:
 
 
 def load(reference: str | ModelVersion) -> tuple[Model, ModelVersion]:
-    """A registered network and its version, from safetensors and JSON alone.
-
-    Raises:
-        InputError: where there is no such model, or its files are gone or not sound.
-    """
+    """A registered network and its version, by safetensors and JSON; InputError if not sound."""
     with opened(create=False) as store, scratch_folder() as scratch:
         version = reference if isinstance(reference, ModelVersion) else _find(store, reference)
         mlflow.artifacts.download_artifacts(
@@ -268,10 +264,7 @@ def _find(store: Store, reference: str) -> ModelVersion:
 
 
 def _search(store: Store, name: str, mark: str, rest: str) -> ModelVersion | None:
-    """The version of a name, the sign after it, and what follows, empty for a bare name.
-
-    MLflow raises where the alias or the number is unknown.
-    """
+    """The version of a name, sign and rest, empty for a bare name; MLflow raises if unknown."""
     if name.startswith("m-") and not mark:
         return next((v for v in _versions(store) if v.model_id == name), None)
     name = name if name.startswith(PREFIX) else PREFIX + name

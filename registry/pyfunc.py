@@ -31,10 +31,7 @@ class TransferModel:
     def predict(
         self, model_input: Mapping[str, Any], params: Mapping[str, Any] | None = None
     ) -> Float64[Array, "N n T 6"]:
-        """Node states, m and m/s, predicted from ``initial`` and ``goal`` states, (N, n, 6) each.
-
-        MLflow has checked the input against SIGNATURE; it passes params that are not used.
-        """
+        """Node states, m and m/s, from ``initial`` and ``goal`` (N, n, 6), as MLflow checked."""
         initial, goal = (np.asarray(model_input[k], np.float64) for k in ("initial", "goal"))
         return self.model.predict(initial, goal)
 

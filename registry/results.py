@@ -1,8 +1,4 @@
-"""Runs of experiments in MLflow: recorded with their table and files, found and read again.
-
-Runs are numbered, so that the newest is known whatever clocks said. Files have checksums in their
-run's tags, and are checked before they are decoded.
-"""
+"""Runs of experiments in MLflow, with checksums of their files: recorded, found and read."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -222,10 +218,7 @@ def table_bytes(table: pd.DataFrame) -> bytes:
 
 
 def table_from(content: bytes) -> pd.DataFrame:
-    """Decode a table from the bytes of a Parquet file that is not trusted.
-
-    An InputError has what is wrong: they are damaged, or it is none of results or too large.
-    """
+    """The table in an untrusted Parquet file; InputError if damaged, too large or another."""
     try:
         _check_size(content)
     except (OSError, pa.ArrowException) as error:
@@ -260,10 +253,7 @@ def _check_size(content: bytes) -> None:
 def _finished(
     store: Store, experiment: str, having: Mapping[str, str] | None = None
 ) -> Iterator[Run]:
-    """Finished runs with some parameters, the newest first.
-
-    Runs without a number, of earlier versions, come after those that have one.
-    """
+    """Finished runs with some parameters, the newest first; those without a number come last."""
     wanted, others = (having or {}).items(), []
     for found in _runs(store, experiment, filter_string="attributes.status = 'FINISHED'"):
         run = _run_of(store, found)

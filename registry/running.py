@@ -31,17 +31,9 @@ FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
 
 @contextmanager
 def recorded_run(
-    store: "Store",
-    experiment: str,
-    name: str,
-    tags: Mapping[str, str],
-    *,
-    again: str | None = None,
+    store: "Store", experiment: str, name: str, tags: Mapping[str, str], *, again: str | None = None
 ) -> Iterator[str]:
-    """An MLflow run, by its id: FINISHED after the block, FAILED where the block raises.
-
-    It is a new one, or, where ``again`` has the id of an earlier one, that.
-    """
+    """An MLflow run, new or of the id ``again``: FINISHED after the block, or FAILED."""
     folder, prefix = _place(store.uri)
     with living(folder, prefix, keep_on_error=True) as process:
         key = f"{WRITER}{process[-TOKEN:]}"
@@ -59,10 +51,7 @@ def recorded_run(
 
 
 def close_abandoned(client: Any, uri: str) -> None:
-    """Mark the runs as KILLED that processes of this machine were writing when they died.
-
-    What cannot be closed now, as in a store that is read-only, is left for the next time.
-    """
+    """Mark as KILLED, where possible, runs that dead processes of this machine were writing."""
     folder, prefix = _place(uri)
     with suppress(*FAILURES):
         clear_dead(folder, prefix, lambda name: _close(client, name))

@@ -53,10 +53,7 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
 
 
 def check_database(path: Path) -> None:
-    """Raise InputError for a file that is no store of MLflow; a missing or empty one will be one.
-
-    Only its list of tables is read: how sound the rest is, ``check_whole`` finds out.
-    """
+    """InputError for a file whose tables are not MLflow's; a missing or empty one will be one."""
     try:
         tables = {name for (name,) in _read(path, "SELECT name FROM sqlite_master")}
     except sqlite3.DatabaseError as error:

@@ -83,10 +83,7 @@ def opened(*more: str, create: bool = True) -> Iterator[Store]:
 
 @contextmanager
 def explained(uri: str) -> Iterator[None]:
-    """Turn what MLflow raises into a ProlearnError about the store at ``uri``, in one sentence.
-
-    It is an InputError where that is an SQLite file and damaged.
-    """
+    """Turn MLflow's errors into a ProlearnError about ``uri``, InputError for a damaged file."""
     try:
         yield
     except FAILURES as error:

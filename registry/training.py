@@ -1,7 +1,4 @@
-"""Trainings in MLflow: recorded and registered, evaluations added, tables for the report.
-
-Where the store fails, a folder in ``unregistered/`` keeps a network and the record of its training.
-"""
+"""Trainings in MLflow: recorded and registered, evaluations added, tables for the report."""
 
 import json
 import math
@@ -20,7 +17,7 @@ from safetensors import safe_open
 
 from pipeline.documents import parsed
 from pipeline.errors import InputError, ProlearnError
-from pipeline.experiments.records import Epoch, Training
+from pipeline.experiments.records import EpochLosses, Training
 from pipeline.experiments.trainings import curves_figure
 from pipeline.figures.style import save as save_figure
 from pipeline.figures.style import styles
@@ -146,10 +143,7 @@ def record_training(
 
 
 def register_kept(folder: Path) -> ModelVersion:
-    """Record and register a network that was kept because the store had failed.
-
-    The folder stays as it is; an InputError says where it holds no sound network and record.
-    """
+    """Register a network kept because the store had failed; InputError where not sound."""
     record, model = _read_record(folder / RECORD), load_network(folder)
     with scratch_folder() as scratch:
         network = scratch / "network"
@@ -213,7 +207,6 @@ def _read_record(path: Path) -> TrainingRecord:
 
 
 def _log_curves(store: Store, run_id: str, record: TrainingRecord) -> None:
-    """Learning curves as numbers and as a figure."""
     store.client.log_dict(run_id, dict(record.history), "learning_curve.json")
     arch = str(record.params["arch"])
     columns = {name: record.history[name] for name in CURVES}
@@ -285,11 +278,7 @@ def add_model_results(
 def _add_metrics(
     store: Store, version: ModelVersion, metrics: Mapping[int, Mapping[str, SupportsFloat]]
 ) -> None:
-    """Add metrics to a model's run, and to the model where MLflow knows it.
-
-    Of a metric's values the latest counts, and machines' clocks may differ: the time of these is
-    after that of every value that is there.
-    """
+    """Add metrics to a run and its model, dated after all that are there, as clocks may differ."""
     try:
         model = store.client.get_logged_model(version.model_id).model_id
     except MlflowException:
@@ -311,13 +300,13 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
 
 
 def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """A row for each version, columns of Training; and for each of its epochs, columns of Epoch."""
+    """A row for each version, columns of Training; and for each epoch, columns of EpochLosses."""
     with opened(create=False) as store:
         epochs = [epoch for version in versions for epoch in _epochs(store, version)]
     rows = [_training_row(version) for version in versions]
     return (
         pd.DataFrame(rows, columns=[field.name for field in fields(Training)]),
-        pd.DataFrame(epochs, columns=[field.name for field in fields(Epoch)]),
+        pd.DataFrame(epochs, columns=[field.name for field in fields(EpochLosses)]),
     )
 
 
@@ -337,7 +326,7 @@ def _training_row(version: ModelVersion) -> dict[str, Any]:
     }
 
 
-def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:
+def _epochs(store: Store, version: ModelVersion) -> list[EpochLosses]:
     """The losses of a training; none where its run is gone."""
     if not version.params:
         return []
@@ -347,4 +336,4 @@ def _epochs(store: Store, version: ModelVersion) -> list[Epoch]:
     )
     of = version.arch, version.recipe, version.training_seed
     steps = sorted({*train, *valid})
-    return [Epoch(*of, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]
+    return [EpochLosses(*of, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]

@@ -57,7 +57,7 @@ def test_help_imports_no_heavy_package(command):
     assert "Usage: prolearn" in done.stdout
 
 
-@pytest.mark.parametrize("planner", ["expert", "own-LP"])
+@pytest.mark.parametrize("planner", ["expert", "decoupled-optimum"])
 def test_planning_without_a_model_needs_neither_mlflow_nor_torch(planner, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
     code = (

@@ -1,9 +1,4 @@
-"""Experiments 1 to 5 on the test split of a dataset, recorded for the report and MLflow's UI.
-
-Each job takes its settings, whether to leave what was done before with the same settings, data,
-models and versions, and whom to tell of progress. It raises ``InputError`` for unknown models,
-models of another problem than the dataset's, sizes that are not in it, and numbers of no use.
-"""
+"""Experiments 1 to 5 on the test split of a dataset, recorded for the report and MLflow's UI."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -213,11 +208,7 @@ def transfer_times(
 def flights(
     settings: Flights, *, jobs: int = -1, resume: bool = False, progress: Progress = SILENT
 ) -> Done:
-    """Experiment 5: plans of expert, networks and baselines are flown, with errors and without.
-
-    Networks must answer on any time grid. Where a network's plan is not safe, one convex solve
-    or the expert makes it so.
-    """
+    """Experiment 5: plans are flown, those of networks made safe first where they are not."""
     workers = Workers(jobs)
     ground = held_out(settings, [settings.n], refiners_on)
     scenarios = ground.scenarios[settings.n]

@@ -169,7 +169,6 @@ def _craft_card(
 
 
 def _step_interface(name: str) -> Markdown:
-    """Inputs and outputs of one of a craft's steps."""
     step = STEPS[name]
     rows = []
     for kind, names in (("input", step.takes), ("output", outputs(step))):

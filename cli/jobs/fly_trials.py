@@ -35,10 +35,7 @@ def fly_trials(
     planner: Planner | None = None,
     progress: Progress = SILENT,
 ) -> Sequence[Summary]:
-    """Fly a plan many times with errors, into a folder of files; a summary of each loop.
-
-    A planner plans anew at every node, in further loops beside the open one.
-    """
+    """Fly a plan many times into a folder, in further loops replanned; a summary of each loop."""
     scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")

@@ -21,11 +21,7 @@ from registry.models import ModelVersion, load, newest_trainings, resolve
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluatedNetwork(EvaluatedPlanner):
-    """A registered network in the experiments, flown and as predicted.
-
-    Its name is its architecture, and its version too where trainings of one recipe differ in more
-    than their seed.
-    """
+    """A registered network, flown and as predicted, named by version too where trainings differ."""
 
     planner: NetworkPlanner
     predictor: Model

@@ -23,9 +23,7 @@ def planner_of(
     """The planner of a name; all but models need neither MLflow nor torch.
 
     With the assignment "optimal" craft are interchangeable, and take the goals that cost least.
-
-    Raises:
-        InputError: for a name that no planner has, or an option that it has no use for.
+    InputError for a name that no planner has, or an option that it has no use for.
     """
     check_choice("assignment", assignment, ("given", "optimal"))
     if effort is not None:

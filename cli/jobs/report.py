@@ -66,10 +66,7 @@ class Found:
 
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
-    """Write the report of an evaluation, the newest by default, into a folder.
-
-    An InputError says where nothing was evaluated yet, there is no such run, or it is damaged.
-    """
+    """Write the report of an evaluation, by default the newest; InputError without a sound one."""
     run = evaluation(run_id)
     first = Found(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:
@@ -129,10 +126,7 @@ def _models_of(run: Run) -> list[ModelVersion]:
 def _without_faulty(
     parts: Mapping[str, Found], examples: Sequence[Example]
 ) -> tuple[dict[str, Found], list[str]]:
-    """The parts and models of whose values a report can be made, and notes on the others.
-
-    An InputError says where none can be made of the evaluation.
-    """
+    """Parts and models that make a report, notes on others; InputError without an evaluation."""
 
     def fault(beside: Mapping[str, Found], models: Sequence[ModelVersion] = ()) -> str:
         """The error that a report of some sources ends with; empty where it can be made."""
@@ -241,5 +235,4 @@ def _provenance_row(
 
 
 def _day(made: Run | ModelVersion) -> str:
-    """When a run or a version was made."""
     return made.created.strftime("%Y-%m-%d %H:%M UTC")

@@ -16,6 +16,7 @@ from pipeline.experiments.experiment4 import summarize_times
 from pipeline.experiments.experiment5 import summarize_flights
 from pipeline.experiments.records import PREDICTED, TABLES
 from pipeline.experiments.trials import EvaluatedPlanner, example_transfer
+from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.figures.style import save, styles
 from pipeline.figures.transfer import transfer_figure
 from pipeline.planners.classical import Expert
@@ -61,7 +62,7 @@ FITTING = {
 
 def sound_table(run: Run) -> pd.DataFrame:
     """A run's table: a row for each trial; InputError where it is none of its experiment's."""
-    table = table_of(run)
+    table = table_of(run).replace("own LP", DECOUPLED)  # its earlier name
     if table.empty:
         raise unusable(run, TABLE, "it has no rows")
     of_experiment, _ = KINDS[run.experiment]

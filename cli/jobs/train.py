@@ -126,10 +126,7 @@ def train_model(
 
 
 def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
-    """A network, flown, on validation scenarios: a row each, columns of Trial.
-
-    An InputError says where the data has none of this size, or the weights do not fit it.
-    """
+    """A network flown on validation scenarios, columns of Trial; InputError where none fits it."""
     scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:COMPARED_ON]
     flown = NetworkPlanner(model, model.architecture)
     return run_trials([EvaluatedPlanner(flown)], scenarios) if scenarios else pd.DataFrame()

@@ -63,10 +63,7 @@ class RecipeSearch:
 
     @property
     def name(self) -> str:
-        """Name of the study, the same for searches whose trials can be compared.
-
-        They are on the same data, by this code, on one kind of device and from one seed.
-        """
+        """Name of the study, the same for the same data, code, kind of device and seed."""
         how, r = self.settings, self.recipe
         code = json.dumps(dict(made_with(*TRAINED_BY)), sort_keys=True)
         versions = hashlib.sha256(code.encode()).hexdigest()[:8]
@@ -96,10 +93,7 @@ class Tuned:
 
 
 def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
-    """Search for hyperparameters until so many trials are complete, earlier ones included.
-
-    The data's test split stays untouched. A ProlearnError says where no trial came to an end.
-    """
+    """Search until so many trials, earlier ones too, are complete; ProlearnError if none is."""
     data, n, seed = settings.data, settings.n, settings.seed
     check_range("trials", settings.trials, 1, MOST)
     check_range("seed", seed, 0, SEEDS - 1)

@@ -80,10 +80,7 @@ def examples(where: Where | Folder, n: int, split: str) -> Examples:
 def examples_within(
     where: Where | Folder, n: int, split: str, memory: float = MEMORY
 ) -> ExampleSource:
-    """Solved instances of a split: loaded once where they fit into memory, else streamed.
-
-    ``memory`` is in bytes, encoding included. InputErrors are as in ``examples``.
-    """
+    """Solved instances of a split: loaded where they fit into ``memory`` bytes, else streamed."""
     check_range("memory", memory, 1, 1e15)
     folder = open_folder(where)
     manifest = read_manifest(folder)

@@ -1,8 +1,4 @@
-"""Stage one of a dataset: scenarios are drawn into shards.
-
-All that decides the bytes of a dataset is in its manifest; other settings or versions of the code
-are refused.
-"""
+"""Stage one of a dataset: scenarios are drawn into shards, whose bytes the manifest decides."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace

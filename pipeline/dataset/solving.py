@@ -120,11 +120,7 @@ def _solved(shard: Shard, content: bytes) -> NewShard:
 def _plans(
     scenarios: Sequence[Scenario], settings: Settings, requirements: Requirements
 ) -> list[Plan | str]:
-    """The expert's plans, or why there is none.
-
-    Where arithmetic fails, as it may on any scenario, that costs one row. Any other error is one
-    of ours, which every row might have, and ends the run.
-    """
+    """Plans, or why there is none: failing arithmetic costs a row, other errors end the run."""
     try:
         plans = solve_many(scenarios, settings=settings, requirements=requirements)
     except (ArithmeticError, np.linalg.LinAlgError) as error:

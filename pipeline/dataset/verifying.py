@@ -152,7 +152,6 @@ def _read(folder: Folder, check: Check) -> bytes | str:
 
 
 def _faults(check: Check, content: bytes | str) -> list[Fault]:
-    """The faults of one file."""
     name, shard = check.name, check.shard
     if shard is None:
         alone = isinstance(content, bytes) and stands_alone(content)

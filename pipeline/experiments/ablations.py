@@ -1,8 +1,4 @@
-"""Ablations of the refiner: safety and fuel without each of its parts, from stored trials.
-
-``python -m benchmarks.ablate`` makes such trials; every ablation is the tuned recipe but for one
-thing and for its epochs, of which ``short`` has as few.
-"""
+"""Ablations of the refiner: safety and fuel without each of its parts, from stored trials."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,24 +18,21 @@ from pipeline.figures.style import GREY, PAGE_WIDTH, REFERENCE, Style, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
 TUNED, SHORT = "tuned", "short"
-RULE, NULL_SPACE = "rule", "rule, null space"
+RULE = "rule"
 
 LACKS = {
     TUNED: "nothing",
     SHORT: "most epochs",
-    "no-third": "what other sides say",
+    "no-third": "messages of other encounters",
     "uncrowded": "crowded swarms to learn from",
-    "labelled": "most epochs, but has labels",
     RULE: "learning",
-    NULL_SPACE: "learning, and programs",
     DECOUPLED: "rounds",
 }
 """What a row lacks, by recipe or planner, in the order of the rows."""
 
 QUESTIONS = {
-    "no-third": "Is the refiner worse without what other sides say?",
+    "no-third": "Is the refiner worse without messages of other encounters?",
     "uncrowded": "Is the refiner worse without crowded swarms to learn from?",
-    "labelled": "Is the refiner worse with the expert's plans as labels?",
     RULE: "Is the refiner worse without learning, by its rule alone?",
 }
 """Asked of the score over that of ``short``."""
@@ -131,8 +124,8 @@ def summarize_ablations(ablations: pd.DataFrame) -> pd.DataFrame:
 
 
 def _name(planner: str, recipe: str) -> str:
-    if planner in (RULE, NULL_SPACE):
-        return planner.replace("rule", "Rule alone")
+    if planner == RULE:
+        return "Rule alone"
     if not recipe:
         return name_of(planner)
     return recipe if planner == "refiner" else f"{recipe} ({planner})"

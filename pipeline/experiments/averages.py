@@ -47,10 +47,7 @@ def average(
     spread: bool = False,
     wilson: bool = False,
 ) -> Average:
-    """An average; where asked for, columns beside it have its spread or Wilson's interval.
-
-    The spread is the standard deviation between trainings.
-    """
+    """An average, if asked for with its spread between trainings or Wilson's interval beside."""
     stem = source.removesuffix("_mean").removesuffix("_share")
     between = f"{stem}_spread" if spread else ""
     ends = (f"{stem}_low", f"{stem}_high") if wilson else None
@@ -90,10 +87,7 @@ def over_trainings(
     averages: Sequence[Average],
     order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
-    """The same of a row each training, with columns training_seed and ``source`` of the averages.
-
-    Spreads come last.
-    """
+    """The same of a row each training, with training_seed and ``source``; spreads come last."""
     groups = each.groupby(list(group), as_index=False, sort=False)
     found = groups.agg({one.source: one.over for one in averages})
     found.insert(len(group), "seeds", groups["training_seed"].nunique()["training_seed"])

@@ -150,7 +150,8 @@ def paper_findings(summary: pd.DataFrame) -> list[Finding]:
     """A row for each recipe that networks of the paper were trained by, beside its Table 2."""
     here = summary[summary["n"] == paper.NETWORK_SIZE]
     beside = "".join(
-        f"Own LP: {number(row[COLLISIONS.source])} collisions, fuel {number(row[FUEL.source])}"
+        f"Decoupled optimum: {number(row[COLLISIONS.source])} collisions, "
+        f"fuel {number(row[FUEL.source])}"
         for row in here[here["planner"] == DECOUPLED].to_dict("records")
     )
     quoted = paper.OBJECTIVES.drop("expert")[[COLLISIONS.source, FUEL.source]]

@@ -115,10 +115,7 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
 
 
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
-    """A row for each group of networks on the largest swarm that any were flown in, up to n = 30.
-
-    There is none where that is n, the swarm size of experiment 1.
-    """
+    """Findings on the largest swarm flown, up to n = 30; none if that is experiment 1's ``n``."""
     trials = averages.sizes_of_paper(trials)
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
     if largest == n:
@@ -165,7 +162,7 @@ def _on_families(summary: pd.DataFrame, forward: pd.DataFrame, recurrent: pd.Dat
         verdicts.decide(FAMILIES, several, less, more),
         f"node collisions at n = {n}{recipe}, {how}: {_listed(forward)} against "
         f"{_listed(recurrent)} (paper: {quoted['ff1']} at best against {quoted['lstm1']} at worst)",
-        f"Own LP: {number(free[COLLISIONS.source].iloc[0])}" if len(free) else "",
+        f"Decoupled optimum: {number(free[COLLISIONS.source].iloc[0])}" if len(free) else "",
     )
 
 

@@ -107,10 +107,7 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
 
 
 def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
-    """Whether each group of networks serves other T, and other Δt, where one took part at all.
-
-    A transfer time is served where plans are proven safe and cheap.
-    """
+    """Whether each group of networks that took part is safe and cheap at other T, at other Δt."""
     if times.empty:
         return []
     trials = averages.prepared(with_minutes(times[times["reading"] != PREDICTED]))
@@ -123,7 +120,7 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         asked = f"trained for {(nodes - 1) * time_step / 60:g} min serve other {called}?"
         everywhere = rows["minutes"].nunique()
         free = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
-        beside = f"Own LP: {_worst(free)}" if free else ""
+        beside = f"Decoupled optimum: {_worst(free)}" if free else ""
         for group in verdicts.groups(rows["planner"]):
             networks = group.of(rows)
             times_of = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique")
@@ -145,7 +142,6 @@ def _by_time(rows: pd.DataFrame) -> dict[str, Measured]:
 
 
 def _worst(at: Mapping[str, Measured]) -> str:
-    """The worst of one planner over its transfer times."""
     least, dearest = min(at, key=lambda t: at[t].safe), max(at, key=lambda t: at[t].fuel)
     low, high = percents(*at[least].safe_interval), ratios(*at[dearest].fuel_interval)
     return (

@@ -203,7 +203,7 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
     rough = typical[typical["errors"] == WITH_ERRORS]
     undisturbed = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
     free = rough[rough["planner"] == DECOUPLED]
-    beside = f"Own LP: {_shares(free)}" if len(free) else ""
+    beside = f"Decoupled optimum: {_shares(free)}" if len(free) else ""
     found = []
     for (planner, recipe), rows in rough.groupby(["planner", "recipe"], sort=False):
         if planner in labels.BASELINES:

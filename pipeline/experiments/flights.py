@@ -54,10 +54,8 @@ def run_flights(
     Scenarios are of one problem and one n. So many flights are draws of errors for each of them;
     without errors one says all. The seed is the root of errors, and of where on their orbits
     references begin. A row a flight, columns of Flight; the same for any number of workers, by
-    default all cores of this machine. Progress is told of each scenario.
-
-    Raises:
-        InputError: for no flights, or a seed that is none.
+    default all cores of this machine. Progress is told of each scenario. InputError for no flights,
+    or a seed that is none.
     """
     check_range("flights", flights, 1, MOST_FLIGHTS)
     check_seed(seed)

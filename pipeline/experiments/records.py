@@ -114,8 +114,8 @@ class Training:
 
 
 @dataclass(frozen=True)
-class Epoch:
-    """One epoch of a training."""
+class EpochLosses:
+    """Training and validation loss of one epoch: a point of the learning curve."""
 
     arch: str
     recipe: str
@@ -131,7 +131,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
     "trials": _TRIAL,
     "warmstarts": get_type_hints(WarmStart),
     "training": get_type_hints(Training),
-    "curves": get_type_hints(Epoch),
+    "curves": get_type_hints(EpochLosses),
     "transfer_times": {"varied": str, NODES: int, TIME_STEP: float, **_TRIAL},
     "flights": get_type_hints(Flight),
     # The scenarios' family, rounds taken, and rounds of the network's own answer.

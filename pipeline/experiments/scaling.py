@@ -115,7 +115,11 @@ def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     """Whether each group of networks is safe and cheap on the trials from ``larger_swarms``."""
     free = shown[shown["planner"] == DECOUPLED]
     largest = free[free["n"] == free["n"].max()]
-    beside = "" if free.empty else f"Own LP at n = {largest['n'].iloc[0]}: {measured(largest).text}"
+    beside = (
+        ""
+        if free.empty
+        else f"Decoupled optimum at n = {largest['n'].iloc[0]}: {measured(largest).text}"
+    )
     found = []
     for group in verdicts.groups(shown["planner"]):
         rows = group.of(shown)

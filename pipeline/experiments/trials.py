@@ -160,10 +160,8 @@ def variations(
 ) -> list[tuple[str, Problem]]:
     """Every T at the Δt of a training's problem, and every Δt (s) at its T, with which it varies.
 
-    By default those Δt that take as long as the numbers of nodes.
-
-    Raises:
-        InputError: for fewer than 3 nodes, or a step that is no positive number.
+    By default those Δt that take as long as the numbers of nodes. InputError for fewer than 3
+    nodes, or a step that is no positive number.
     """
     if time_steps is None:
         time_steps = [problem.time_step * (T - 1) / problem.intervals for T in nodes]
@@ -220,11 +218,7 @@ def write_example(example: Example, path: Path) -> None:
 
 
 def read_example(path: Path) -> Example:
-    """The example in a file; nothing in it is unpickled.
-
-    Raises:
-        InputError: where the file is damaged, or holds something else.
-    """
+    """The example in a file, without unpickling; InputError where it is damaged or holds none."""
     try:
         with ZipFile(path) as file:
             if sum(member.file_size for member in file.infolist()) > MOST_BYTES:

@@ -1,7 +1,4 @@
-"""Findings: a question, its verdict by a table of rules, and the numbers that decide it.
-
-The paper's networks answer the paper's questions together; any other is asked on its own.
-"""
+"""Findings: a question, its verdict by a table of rules, and the numbers that decide it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +11,7 @@ from pipeline.figures import intervals, labels
 from pipeline.figures.intervals import Interval, at_least, at_most
 from pipeline.figures.labels import in_order, is_network, is_papers, percents, ratio, ratios, share
 
-DECOUPLED = "own LP"
+DECOUPLED = "decoupled optimum"
 """The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
 
 SAFE = 0.95  # share of trials, by the whole of its interval, from which a planner is called safe
@@ -47,7 +44,7 @@ def decide(rules: Rules, *claims: bool | str | None) -> str:
 
 
 def together(claims: Iterable[bool | None]) -> bool | str | None:
-    """What a claim comes to for several planners: open if it is for any, MIXED if they differ."""
+    """The value of a claim for several planners: open if it is for any, MIXED if they differ."""
     found = set(claims)
     return None if None in found or not found else found.pop() if len(found) == 1 else MIXED
 
@@ -129,7 +126,7 @@ def where_safe_and_cheap(at: Mapping[str, Measured]) -> str:
 
 
 @dataclass(frozen=True)
-class Compared:
+class PairedComparison:
     """Differences of the first of two planners from the second, on the trials of both.
 
     ``safe_by_chance`` is the probability of so uneven a split of the trials in which just one is
@@ -149,11 +146,10 @@ class Compared:
         return self.safe > 0 if self.safe_by_chance <= 1 - intervals.CONFIDENCE else self.fuel < 0
 
 
-def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio") -> Compared:
-    """Compare two planners on the trials that both have flown, by columns safe and ``fuel``.
-
-    Several rows of a trial, as of several trainings, count as their mean.
-    """
+def compare(
+    first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio"
+) -> PairedComparison:
+    """Compare two planners on the trials of both, by each trial's mean of safe and ``fuel``."""
     one, other = (
         rows.assign(safe=rows["safe"].astype(float)).groupby("trial")[["safe", fuel]].mean()
         for rows in (first, second)
@@ -163,7 +159,7 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio")
     uneven = safe[safe != 0]
     chance = stats.binomtest(int((uneven > 0).sum()), len(uneven)).pvalue if len(uneven) else 1.0
     shares = (rows.loc[differences.index, "safe"].to_numpy(dtype=float) for rows in (one, other))
-    return Compared(
+    return PairedComparison(
         trials=len(differences),
         safe=float(safe.mean()) if len(safe) else float("nan"),
         safe_interval=intervals.newcombe(*shares),
@@ -247,11 +243,7 @@ def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def network_findings(
-    asked: str,
-    trials: pd.DataFrame,
-    training: pd.DataFrame,
-    n: int,
-    papers: str = PAPERS,
+    asked: str, trials: pd.DataFrame, training: pd.DataFrame, n: int, papers: str = PAPERS
 ) -> list[Finding]:
     """A row for each group of networks of which any was flown at one swarm size."""
     flown = flown_networks(trials)
@@ -268,7 +260,7 @@ def network_findings(
         low, high = share(min(safe)), share(max(safe))
         spread = low if low == high else f"{low} to {high}"
         numbers = [] if alone else [f"all {len(every)}: safe in {spread}"]
-        beside = "" if free.empty else f"Own LP: {measured(free).text}"
+        beside = "" if free.empty else f"Decoupled optimum: {measured(free).text}"
         if not mine.empty:
             chosen = measured(mine)
             how = "" if alone else ", best on validation"

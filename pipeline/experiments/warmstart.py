@@ -44,7 +44,7 @@ def run_warmstarts(
         return pd.DataFrame()
     seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
     if optimizer == PLAIN:
-        seeds["own LP", 0] = decoupled_seed  # the expert's own start
+        seeds["decoupled optimum", 0] = decoupled_seed  # the expert's own start
     seeds |= {source: partial(_network_seed, network) for source, network in predictors.items()}
     rules = _rules(optimizer, scenarios[0])
     sources = list(seeds)

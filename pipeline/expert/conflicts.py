@@ -11,7 +11,7 @@ from jaxtyping import Bool, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts
-from pipeline.orbit.approaches import PROVABLE, Swarms, close_approaches, side_by_side
+from pipeline.orbit.approaches import PROVABLE, SwarmPartition, close_approaches, side_by_side
 from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
 from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
 from pipeline.orbit.passive_safety import loss_encounters
@@ -60,7 +60,7 @@ class ConflictDetection:
     # say whether all times are looked at or the nodes only, and whether craft that have lost their
     # thrust are
     requirements: Requirements = AT_ALL_TIMES
-    swarms: Swarms | None = None  # which craft belong together; by default all of them
+    swarms: SwarmPartition | None = None  # which craft belong together; by default all of them
     margin: float = 0.0  # asked for beyond the collision radius, m
     back_off: BackOff | None = None  # asked for besides, because craft err
 

@@ -77,7 +77,7 @@ EXPERTS = {"expert": "Expert", "expert (nodes only)": "Expert (nodes only)"}
 BASELINES = {
     "straight line": "Straight line",
     "minimum energy": "Minimum energy",
-    "own LP": "Own LP",
+    "decoupled optimum": "Decoupled optimum",
 }
 """Planners that look at one craft at a time."""
 

@@ -75,7 +75,7 @@ KNOWN = {
     "expert (nodes only)": Style("#777777", "H", "-."),
     "straight line": Style("#AAAAAA", "x", ":"),
     "minimum energy": Style("#997700", "+", ":"),
-    "own LP": Style("#332288", "*", ":"),
+    "decoupled optimum": Style("#332288", "*", ":"),
     "ff1": Style("#56B4E9", "s", "-"),
     "ff2": Style("#0072B2", "^", "-"),
     "ffcol": Style("#009E73", "v", "-"),
@@ -107,10 +107,7 @@ in_style = matplotlib.rc_context(RC)
 
 @in_style
 def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
-    """Write a figure as ``path`` with each suffix, the same bytes for the same figure.
-
-    It is laid out once, for the first. In its texts, invisible characters become escapes.
-    """
+    """Write a figure as ``path`` with each suffix, laid out once; same figure, same bytes."""
     for text in figure.findobj(Text):
         text.set_text(visible(text.get_text()))
     facts = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}

@@ -113,10 +113,7 @@ class Writer:
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV; in its texts, invisible characters become escapes.
-
-    The file appears whole.
-    """
+    """Write a table as CSV, which appears whole; invisible characters become escapes."""
     shown = frame.copy()
     for name, column in frame.select_dtypes(["object", "string"]).items():
         texts = [visible(value) if isinstance(value, str) else value for value in column]

@@ -2,17 +2,13 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pipeline.errors import InputError, check_range
-from pipeline.flight.world import Drag, NonlinearWorld
-from pipeline.orbit.forces import atmosphere_near
-from pipeline.orbit.inertial import Elements
+from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import R_EARTH, Reference, radius_at
+from pipeline.orbit.reference import Reference, radius_at
+from pipeline.orbit.reference_orbit import MOST_BALLISTIC, ReferenceOrbit
 
 MOST_ECCENTRIC = 0.01  # for which plans for a circular orbit are flown, and separation is bounded
-MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
 
 
 @dataclass(frozen=True)
@@ -61,14 +57,9 @@ class Conditions:
         Raises:
             InputError: where the orbit is too low for the model of the air.
         """
-        size = radius_at(problem.mean_motion)
-        angles = self.inclination_deg, self.raan_deg, self.argument_of_perigee_deg
-        i, raan, perigee = np.deg2rad(angles).tolist()
-        latitude = float(np.deg2rad(self.argument_of_latitude_deg))
-        elements = Elements(size, i, raan, self.eccentricity, perigee)
-        drag = None
-        if self.ballistic is not None:
-            shares = 1 + self.spread * np.linspace(-1, 1, n) if n > 1 else np.ones(1)
-            held = tuple((self.ballistic * shares).tolist())
-            drag = Drag(atmosphere_near(size - R_EARTH), held, self.ballistic)
-        return NonlinearWorld(elements, latitude, self.j2, drag)
+        return NonlinearWorld.of(problem.about(self.orbit(problem)), n)
+
+    def orbit(self, problem: Problem) -> ReferenceOrbit:
+        """The reference orbit of these conditions, of a problem's mean motion."""
+        fields = vars(self) | ({} if self.ballistic else {"spread": 0.0})
+        return ReferenceOrbit(radius_at(problem.mean_motion), **fields)

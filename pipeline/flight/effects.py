@@ -11,10 +11,10 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions
-from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.nearest import nearer, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import Separation, node_collisions
@@ -47,12 +47,11 @@ def fly_controls(
     world: World, initial: Formation, controls: Controls, problem: Problem
 ) -> tuple[States, Separation]:
     """Node states and least separation at any time of controls (m/s²), flown open loop."""
-    e, step = problem.mean_motion, problem.time_step
-    pieces, nodes, closest = pieces_for(step, e), [initial], []
+    step, nodes, closest = problem.time_step, [initial], []
     for k, control in enumerate(controls.swapaxes(0, 1)):
-        arc = world.arc(nodes[-1], control, k * step, step, pieces)
-        nodes.append(arc[:, -1])
-        closest.append(nearest(arc[None], k * step, step, e))
+        arc = world.arc(nodes[-1], control, k)
+        nodes.append(arc[:, -1, -1])
+        closest.append(nearest(arc[None], k * step, step))
     return np.stack(nodes, axis=1), reduce(nearer, closest).separation()
 
 
@@ -68,7 +67,10 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
     """
     problem, goal = scenario.problem, scenario.goal
     refuse_distance(scenario, controls)
-    worlds = [(PLAN, LinearWorld(problem.dynamics)), *_worlds(scenario, conditions)]
+    worlds = [
+        (PLAN, LinearWorld(problem.dynamics)),
+        *_worlds(scenario, conditions),
+    ]
     flights = [fly_controls(world, scenario.initial, controls, problem) for _, world in worlds]
     errors = np.stack([states[:, -1] - goal for states, _ in flights])
     added = np.diff(errors, axis=0, prepend=np.zeros((1, *goal.shape)))

@@ -8,9 +8,9 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.flight.errors import Draws, Errors, burns_made, navigation_error
-from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.nearest import nearer, nearest
 from pipeline.scenario import Scenario
 
 SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
@@ -41,9 +41,8 @@ def fly_trials(
     trials are evaluated after it.
     """
     problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
-    h, e, shape = problem.time_step, problem.mean_motion, (trials, n)
+    h, shape, closest = problem.time_step, (trials, n), []
     state = scenario.initial - navigation_error(drawn, 0, errors)
-    pieces, closest = pieces_for(h, e), []
     used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
     late = np.zeros((*shape, 3))
     for node in range(problem.intervals):
@@ -51,10 +50,10 @@ def fly_trials(
         estimate = np.broadcast_to(known, (*shape, 6))
         burns = burns_made(guidance(node, estimate), drawn, node, errors, h)
         start = _pushed(state, late - burns.late).reshape(-1, 6)
-        arc = world.arc(start, burns.held.reshape(-1, 3), node * h, h, pieces)
-        arcs = arc.reshape(*shape, pieces + 1, 6)
-        closest.append(nearest(arcs, node * h, h, e))
-        state, late = arcs[:, :, -1], burns.late
+        arc = world.arc(start, burns.held.reshape(-1, 3), node)
+        arcs = arc.reshape(*shape, *arc.shape[1:])
+        closest.append(nearest(arcs, node * h, h))
+        state, late = arcs[:, :, -1, -1], burns.late
         used += np.abs(burns.held).sum(axis=(1, 2)) * h
         missed += burns.missed
     least, miss = reduce(nearer, closest), _pushed(state, late) - scenario.goal

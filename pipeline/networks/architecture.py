@@ -1,9 +1,4 @@
-"""What an architecture is: sizes, how it learns, and how it answers swarms of any size.
-
-One is an object with the members of ``Architecture``, named by an entry point of the group
-``prolearn.architectures``; one that learns the expert's plans gets most of them from
-``pipeline.networks.supervised.Supervised``, as ``pipeline/networks/lstm.py`` does.
-"""
+"""The protocol of architectures, ``Architecture``; an entry point names each object of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,7 +18,7 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import RECIPES, Recipe
 from pipeline.orbit.problem import Problem
 
-Batch = Mapping[str, Tensor]
+TensorBatch = Mapping[str, Tensor]
 """What an architecture has prepared for some swarms; the first axis of each tensor is theirs."""
 
 
@@ -58,11 +53,7 @@ def _tensor(values: Float[Array, "..."]) -> Float64[Tensor, "..."]:
 
 @runtime_checkable
 class Architecture(Protocol):
-    """One way from the end states of a swarm to its transfer.
-
-    An architecture chooses what its network reads, what it learns from, what decides which of its
-    weights are kept, and whether it answers with states or with controls.
-    """
+    """One way from the end states of a swarm to its transfer: what it reads, learns, answers."""
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -90,27 +81,22 @@ class Architecture(Protocol):
         training.
         """
 
-    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
         """What loss and score need of some swarms, on the CPU.
 
-        It is done once where data stays in memory.
-
-        Raises:
-            InputError: where it needs the expert's plans and there are none.
+        It is done once where data stays in memory. InputError where it needs the expert's plans and
+        there are none.
         """
 
     def loss(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """What training makes small: a mean over a batch, on the network's device."""
 
     def score(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """What decides which weights are kept, and when to stop: least is best.
-
-        It is a mean over a batch of validation data, without gradients.
-        """
+        """What decides which weights are kept: a mean over validation data, least best."""
 
     def answer(
         self, network: nn.Module, swarms: Swarms, encoding: Encoding
@@ -119,22 +105,13 @@ class Architecture(Protocol):
 
 
 def unused_fields(architecture: Architecture) -> frozenset[str]:
-    """Fields of a recipe that change nothing in an architecture's training.
-
-    An architecture may say so in a member ``unused``; commands refuse these fields, and a search
-    for better recipes leaves them alone.
-    """
+    """Fields of a recipe that change nothing: the member ``unused``, where there is one."""
     return frozenset(getattr(architecture, "unused", ()))
 
 
 @lru_cache
 def find(name: str) -> Architecture:
-    """The architecture of a name, looked up once.
-
-    Raises:
-        InputError: for an unknown name, or where the entry point leads to something else.
-        ProlearnError: where its module cannot be imported.
-    """
+    """The architecture of a name; InputError if unknown, ProlearnError if not importable."""
     point = entry_point(name)
     try:
         found = point.load()
@@ -152,11 +129,7 @@ def find(name: str) -> Architecture:
 
 
 def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
-    """The recipe of a name as in ``recipe_for``, with some of its fields set otherwise.
-
-    Raises:
-        InputError: as ``recipe_for``, for a bad value, or a field that changes nothing.
-    """
+    """``recipe_for`` with other fields; InputError also for one that changes nothing."""
     followed = recipe_for(arch, name)
     for field in sorted({*changes} & unused_fields(find(arch))):
         raise InputError(
@@ -169,10 +142,8 @@ def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
 def recipe_for(arch: str, name: str) -> Recipe:
     """The recipe of a name, with the departures that an architecture declares.
 
-    What an architecture calls otherwise departs from the tuned recipe.
-
-    Raises:
-        InputError: for an unknown architecture or recipe, or departures that make none.
+    What an architecture calls otherwise departs from the tuned recipe. InputError for an unknown
+    architecture or recipe, or departures that make none.
     """
     own = find(arch).recipes
     if name not in {**RECIPES, **own}:

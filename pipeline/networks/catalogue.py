@@ -1,8 +1,4 @@
-"""The names of the known architectures, read without importing any of them.
-
-An architecture is one object that meets ``pipeline.networks.architecture.Architecture``, named
-by an entry point of the group ``prolearn.architectures``. Any installed distribution may add one.
-"""
+"""The names of the known architectures, entry points of a group, read without importing any."""
 
 from importlib.metadata import entry_points
 from typing import Any
@@ -18,21 +14,13 @@ def architecture_names() -> tuple[str, ...]:
 
 
 def distribution_of(name: str) -> str | None:
-    """Name of the distribution that brings an architecture, where that is known.
-
-    Raises:
-        InputError: for an unknown architecture.
-    """
+    """The distribution that brings an architecture, where known; InputError for an unknown name."""
     found = getattr(entry_point(name), "dist", None)
     return None if found is None else str(found.name)
 
 
 def entry_point(name: str) -> Any:
-    """Where the architecture of a name is; some packages bring a class of their own for it.
-
-    Raises:
-        InputError: for an unknown name, with the known ones.
-    """
+    """The entry point of an architecture; InputError, with the known names, for an unknown one."""
     for found in entry_points(group=GROUP):
         if found.name == name:
             return found

@@ -1,7 +1,4 @@
-"""What every trained network has, without torch: model.json, its weights' file, and answers.
-
-The schema of model.json is prolearn.model/1: all of a trained model but its weights.
-"""
+"""What a trained network has without torch: model.json (prolearn.model/1), weights and answers."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -51,26 +48,17 @@ class TrainedNetwork(Protocol):
         """SHA-256 of all that decides its answers."""
 
     def on(self, problem: Problem) -> "TrainedNetwork":
-        """The same weights for another problem: other nodes, step or orbit.
-
-        Raises:
-            InputError: where the weights do not fit.
-        """
+        """The same weights for another problem; InputError where they do not fit."""
 
     def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ _"]:
         """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s², for any n ≥ 1.
 
-        Raises:
-            InputError: where the two differ in shape or are not states of swarms.
+        InputError where the two differ in shape or are not states of swarms.
         """
 
 
 def portions(initial: Array, goal: Array, nodes: int) -> Iterator[slice]:
-    """The swarms that are answered together; one portion of none where there is none.
-
-    Raises:
-        InputError: where the two differ in shape or are not states of swarms.
-    """
+    """Swarms that are answered together, one portion even of none; InputError for wrong shapes."""
     n, components = initial.shape[-2:]
     if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
         raise InputError(
@@ -131,21 +119,13 @@ class ModelDocument(BaseModel):
 
 
 def read_model(folder: Path) -> ModelDocument:
-    """The model.json of a folder.
-
-    Raises:
-        InputError: where it is missing, damaged or of another schema.
-    """
+    """The model.json of a folder; InputError where it is missing, damaged or of another schema."""
     what = "a model of schema prolearn.model/1: update prolearn or train the model again"
     return read_document(folder / DOCUMENT_FILE, ModelDocument, what)
 
 
 def read_weights(folder: Path, digest: str, parse: Callable[[bytes], Weights]) -> Weights:
-    """The weights of a folder, parsed by safetensors; nothing in them is executed.
-
-    Raises:
-        InputError: where the file is missing, not that of the SHA-256, or damaged.
-    """
+    """The weights of a folder, by safetensors; InputError where missing, damaged or others."""
     path = folder / WEIGHTS_FILE
     try:
         content = path.read_bytes()

@@ -92,10 +92,8 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
     """The encoding whose scales come from training examples, in one pass over them.
 
     They are COMMON, the largest component's root mean square, or of each COMPONENT its own. Where
-    there are no plans, the inputs stand for them.
-
-    Raises:
-        InputError: for an unknown interior, target or scaling.
+    there are no plans, the inputs stand for them. InputError for an unknown interior, target or
+    scaling.
     """
     _check_name("interior", interior, tuple(INTERIORS))
     _check_name("scaling", scaling, SCALINGS)

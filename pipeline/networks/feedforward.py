@@ -93,7 +93,7 @@ def _average(
 
 @lru_cache(maxsize=64)
 def _shares(n: int, size: int) -> Float[Array, "n _"]:
-    """What each answer in each combination counts in its craft's mean."""
+    """Weights of each combination's answers in its craft's mean."""
     craft = combinations_of(n, size).flatten()
     member = np.arange(n)[:, None] == craft
     return member / member.sum(axis=1, keepdims=True)

@@ -66,14 +66,7 @@ class Model:
         return _documented(self)[1].digest
 
     def on(self, problem: Problem) -> "Model":
-        """The same weights and scales for another problem: other nodes, step or orbit.
-
-        Nothing is trained anew; whether the answers are of any use there is another question.
-
-        Raises:
-            InputError: where the weights do not fit, as those of a network that reads all 6·n·T
-                numbers at once fit one T alone.
-        """
+        """The same weights and scales for another problem; InputError where they do not fit."""
         encoding = replace(self.encoding, problem=problem)
         try:
             network = _skeleton(self.architecture, self.config, encoding)
@@ -100,10 +93,8 @@ class Model:
         """Node states in m and m/s as the network answers, by the training's collision radius.
 
         States that it answers obey no dynamics; controls are flown, and may miss the goal. Swarms
-        may have any n ≥ 1 craft, their states in m and m/s.
-
-        Raises:
-            InputError: where the two differ in shape or are not states of swarms.
+        may have any n ≥ 1 craft, their states in m and m/s. InputError where the two differ in
+        shape or are not states of swarms.
         """
         answer = self.answer(initial, goal, self.problem.collision_radius)
         return answer if self.answers == "states" else fly(initial, answer, self.problem)
@@ -151,12 +142,7 @@ def _documented(model: Model) -> tuple[bytes, ModelDocument]:
 
 
 def load(folder: Path) -> Model:
-    """The model that ``save`` wrote; nothing in the files is executed.
-
-    Raises:
-        InputError: where a file is missing, damaged, of another schema, or does not fit the
-            other, or where the architecture is not installed.
-    """
+    """The model that ``save`` wrote; InputError where files are missing, damaged or do not fit."""
     document = read_model(folder)
     encoding = Encoding(
         problem=Problem(**document.problem.model_dump()),

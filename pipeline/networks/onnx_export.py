@@ -59,9 +59,8 @@ class GraphCheck:
 def check(path: Path, model: Model, n: int | None, *, flown: bool) -> GraphCheck:
     """Run a file on random swarms, and find out how large they may be.
 
-    Raises:
-        InputError: where onnxruntime is not installed.
-        ProlearnError: where its answer differs from torch's by more than TOLERANCE.
+    InputError where onnxruntime is not installed. ProlearnError where its answer differs from
+    torch's by more than TOLERANCE.
     """
     session = open_session(path)
     most = n
@@ -116,11 +115,7 @@ def _seconds(session: Any, model: Model, n: int) -> float:
 
 
 class OnBoard(nn.Module):
-    """The exported graph: encoding, network and decoding in float32, for batches of any size.
-
-    With ``flown`` the prediction is then projected onto the transfers that obey the dynamics and
-    both ends.
-    """
+    """The exported graph, float32: encoding, network, decoding, projection if ``flown``."""
 
     read: Tensor  # linear map from both end states of a craft to its input trajectory, (12, 6T)
     flyable: Tensor  # from predicted states and both ends to flown ones and controls
@@ -188,18 +183,14 @@ def export(
 ) -> Exported:
     """Write a model as one ONNX file that takes and gives m, m/s and m/s², float32.
 
-    Inputs ``initial`` and ``goal``, (batch, n, 6); output ``states``, (batch, n, T, 6), and
-    with ``flown`` also ``controls``, (batch, n, T-1, 3).
+    Inputs ``initial`` and ``goal``, (batch, n, 6); output ``states``, (batch, n, T, 6), and with
+    ``flown`` also ``controls``, (batch, n, T-1, 3).
 
     The file is for n craft, or for any number that one graph of the architecture answers for.
     ``flown`` projects the prediction onto the transfers that can be flown; the file's metadata has
-    the JSON values ``about``.
-
-    Raises:
-        InputError: where onnx or onnxruntime is not installed, n is no number of craft, or the
-            architecture answers in a way of its own.
-        ProlearnError: where the architecture cannot be exported, or onnxruntime's answer is not
-            torch's.
+    the JSON values ``about``. InputError where onnx or onnxruntime is not installed, n is no number
+    of craft, or the architecture answers in a way of its own. ProlearnError where the architecture
+    cannot be exported, or onnxruntime's answer is not torch's.
     """
     if n is not None:
         check_range("n", n, 1, MOST_CRAFT)

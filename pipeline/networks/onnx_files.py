@@ -28,11 +28,8 @@ def traced(
     """The graph of a module, traced with example inputs by name.
 
     ``dynamic`` has the axes of each input that may have any length, and ``name`` is that of the
-    architecture, for messages.
-
-    Raises:
-        InputError: where onnxscript is not installed.
-        ProlearnError: where torch cannot trace the module.
+    architecture, for messages. InputError where onnxscript is not installed. ProlearnError where
+    torch cannot trace the module.
     """
     with told_which_extra():
         import onnxscript  # noqa: F401  (torch's exporter needs it)
@@ -74,11 +71,7 @@ def write(made: torch.onnx.ONNXProgram, path: Path, axes: Axes, about: Mapping[s
 
 
 def open_session(path: Path) -> Any:
-    """A file in onnxruntime, on one core.
-
-    Raises:
-        InputError: where it is not installed.
-    """
+    """A file in onnxruntime, on one core; InputError where it is not installed."""
     with told_which_extra():
         import onnxruntime
     options = onnxruntime.SessionOptions()
@@ -91,7 +84,7 @@ def open_session(path: Path) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep to ourselves what torch and its exporter say about what we do not use."""
+    """Silence warnings of torch and its exporter about features that are not used here."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pipeline.errors import InputError
-from pipeline.networks.architecture import Batch, Swarms
+from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import Recipe
@@ -84,7 +84,7 @@ class Supervised(ABC):
         state.
         """
 
-    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
         """What the network reads and what it should answer, in float32."""
         if swarms.states is None or swarms.states.isnan().any():
             raise InputError(
@@ -96,7 +96,7 @@ class Supervised(ABC):
         return {"inputs": inputs.float(), "target": target.float()}
 
     def loss(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """Mean square error, with the collision penalty where the architecture has one."""
         inputs, target = batch["inputs"], batch["target"]
@@ -105,7 +105,7 @@ class Supervised(ABC):
         return supervised_loss(output, inputs, target, encoding, weight)
 
     def score(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """The loss."""
         return self.loss(network, batch, encoding, recipe)

@@ -36,8 +36,8 @@ Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
 Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and interval
 
 
-class Swarms:
-    """Independent swarms stacked along the craft axis, by their numbers of craft."""
+class SwarmPartition:
+    """Partition of the craft axis into independent swarms, by their numbers of craft."""
 
     def __init__(self, sizes: tuple[int, ...]) -> None:
         self.sizes = sizes
@@ -55,9 +55,9 @@ class Swarms:
 
 
 @lru_cache(maxsize=64)
-def side_by_side(sizes: tuple[int, ...]) -> Swarms:
+def side_by_side(sizes: tuple[int, ...]) -> SwarmPartition:
     """Swarms of some sizes, cached so that their pairs are listed once."""
-    return Swarms(sizes)
+    return SwarmPartition(sizes)
 
 
 @lru_cache(maxsize=64)
@@ -129,7 +129,7 @@ def close_approaches(
     problem: Problem,
     within: float | Float[Array, "swarms"],
     *,
-    swarms: Swarms | None = None,
+    swarms: SwarmPartition | None = None,
     moved: Marked | None = None,
     tolerance: float = TOLERANCE,
 ) -> Approaches:
@@ -260,7 +260,7 @@ def _candidates(
     middle: Vector,
     radius: Scalar,
     reach: Float[Array, "n"],
-    swarms: Swarms,
+    swarms: SwarmPartition,
     moved: Marked | None,
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
@@ -298,7 +298,7 @@ def balls(
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
-def _by_tree(middle: Vector, radius: Scalar, reach: float, swarms: Swarms) -> Candidates:
+def _by_tree(middle: Vector, radius: Scalar, reach: float, swarms: SwarmPartition) -> Candidates:
     """Pairs and intervals whose balls may be near, by one k-d tree with a plane for each."""
     intervals = radius.shape[1]
     most = 2 * float(radius.max()) + reach

@@ -1,5 +1,7 @@
 """Polynomials through Chebyshev-Lobatto points: their integrals, derivatives and bounds."""
 
+from math import ceil
+
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import chebyshev
@@ -7,12 +9,18 @@ from numpy.polynomial import chebyshev
 from pipeline.arrays import Array
 
 POINTS = 12  # of a piece, both ends included
+ANGLE = 0.25  # most by which the reference turns in a piece, rad
 # On [-1, 1], ascending
 NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
 _VALUES = chebyshev.chebvander(NODES, POINTS - 1)
 COEFFICIENTS = np.linalg.inv(_VALUES)  # from values at the points to Chebyshev coefficients
 # From values at the points to those of the integral from the first point
 INTEGRAL = chebyshev.chebvander(NODES, POINTS) @ chebyshev.chebint(COEFFICIENTS, lbnd=-1)
+
+
+def pieces_of(angle: float) -> int:
+    """Pieces, at least one, into which motion is cut while the reference turns by an angle, rad."""
+    return max(1, ceil(angle / ANGLE))
 
 
 def basis(at: Float[Array, "*batch"]) -> Float[Array, "*batch q"]:

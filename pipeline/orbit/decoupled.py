@@ -50,8 +50,8 @@ class Facets:
 
 
 @dataclass(frozen=True, eq=False)
-class DecoupledOptima:
-    """Decoupled optima of N craft without a thrust limit."""
+class MinimumFuelTransfers:
+    """Minimum-fuel transfers of N craft, each on its own and without a thrust limit."""
 
     controls: Float[Array, "N intervals 3"]  # m/s²
     bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, m/s²
@@ -62,7 +62,7 @@ class DecoupledOptima:
     exact: Bool[Array, "N"]  # whether the controls need no more than the bound but for rounding
 
 
-def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima | None:
+def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfers | None:
     """Least-fuel controls for changes of state, m and m/s, without a limit; None without a hull."""
     table = facets_of(problem)
     if table is None:
@@ -89,7 +89,7 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> DecoupledOptima |
         dual[:, facets.component] = facets.dual[chosen]
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
-    return DecoupledOptima(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
+    return MinimumFuelTransfers(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
 
 
 @lru_cache(maxsize=32)

@@ -28,6 +28,14 @@ class Dynamics(Hashable, Protocol):
     States x y z vx vy vz in m and m/s, controls in m/s², of a craft or differences of two.
     """
 
+    @property
+    def time_step(self) -> float:
+        """Length of an interval, s."""
+
+    @property
+    def fastest(self) -> float:
+        """Largest angular rate of the reference, rad/s."""
+
     def step(
         self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
     ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
@@ -63,6 +71,11 @@ class ClohessyWiltshire:
 
     mean_motion: float  # e, rad/s
     time_step: float  # length of an interval, s
+
+    @property
+    def fastest(self) -> float:
+        """As ``Dynamics.fastest``."""
+        return self.mean_motion
 
     def step(
         self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0

@@ -7,9 +7,8 @@ by collocation at Chebyshev points (Boyd, "Chebyshev and Fourier Spectral Method
 then seen from the turning frame. The maps are polynomials in time, exact to rounding.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import ceil
 
 import numpy as np
 from jaxtyping import Float
@@ -17,12 +16,19 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis, most_derivative
+from pipeline.orbit.chebyshev import (
+    COEFFICIENTS,
+    INTEGRAL,
+    NODES,
+    POINTS,
+    basis,
+    most_derivative,
+    pieces_of,
+)
 from pipeline.orbit.dynamics import Interval, Node, Since
-from pipeline.orbit.inertial import Frame
+from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
-ANGLE = 0.25  # most by which the reference turns in a piece, rad
 AHEAD = 64  # intervals beyond a plan's that are tabled at once
 
 
@@ -33,11 +39,31 @@ class Arcs:
     half: float  # half of a piece's length, s
     origin: Float[Array, "K M q 6"]  # inertial states of the reference, m and m/s
     frame: Frame  # LVLH frames there
+    acceleration: Float[Array, "K M q 3"]  # of the reference, inertial, m/s²
+    gradient: Float[Array, "K M q 3 6"]  # of the acceleration by an inertial state
     # A and B, side by side, from the state at an interval's start and the control in it
     maps: Float[Array, "K M q 6 9"]
     series: Float[Array, "K M q 6 9"]  # their Chebyshev coefficients, over each piece
+    # from control-like accelerations at a point to the state at the interval's start
+    back: Float[Array, "K M q 6 3"]
     most_acceleration: Float[Array, "K 3 9"]  # of the maps to positions, over an interval
     most_fourth: Float[Array, "K 3 9"]  # likewise, of the fourth derivatives
+
+    def window(self, intervals: slice, pieces: slice) -> "Arcs":
+        """Some pieces of some intervals; the bounds are those of whole intervals."""
+        some = intervals, pieces
+        return replace(
+            self,
+            origin=self.origin[some],
+            frame=Frame(self.frame.axes[some], self.frame.rate[some]),
+            acceleration=self.acceleration[some],
+            gradient=self.gradient[some],
+            maps=self.maps[some],
+            series=self.series[some],
+            back=self.back[some],
+            most_acceleration=self.most_acceleration[intervals],
+            most_fourth=self.most_fourth[intervals],
+        )
 
 
 @dataclass(frozen=True)
@@ -47,6 +73,11 @@ class LinearizedDynamics:
     orbit: ReferenceOrbit
     time_step: float  # length of an interval, s
     intervals: int  # so many are tabled at once
+
+    @property
+    def fastest(self) -> float:
+        """As ``Dynamics.fastest``."""
+        return self.orbit.fastest
 
     @property
     def arcs(self) -> Arcs:
@@ -127,7 +158,7 @@ def _nodes(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Float[Arr
 @lru_cache(maxsize=16)
 def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     """The reference and the maps in some intervals, computed once."""
-    pieces = max(1, ceil(orbit.fastest * time_step / ANGLE))
+    pieces = pieces_of(orbit.fastest * time_step)
     half = time_step / pieces / 2
     begins = 2 * half * np.arange(intervals * pieces)
     ends = begins[:, None] + half * (1 + NODES[1:])
@@ -135,8 +166,9 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     later = origin[1:].reshape(-1, POINTS - 1, 6)
     first = np.concatenate([origin[:1], later[:-1, -1]])
     origin = np.concatenate([first[:, None], later], axis=1)  # (pieces in all, q, 6)
-    frame = orbit.frame(origin)
-    local = _seen_from(frame, _inertial_maps(orbit.gradient(origin), frame.axes, half))
+    acceleration = orbit.acceleration(origin, orbit.ballistic or 0.0)
+    frame, gradient = lvlh_frame(origin, acceleration), orbit.gradient(origin)
+    local = _seen_from(frame, _inertial_maps(gradient, frame.axes, half))
     shape = intervals, pieces, POINTS
     maps = local.reshape(*shape, 6, 9)
     for m in range(1, pieces):
@@ -149,8 +181,11 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
         half,
         origin.reshape(*shape, 6),
         Frame(frame.axes.reshape(*shape, 3, 3), frame.rate.reshape(*shape, 3)),
+        acceleration.reshape(*shape, 3),
+        gradient.reshape(*shape, 3, 6),
         maps,
         (COEFFICIENTS @ maps.reshape(*shape, 54)).reshape(maps.shape),
+        np.linalg.inv(maps[..., :6])[..., 3:],
         *(
             most_derivative(rates, order, half).max(axis=1).reshape(intervals, 3, 9)
             for order in (1, 3)

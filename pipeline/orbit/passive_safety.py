@@ -14,7 +14,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import (
     Approaches,
     Motions,
-    Swarms,
+    SwarmPartition,
     balls,
     closest_to_origin,
     side_by_side,
@@ -47,7 +47,7 @@ def loss_encounters(
     orbits: float,
     within: float | Float[Array, "swarms"],
     *,
-    swarms: Swarms | None = None,
+    swarms: SwarmPartition | None = None,
     moved: Marked | None = None,
 ) -> Approaches:
     """All encounters of drifting craft and others that may come within a distance.
@@ -68,7 +68,7 @@ def loss_encounters(
 
 
 def least_after_loss(
-    states: States, controls: Controls, problem: Problem, orbits: float, swarms: Swarms
+    states: States, controls: Controls, problem: Problem, orbits: float, swarms: SwarmPartition
 ) -> list[Separation]:
     """The least distance of a drifting craft to another, of each swarm.
 
@@ -115,7 +115,7 @@ def _candidates(
     length: float,
     since: Int[Array, "steps"],
     reach: Float[Array, "n"],
-    swarms: Swarms,
+    swarms: SwarmPartition,
     moved: Marked | None,
 ) -> Iterator[tuple[Array, ...]]:
     """Drifting craft, node, other craft and interval whose balls are within a distance."""
@@ -143,7 +143,7 @@ def _balls(
 
 
 def _searched(
-    node: int, last: int, since: Int[Array, "steps"], swarms: Swarms, moved: Marked | None
+    node: int, last: int, since: Int[Array, "steps"], swarms: SwarmPartition, moved: Marked | None
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
     """Pairs of a drifting craft and another, and steps of a drift from a node, in portions.
 
@@ -185,7 +185,7 @@ def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]
     )
 
 
-def _closest_at_steps(paths: _Paths, swarms: Swarms) -> list[Separation]:
+def _closest_at_steps(paths: _Paths, swarms: SwarmPartition) -> list[Separation]:
     """The least separation after a loss at any time step; its bound allows for rounding."""
     closest = [Separation()] * len(swarms.sizes)
     since, step = np.arange(paths.whole + 1), paths.problem.time_step

@@ -19,7 +19,7 @@ from pipeline.orbit.forces import (
     oblateness,
     point_mass,
 )
-from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
+from pipeline.orbit.inertial import Elements
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 
 MOST_ECCENTRIC = 0.85
@@ -124,10 +124,6 @@ class ReferenceOrbit:
         """Inertial states, m and m/s, at ascending times from 0 on, s since the plan's start."""
         return _states(self, tuple((self.start + times).tolist()))
 
-    def frame(self, states: Float[Array, "*batch 6"]) -> Frame:
-        """LVLH frames at inertial states of the reference."""
-        return lvlh_frame(states, self.acceleration(states, self.ballistic or 0.0))
-
 
 @lru_cache(maxsize=32)
 def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 6"]:
@@ -140,7 +136,7 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
     held = orbit.ballistic or 0.0
 
     def motion(_: float, state: Float[Array, "6"]) -> Float[Array, "6"]:
-        return np.concatenate([state[3:], orbit.acceleration(state, held)])
+        return np.concatenate([state[3:], orbit.acceleration(state[None], held)[0]])
 
     solved = solve_ivp(
         motion,

@@ -12,7 +12,7 @@ from pipeline.orbit.approaches import (
     FEW,
     TOLERANCE,
     Approaches,
-    Swarms,
+    SwarmPartition,
     close_approaches,
     least_of_each,
     pairs,
@@ -44,7 +44,7 @@ def node_collisions(
 
 
 def swarm_node_collisions(
-    states: States, collision_radius: float, swarms: Swarms
+    states: States, collision_radius: float, swarms: SwarmPartition
 ) -> Int[Array, "swarms"]:
     """f_col of each of several swarms."""
     if not swarms.few:
@@ -75,7 +75,7 @@ def least_separations(
     states: States,
     controls: Controls,
     problem: Problem,
-    swarms: Swarms,
+    swarms: SwarmPartition,
     tolerance: float = TOLERANCE,
 ) -> list[Separation]:
     """The least distance of any pair of each swarm at any time, in brackets so wide, m.
@@ -94,7 +94,7 @@ def distances_of(least: list[Separation]) -> Float[Array, "swarms"]:
 
 
 def closer(
-    least: list[Separation], found: Approaches, problem: Problem, swarms: Swarms
+    least: list[Separation], found: Approaches, problem: Problem, swarms: SwarmPartition
 ) -> list[Separation]:
     """The least separation of each swarm, replaced where an approach was found."""
     label, start, time = swarms.label[found.first], swarms.starts, found.times(problem)
@@ -109,7 +109,7 @@ def closer(
 
 
 def closest_sampled(
-    apart: Float[Array, "p S"], first: Indices, second: Indices, swarms: Swarms
+    apart: Float[Array, "p S"], first: Indices, second: Indices, swarms: SwarmPartition
 ) -> Iterator[tuple[int, float, int, tuple[int, int]]]:
     """The closest pair of each swarm that has one, at some times: swarm, distance, time, craft."""
     least = apart.min(axis=1)
@@ -131,7 +131,7 @@ def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
     return len(np.unique(np.stack([found.first, found.second]), axis=1).T)
 
 
-def _closest_at_nodes(states: States, problem: Problem, swarms: Swarms) -> list[Separation]:
+def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) -> list[Separation]:
     """The closest pair of each swarm at any node; the bound is lower by what rounding may hide."""
     if not swarms.few and len(swarms.sizes) > 1:
         parts = np.split(states, swarms.starts[1:])

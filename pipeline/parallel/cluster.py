@@ -67,10 +67,7 @@ class Cluster:
         self._threads, self._counted = 0, -COUNT_SECONDS
 
     def has_workers(self, seconds: float) -> bool:
-        """Whether there are workers within some seconds.
-
-        A call waits meanwhile: clusters that grow with their work start workers for it.
-        """
+        """Whether workers come within some seconds; a call waits, for which clusters may grow."""
         with self._connected():
             there = bool(self._client.ncores())
             if there or not seconds:

@@ -29,10 +29,7 @@ class WorkersLostError(Exception):
 
 
 def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
-    """Results of calls in the order in which they are done; a call is drawn when its turn comes.
-
-    WorkersLostError where a process was killed.
-    """
+    """Results of calls as they are done, each drawn at its turn; WorkersLostError after a kill."""
     _remove_left_semaphores()
     parallel = joblib.Parallel(
         n_jobs=jobs,
@@ -61,10 +58,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 
 def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
-    """Where results are given up, what joblib's parts make of cancelled calls is not reported.
-
-    Its thread that hands out calls finds some taken away, and it warns of those not finished.
-    """
+    """Hide what joblib's parts report of cancelled calls where results are given up."""
     if kind is None:
         return
     usual = threading.excepthook

@@ -31,10 +31,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes of this machine, -1 for one a core, or the workers of a Dask cluster.
-
-    A single task is done by this process: another would take longer to start.
-    """
+    """Processes of this machine, -1 for one a core, or Dask's; a single task stays in this one."""
 
     jobs: int = -1
     scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.orbit.approaches import Swarms, side_by_side
+from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty
@@ -182,7 +182,7 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
 
 
 def _least_separations(
-    states: States, controls: Controls, problem: Problem, swarms: Swarms
+    states: States, controls: Controls, problem: Problem, swarms: SwarmPartition
 ) -> list[Separation]:
     """The least separation of each swarm, in a finer bracket where r_col is inside it."""
     closest = least_separations(states, controls, problem, swarms)

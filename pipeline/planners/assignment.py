@@ -1,8 +1,4 @@
-"""The linear assignment problem of craft and goals: costs, best assignment, ranking.
-
-A craft's decoupled optimum bounds its fuel. So the least sum of decoupled optima over all
-assignments bounds the fuel of every plan, whoever goes where.
-"""
+"""The linear assignment problem of craft and goals: costs, best assignment, ranking."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -81,7 +77,7 @@ def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
     its cost from the dual variables of the assignment that it was split from.
     """
     number = count()  # of equal ones the first found goes first
-    waiting = [(-np.inf, False, next(number), _Part((), 0, ()))]
+    waiting = [(-np.inf, False, next(number), _Subproblem((), 0, ()))]
     while waiting:
         _, solved, place, part = heappop(waiting)
         if not solved:
@@ -96,13 +92,13 @@ def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
             if np.isfinite(bounds[craft]):
                 forbidden = tuple(one for one in part.forbidden if one[0] >= craft)
                 forbidden += ((craft, part.slots[craft]),)
-                left = _Part(part.slots, craft, forbidden)
+                left = _Subproblem(part.slots, craft, forbidden)
                 heappush(waiting, (bounds[craft], False, next(number), left))
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """A part of all assignments, as Murty's method splits them."""
+class _Subproblem:
+    """A subset of the assignments, as Murty's method partitions them: a node of its search."""
 
     slots: Slots  # the best of the part, or of the one that it was split from
     kept: int  # craft before this one keep their goals of ``slots``

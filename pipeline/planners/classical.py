@@ -40,7 +40,6 @@ class Baseline:
 
 
 def _straight_line(batch: Batch) -> Controls:
-    """The straight line made flyable."""
     states = straight_line(batch.initial, batch.goal, batch.problem.nodes)
     return project_to_flyable(states, batch.initial, batch.goal, batch.problem)
 
@@ -57,5 +56,5 @@ def _decoupled(batch: Batch) -> Controls:
 BASELINES = (
     Baseline("straight line", _straight_line),
     Baseline("minimum energy", _minimum_energy),
-    Baseline("own LP", _decoupled),
+    Baseline("decoupled optimum", _decoupled),
 )

@@ -113,11 +113,7 @@ class _Candidates:
         return gap_of(fuel, bound, self.scenario.problem)
 
     def narrow(self) -> None:
-        """Leave out assignments that cannot be passively safe, where that refutes the first.
-
-        What refutes one assignment says little of the others: craft may drift into one goal each,
-        their own.
-        """
+        """Leave out assignments that cannot be passively safe, where that refutes the first."""
         (plan,), scenario = self.tried.values(), self.scenario
         asked = plan.certificate.passive_safety
         if self.first is not None and plan.status == INFEASIBLE and asked is not None:

@@ -1,7 +1,4 @@
-"""Networks as planners: alone, as seeds of the expert, and with the expert as a fallback.
-
-A network's answer is flown, so that dynamics and both ends hold exactly.
-"""
+"""Networks as planners: alone, as seeds of the expert, and with the expert as a fallback."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -28,11 +25,7 @@ ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
 
 @dataclass(frozen=True, eq=False)
 class NetworkPlanner:
-    """A model's plans, which obey the dynamics and meet the goal whatever it answers.
-
-    States are projected onto the transfers that can be flown; controls get the correction of
-    least energy.
-    """
+    """A model's plans, flyable whatever it answers: states are projected, controls corrected."""
 
     model: TrainedNetwork
     name: str  # what tables and plans call it
@@ -96,10 +89,7 @@ class Seeded:
 
 @dataclass(frozen=True, eq=False)
 class FallbackPlanner:
-    """A network, the network and one convex solve, the expert: the first whose plan is safe.
-
-    Each is tried on the scenarios that the one before left without a proof of safety.
-    """
+    """A network, a convex solve from it, the expert: each where no plan was proven safe before."""
 
     network: NetworkPlanner
     settings: Settings = FIRST_SAFE  # of the expert where it comes to that

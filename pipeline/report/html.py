@@ -20,11 +20,7 @@ FIGURE = re.compile(r"!\[(?P<label>[^]]*)\]\((?P<src>[^)]*)\)")
 
 
 def html_page(title: str, markdown: str, pictures: Mapping[str, bytes]) -> str:
-    """The page, with its figures inlined; it refers to nothing outside itself.
-
-    Raw HTML and links in the text stay text, and so do all images but the figures: the pictures,
-    SVG, by what the Markdown calls them.
-    """
+    """The page with its pictures inlined; raw HTML, links and other images stay text."""
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     parser.disable(["link", "autolink", "reference"])
     parser.inline.ruler.at("image", _figures(pictures))

@@ -52,11 +52,7 @@ class ReportFiles:
 
 
 def build_report(results: Results, out: Path) -> ReportFiles:
-    """Write the report of some results; the same results give the same bytes.
-
-    The folder, which is made where it is missing, gets report.md, report.html, tables/ and
-    figures/; each file appears whole.
-    """
+    """Write a report: report.md, report.html, tables/ and figures/; same results, same bytes."""
     summary, n = summarize(results.trials), reference_size(results.trials)
     # One style for each planner of any table, so that it looks the same in every figure.
     look = styles(results.planners)

@@ -53,7 +53,6 @@ def _number(given: Any) -> Any:
 
 
 def _utc(given: Any) -> datetime:
-    """An epoch as a file has it."""
     try:
         epoch = datetime.fromisoformat(given)
     except (TypeError, ValueError):
@@ -253,11 +252,7 @@ class ScenarioDocument(BaseModel):
 
 
 def read_scenario(path: Path | str) -> Scenario:
-    """The scenario in a file.
-
-    Raises:
-        InputError: where the file cannot be read or a field is missing or wrong, by its name.
-    """
+    """The scenario in a file; InputError names a field that is missing or wrong."""
     path = Path(path)
     return read_document(path, ScenarioDocument, WHAT).scenario_of(path)
 
@@ -297,10 +292,7 @@ def scenario_from(fields: Mapping[str, Any], name: str) -> Scenario:
 
 
 def write_by_hand(path: Path, fields: Mapping[str, Any]) -> Scenario:
-    """Write a scenario file of fields as a person gives them, and return the scenario.
-
-    A missing or wrong field is an InputError with its name; nothing is written then.
-    """
+    """Write a scenario file of fields and return the scenario; InputError, no file, if wrong."""
     document = document_from({"schema": SCHEMA, **fields}, ScenarioDocument)
     scenario = document.scenario(stem_of(path))
     write_document(path, document.model_dump(mode="json", by_alias=True, exclude_unset=True))

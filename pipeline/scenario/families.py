@@ -46,9 +46,8 @@ def draw(
 ) -> Scenario:
     """Draw scenario ``index`` of a split of a family, for n craft, from the arguments alone.
 
-    Raises:
-        InputError: for an unknown family or split, n, seed or index out of range, or where no
-            passively safe formation of n craft was found.
+    InputError for an unknown family or split, n, seed or index out of range, or where no passively
+    safe formation of n craft was found.
     """
     check_family(family)
     if split not in SPLITS:

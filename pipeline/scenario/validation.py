@@ -63,9 +63,8 @@ def diagnostics(scenario: Scenario) -> list[Diagnostic]:
 def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     """Refuse formations that no transfer can start from or end in safely.
 
-    Raises:
-        InputError: where a pair is within the collision radius at either end or, unless
-            ``allow_drift``, a state is not energy-matched (Eq. 3).
+    InputError where a pair is within the collision radius at either end or, unless ``allow_drift``,
+    a state is not energy-matched (Eq. 3).
     """
     problem = scenario.problem
     for end, states in {"initial": scenario.initial, "goal": scenario.goal}.items():

@@ -35,10 +35,7 @@ class Pair:
 
 
 def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
-    """What the page draws, JSON-ready, and the pairs whose separation is among it.
-
-    Positions are in cm, separations in mm, controls in mm/s², times in s.
-    """
+    """What the page draws (cm, mm, mm/s², s), JSON-ready, and the pairs whose separation it has."""
     scenario, found = plan.scenario, plan.certificate
     problem = scenario.problem
     pairs = closest_pairs(plan.states, plan.controls, problem)

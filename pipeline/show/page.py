@@ -1,7 +1,4 @@
-"""The page of a plan: words, tables, numbers and the script that draws them, in one file.
-
-Plotly's 3-D bundle, which is not ours, lies unchanged in ``vendor``.
-"""
+"""The page of a plan: text, tables, numbers and script in one file, with Plotly's bundle."""
 
 import base64
 import gzip
@@ -20,10 +17,7 @@ HERE = Path(__file__).parent
 
 
 def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
-    """The page of a plan, and what it says of it.
-
-    It refers to nothing outside itself, and its policy lets it run no script but its own two.
-    """
+    """The page of a plan, which refers to nothing outside itself, and what it says of the plan."""
     shown, scenario = recheck(claimed), claimed.scenario
     data, pairs = page_data(shown.plan)
     found = shown.plan.certificate

@@ -124,10 +124,7 @@ class Folder:
 
     @contextmanager
     def _without_secrets(self, sentence: Callable[[str], str] | None = None) -> Iterator[None]:
-        """Any error of a library becomes a ProlearnError with a sentence, or else an OSError.
-
-        The original is not in the chain, since its text may have secrets.
-        """
+        """Turn errors of libraries into ProlearnErrors or OSErrors without the URL's secrets."""
         try:
             yield
         except Exception as error:
@@ -152,7 +149,6 @@ def open_folder(where: Where | Folder) -> Folder:
 
 
 def _local_path(url: str) -> Path:
-    """The path in a file:// URL."""
     host, slash, path = url.partition("://")[2].partition("/")
     if host.lower() not in ("", "localhost") or not slash:
         raise InputError(

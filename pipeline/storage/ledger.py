@@ -101,11 +101,7 @@ class Ledger(Generic[Kind]):
     def publish(
         self, name: str, content: bytes, timings: bytes | None = None, derived: str = ""
     ) -> None:
-        """Write a shard and its timings into the folder, and commit them at once or a bit later.
-
-        Another file in its place is set aside; the ``derived`` shard is dropped where this one
-        changed.
-        """
+        """Write a shard and its timings, drop ``derived`` where it changed, set others aside."""
         digest = digest_of(content)
         if self.manifest.shards.get(name, digest) != digest:
             self.drop([derived])
@@ -280,11 +276,7 @@ def committed(ledger: Ledger[Kind]) -> Iterator[Ledger[Kind]]:
 def open_ledger(
     folder: Folder, owned: str, begin: Callable[[], Kind], progress: Progress
 ) -> Iterator[Ledger[Kind]]:
-    """The ledger of a folder that is held for writing.
-
-    ``owned`` is the pattern of its files, as for ``sole_writer``; ``begin`` gives its manifest, or
-    an error where it cannot be continued, once the folder is held.
-    """
+    """The ledger of a folder held for writing, whose manifest ``begin`` gives once it is held."""
     with sole_writer(folder, owned), committed(Ledger(folder, begin(), progress)) as ledger:
         yield ledger
 

@@ -60,11 +60,7 @@ def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> 
 def read_shard(
     folder: Folder, name: str, digest: str, most: Size, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """The rows of a shard in a folder, or some of their columns.
-
-    The whole file is read, since its SHA-256 is that of all its bytes. An InputError has only
-    what is wrong with it, and not its name.
-    """
+    """Rows, or some columns, of a shard with a digest; InputErrors leave out its name."""
     try:
         content = folder.read(name)
     except OSError as error:

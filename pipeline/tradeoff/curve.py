@@ -62,11 +62,7 @@ class Point:
 
 
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
-    """Numbers of arcs of at most so many durations, s, spread evenly over a range.
-
-    Raises:
-        InputError: where the range holds no whole number of arcs, or too short a transfer.
-    """
+    """At most ``steps`` numbers of arcs over a range of durations, s; InputError if none fits."""
     if not 1 <= steps <= MOST_NODES:
         raise InputError(f"steps is {steps}; expected 1 to {MOST_NODES} durations.")
     least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)
@@ -90,10 +86,7 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
 
 
 def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
-    """The scenario with another number of thrust arcs of the same length.
-
-    A goal that moves drifts free, so on its passive orbit.
-    """
+    """The scenario with another number of arcs of the same length; a moving goal drifts freely."""
     problem = replace(scenario.problem, nodes=arcs + 1)
     check_choice("goal", goal, get_args(Goal))
     if goal == "fixed":

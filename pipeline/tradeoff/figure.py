@@ -15,10 +15,7 @@ FOOT = 0.03  # height, as a share of the axes, at which durations without a safe
 
 @style.in_style
 def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> Figure:
-    """Plans by ascending duration and their lower bound, with the knee, if one is given.
-
-    Durations without a safe plan are marked at the foot.
-    """
+    """Plans by duration, marked at the foot where none is safe, their lower bound, and the knee."""
     figure = Figure(figsize=(style.PAGE_WIDTH, 4.0), layout="constrained")
     ax = figure.subplots()
     minutes = [point.duration / 60 for point in points]

@@ -14,7 +14,7 @@ from pipeline.dataset.examples import Examples, ExampleSource, ExampleStream
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import MEMORY, examples_within
 from pipeline.errors import InputError
-from pipeline.networks.architecture import Architecture, Batch, swarms
+from pipeline.networks.architecture import Architecture, TensorBatch, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
@@ -36,7 +36,6 @@ def fresh_draws(family: str, seed: int, n: int, problem: Problem, count: int) ->
 def _drawn(
     family: str, seed: int, n: int, problem: Problem, which: range, progress: Progress = SILENT
 ) -> Examples:
-    """The training scenarios of some indices."""
     ends = []
     progress.expect(len(which))
     for index in which:
@@ -82,10 +81,8 @@ def sources(
     The recipe's ``draws`` replace the training split of a solved dataset by fresh scenarios, drawn
     like it from the seed, or its ``crowded`` adds some, of which ``progress`` is told; the test
     split stays untouched. Each of the two may take so many bytes of memory; what is larger streams.
-
-    Raises:
-        InputError: where there is no dataset, the size is not in it, it is not solved, or no
-            instance of a split that is needed is.
+    InputError where there is no dataset, the size is not in it, it is not solved, or no instance of
+    a split that is needed is.
     """
     if recipe.draws:
         valid = examples_within(data, n, "valid", memory)
@@ -103,7 +100,7 @@ def sources(
 class Prepared:
     """Examples as an architecture has prepared them, all on one device."""
 
-    tensors: Batch
+    tensors: TensorBatch
 
     def __len__(self) -> int:
         """Number of instances."""
@@ -158,10 +155,7 @@ class Streamed:
         return len(self.source)
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
-        """Parts in random order go through a buffer that gives out half of itself at random.
-
-        It holds two batches at least. What is endless has nothing to shuffle.
-        """
+        """Parts in random order, by a buffer of two batches or more that gives a random half."""
         if self.source.endless:
             yield from self.preparation.of(self.source.read(next(self.passes))).in_order(size)
             return
@@ -196,12 +190,7 @@ def batches(source: ExampleSource, preparation: Preparation) -> Batches:
 
 
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
-    """Refuse examples that nothing can be learned from.
-
-    Raises:
-        InputError: where either is empty or holds values that are not finite numbers, or where
-            the two differ in swarm size or problem.
-    """
+    """Refuse examples that are empty, not finite, or of different n or problems (InputError)."""
     for name, source in (("training", train), ("validation", valid)):
         if len(source) == 0:
             raise InputError(f"there are no {name} examples; expected at least one: add more data.")

@@ -54,8 +54,8 @@ class Trained:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """A network, on the device of its batches, and what it is to make small."""
+class Objective:
+    """Loss and validation score of a network, on the device of its batches."""
 
     architecture: Architecture
     network: nn.Module
@@ -125,11 +125,8 @@ def train(
     The n and problem of the training examples become the model's; those for validation decide when
     to stop and which weights to keep. The seed is of initial weights, order and dropout; the device
     "auto", "cpu", "cuda" or "mps"; ``epochs`` the most passes over the data, instead of the
-    recipe's.
-
-    Raises:
-        InputError: for an unknown architecture or device, or examples that cannot be used.
-        ProlearnError: where loss or score cease to be finite numbers.
+    recipe's. InputError for an unknown architecture or device, or examples that cannot be used.
+    ProlearnError where loss or score cease to be finite numbers.
     """
     started = time.perf_counter()
     most = recipe.epochs if epochs is None else epochs
@@ -140,29 +137,29 @@ def train(
     encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
     with _seeded(seed, where):
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
-        task = Task(architecture, network, encoding, recipe)
+        objective = Objective(architecture, network, encoding, recipe)
         preparation = Preparation(architecture, encoding, where)
         data = batches(train, preparation), batches(valid, preparation)
-        history, best = _improve(task, *data, most, seed, progress)
+        history, best = _improve(objective, *data, most, seed, progress)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
     return Trained(model, history, best, seconds, str(where), torch.get_num_threads())
 
 
 def _improve(
-    task: Task, train: Batches, valid: Batches, epochs: int, seed: int, progress: Progress
+    objective: Objective, train: Batches, valid: Batches, epochs: int, seed: int, progress: Progress
 ) -> tuple[tuple[Epoch, ...], int]:
     """All epochs and the number of the best, whose weights the network is left with."""
-    recipe = task.recipe
-    descent = Descent(task.network, recipe, epochs * math.ceil(len(train) / recipe.batch_size))
-    scored = replace(task, network=descent.result)
+    recipe = objective.recipe
+    descent = Descent(objective.network, recipe, epochs * math.ceil(len(train) / recipe.batch_size))
+    scored = replace(objective, network=descent.result)
     order = torch.Generator().manual_seed(seed)
     history: list[Epoch] = []
     progress.expect(epochs)
     best, kept = 0, deepcopy(scored.network.state_dict())
     for number in range(1, epochs + 1):
         started = time.perf_counter()
-        train_loss = pass_over(task, descent, train, order)
+        train_loss = pass_over(objective, descent, train, order)
         valid_loss = scored.score(valid)
         if not (math.isfinite(train_loss) and math.isfinite(valid_loss)):
             raise ProlearnError(
@@ -175,16 +172,18 @@ def _improve(
         if number - best >= recipe.patience:
             break
     progress.end("ended early")
-    task.network.load_state_dict(kept)
+    objective.network.load_state_dict(kept)
     return tuple(history), best
 
 
-def pass_over(task: Task, descent: Descent, data: Batches, order: torch.Generator) -> float:
+def pass_over(
+    objective: Objective, descent: Descent, data: Batches, order: torch.Generator
+) -> float:
     """One epoch of steps in random order; its mean loss."""
-    task.network.train()
+    objective.network.train()
     total: Tensor | float = 0.0  # read once, so that CUDA need not wait
-    for batch in data.shuffled(task.recipe.batch_size, order):
-        loss = task.loss(batch)
+    for batch in data.shuffled(objective.recipe.batch_size, order):
+        loss = objective.loss(batch)
         descent.step(loss)
         total = total + loss.detach() * len(batch)
     return float(total) / len(data)
@@ -201,11 +200,7 @@ def _seeded(seed: int, device: torch.device) -> Iterator[None]:
 
 
 def training_device(name: str) -> torch.device:
-    """The device of a name; "auto" is CUDA where there is one, else the CPU.
-
-    Raises:
-        InputError: for a name that means nothing or a device that is not there.
-    """
+    """The device of a name, "auto" CUDA where there is one; InputError where there is none."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
@@ -223,10 +218,7 @@ def training_device(name: str) -> torch.device:
 
 
 def position_rmse(model: Model, examples: ExampleSource) -> float:
-    """Root mean square distance of predicted node positions from the expert's, m.
-
-    It does not depend on the recipe's units, and is no number where the expert has not planned.
-    """
+    """RMS distance of predicted node positions from the expert's, m; NaN without its plans."""
     squares, count = 0.0, 0
     for part in examples.parts():
         if part.states is not None:

@@ -36,11 +36,8 @@ def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
     """The study of a name in an SQLite file, both made where they are missing.
 
     The name is the same for searches whose trials can be compared; the seed is of what is drawn
-    next.
-
-    Raises:
-        InputError: where Optuna is not installed, or the path is a folder or below a file.
-        ProlearnError: where the file fails, in the block too.
+    next. InputError where Optuna is not installed, or the path is a folder or below a file.
+    ProlearnError where the file fails, in the block too.
     """
     with told_which_extra():
         import optuna

@@ -45,7 +45,7 @@ def test_an_untrained_refiner_burns_what_the_rule_does_after_as_many_rounds(roun
 
 
 def test_without_rounds_the_rule_plans_each_craft_s_own_optimum():
-    own = next(planner for planner in BASELINES if planner.name == "own LP")
+    own = next(planner for planner in BASELINES if planner.name == "decoupled optimum")
     for plan, other in zip(rule(0).plan(SCENARIOS), own.plan(SCENARIOS), strict=True):
         assert plan.certificate.fuel == pytest.approx(other.certificate.fuel, rel=1e-9)
         np.testing.assert_allclose(plan.states, other.states, atol=1e-6)

@@ -67,12 +67,12 @@ def test_without_a_reference_orbit_the_sentence_says_what_to_add_and_that_helps(
 def test_an_unsafe_plan_is_handed_over_with_status_1_and_the_pair_and_time_named(
     prolearn, planned, tmp_path
 ):
-    assert planned(WHERE, planner="own-LP").returncode == 1
+    assert planned(WHERE, planner="decoupled-optimum").returncode == 1
     done = prolearn("convert", "p.json", "--to", "oem", "--out", "o")
     assert done.returncode == 1
     pair = json.loads((tmp_path / "p.json").read_text())["certificate"]["min_separation_pair"]
     assert f"craft {pair[0]} and {pair[1]} come within" in done.stderr
-    assert "own LP: unsafe." in (tmp_path / "o" / "craft-00.oem").read_text()
+    assert "decoupled optimum: unsafe." in (tmp_path / "o" / "craft-00.oem").read_text()
 
 
 def test_an_ephemeris_has_the_name_of_the_planner_in_comments_alone(prolearn, planned, tmp_path):

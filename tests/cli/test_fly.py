@@ -61,7 +61,7 @@ def test_the_scenarios_reference_orbit_is_flown_unless_options_say_otherwise(pro
 
 def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_path):
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
-    plan = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    plan = planned("decoupled optimum", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
     i, j = plan.certificate.min_separation_pair
     assert plan.certificate.min_separation < 14
     write_plan(tmp_path / "plan.json", plan)

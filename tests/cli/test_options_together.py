@@ -64,7 +64,7 @@ PLANNERS = {
     "expert, first": named("expert", "first"),
     "expert, default": named("expert"),
     "expert, best": best,
-    **{name: named(name) for name in ("straight-line", "minimum-energy", "own-LP")},
+    **{name: named(name) for name in ("straight-line", "minimum-energy", "decoupled-optimum")},
     "refiner": named("refiner", raw=True),
     "refiner + expert": named("refiner"),
     "rule": lambda asked: rule(4, requirements=asked),

@@ -114,7 +114,7 @@ def test_a_baseline_plans_by_its_name(prolearn, tmp_path):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--planner", "own-LP", "--effort", "best"), "--effort is best"),
+        (("--planner", "decoupled-optimum", "--effort", "best"), "--effort is best"),
         (("--planner", "lstm1", "--raw", "--effort", "first"), "--effort is first"),
         (("--planner", "expert", "--raw"), "--raw is given"),
         (("--planner", "straight-line", "--raw"), "--raw is given"),
@@ -135,17 +135,17 @@ def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(prolearn, tmp
         s for s in (draw("rings", 0, 10, k, Problem()) for k in range(100)) if passes_between(s)
     )
     write_scenario(tmp_path / "s.json", scenario)
-    asked = ("plan", "s.json", "--out", "p.json", "--planner", "own-LP")
+    asked = ("plan", "s.json", "--out", "p.json", "--planner", "decoupled-optimum")
     strict, lax = prolearn(*asked), prolearn(*asked, "--separation", "nodes")
     assert (strict.returncode, lax.returncode) == (1, 0)
-    assert "unsafe by own LP" in strict.stdout
-    assert row_of("s", strict.stdout).startswith("own LP (unsafe) 0.")
-    assert re.match(r"own LP +0\.", row_of("s", lax.stdout))
+    assert "unsafe by decoupled optimum" in strict.stdout
+    assert row_of("s", strict.stdout).startswith("decoupled optimum (unsafe) 0.")
+    assert re.match(r"decoupled optimum +0\.", row_of("s", lax.stdout))
     assert "unsafe" not in lax.stdout
     report = judged(tmp_path / "s.json", tmp_path / "p.json")
     assert [fault.endswith("between nodes") for fault in report.faults] == [True]
     assert "apart at the nodes only" in prolearn("convert", "p.json", "--to", "csv").stderr
-    assert prolearn("show", "p.json").stdout == "p.html: 10 craft by own LP.\n"
+    assert prolearn("show", "p.json").stdout == "p.html: 10 craft by decoupled optimum.\n"
     assert "<strong>Safe at the nodes</strong>" in (tmp_path / "p.html").read_text()
     exact = ("fly", "p.json", "--eccentricity", "0", "--no-j2")
     assert (done := prolearn(*exact)).returncode == 0
@@ -179,7 +179,7 @@ def test_the_table_and_its_json_say_what_the_judge_finds(prolearn, tmp_path):
     for k in range(3):
         files.append(tmp_path / f"{k}.json")
         write_scenario(files[-1], draw("rings", 5, 10, k, Problem(), "valid"))
-    asked = ("plan", *files, "--planner", "own-LP", "--out", "plans")
+    asked = ("plan", *files, "--planner", "decoupled-optimum", "--out", "plans")
     table, told = prolearn(*asked), prolearn(*asked, "--json")
     assert (table.returncode, told.returncode) == (1, 1)
     rows = json.loads(told.stdout)
@@ -195,7 +195,7 @@ def test_the_table_and_its_json_say_what_the_judge_finds(prolearn, tmp_path):
         assert cells[-4:-1] == [f"{i},{j}", f"{at:.0f}", f"{report.min_separation:.2f}"]
         unsafe = report.pair_conflicts > 0
         assert row["status"] == ("unsafe" if unsafe else "solved")
-        sentence = f"{file}: unsafe by own LP: craft {i} and {j} come within "
+        sentence = f"{file}: unsafe by decoupled optimum: craft {i} and {j} come within "
         assert (sentence in table.stdout) == unsafe
         assert (f" at {at:.6g} s;" in table.stdout) == unsafe
     assert {row["status"] for row in rows} == {"unsafe", "solved"}
@@ -296,7 +296,7 @@ def test_a_plan_without_passive_safety_says_nothing_of_it(prolearn, tmp_path):
     assert "passive_safety" not in (tmp_path / "p.json").read_text()
 
 
-@pytest.mark.parametrize("planner", ["refiner", "own-LP"])
+@pytest.mark.parametrize("planner", ["refiner", "decoupled-optimum"])
 def test_other_planners_are_held_to_passive_safety(planner, prolearn, tmp_path):
     """The refiner's own plan is taken only where it has it; a baseline's is unsafe without."""
     write_scenario(tmp_path / "s.json", draw("coplanar-split", 0, 6, 1, Problem(), "valid"))
@@ -316,7 +316,10 @@ def test_other_planners_are_held_to_passive_safety(planner, prolearn, tmp_path):
         (("--passive-safety", "nan"), "nan orbits; expected a number above 0"),
         (("--passive-safety", "1e9"), "at most 100"),
         (("--passive-safety", "1", "--separation", "nodes"), "leave one of the two out"),
-        (("--passive-safety", "1", "--planner", "own-LP", "--separation", "nodes"), "leave one"),
+        (
+            ("--passive-safety", "1", "--planner", "decoupled-optimum", "--separation", "nodes"),
+            "leave one",
+        ),
     ],
     ids=" ".join,
 )

@@ -31,7 +31,7 @@ def test_a_page_is_written_beside_the_plan_or_where_one_says(prolearn, tmp_path)
 
 def test_an_unsafe_plan_is_shown_and_called_so(prolearn, tmp_path):
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
-    plan = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    plan = planned("decoupled optimum", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
     write_plan(tmp_path / "plan.json", plan)
     done = prolearn("show", "plan.json")
     i, j = plan.certificate.min_separation_pair

@@ -70,7 +70,7 @@ def test_json_is_all_there_is_on_standard_output(prolearn, scenario):
 
 def test_only_safe_plans_are_files_and_those_of_an_earlier_range_go(prolearn, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 5, 10, 0, Problem(), "valid"))
-    asked = ("tradeoff", "s.json", "--planner", "own-LP", "--out", "trade")
+    asked = ("tradeoff", "s.json", "--planner", "decoupled-optimum", "--out", "trade")
     plans = tmp_path / "trade" / "plans"
     for durations in ("42..46min", "44..60min"):
         done = prolearn(*asked, "--duration", durations)

@@ -78,7 +78,7 @@ def test_plans_satisfy_what_was_asked(plan):
     assert alike.certificate.fuel < plan.certificate.fuel and is_sound(alike)
     (first, second) = prolearn.plan_all([plan.scenario] * 2, "refiner")
     assert is_sound(first) and (first.controls == second.controls).all()
-    chosen = prolearn.planner("own-LP")
+    chosen = prolearn.planner("decoupled-optimum")
     assert prolearn.plan(plan.scenario, chosen).status == "unsafe"
 
 
@@ -93,16 +93,16 @@ def test_formations_that_nothing_can_start_from_are_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"passive_safety": 0.5}, "own LP is given with options"),
-        ({"separation": "nodes"}, "own LP is given with options"),
-        ({"effort": "best"}, "own LP is given with options"),
-        ({"raw": True}, "own LP is given with options"),
-        ({"assignment": "optimal"}, "own LP is given with options"),
+        ({"passive_safety": 0.5}, "decoupled optimum is given with options"),
+        ({"separation": "nodes"}, "decoupled optimum is given with options"),
+        ({"effort": "best"}, "decoupled optimum is given with options"),
+        ({"raw": True}, "decoupled optimum is given with options"),
+        ({"assignment": "optimal"}, "decoupled optimum is given with options"),
     ],
 )
 def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, words):
     with pytest.raises(InputError, match=words):
-        prolearn.plan(plan.scenario, prolearn.planner("own-LP"), **options)
+        prolearn.plan(plan.scenario, prolearn.planner("decoupled-optimum"), **options)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,9 @@ def test_a_page_stands_in_a_notebook_and_in_a_file(plan, tmp_path):
     assert page.write(tmp_path / "plan.html").read_text() == page.html
     assert len(repr(page)) < 80
     assert (
-        prolearn.plot([prolearn.plan(plan.scenario, "own-LP"), plan])._repr_png_().startswith(PNG)
+        prolearn.plot([prolearn.plan(plan.scenario, "decoupled-optimum"), plan])
+        ._repr_png_()
+        .startswith(PNG)
     )
     assert prolearn.plot(plan).write(tmp_path / "plan.svg").read_text().count("<svg") == 1
     with pytest.raises(InputError, match="nothing to plot"):

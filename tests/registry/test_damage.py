@@ -147,6 +147,11 @@ def test_a_table_that_is_none_of_its_experiment_is_refused(
         averages(run_id)
 
 
+def test_a_planners_earlier_name_is_read_as_its_name(folder: Path) -> None:
+    run_id = record(EVALUATION, TRIALS.assign(planner="own LP"), params={})
+    assert {row["planner"] for row in averages(run_id)} == {"decoupled optimum"}
+
+
 def report(*options: str) -> str:
     """What the command says; it ends well, or in one sentence."""
     done = CliRunner().invoke(app, ["report", *options])

@@ -61,7 +61,7 @@ def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_basel
     kept = {name: found.params[name] for name in ("n", "trials", "flights", "seed", "networks")}
     assert kept == {"n": "3", "trials": "1", "flights": "1", "seed": "0", "networks": "lstm1 tuned"}
     table = table_of(found)
-    assert set(table.planner) == {"expert", "minimum energy", "own LP", "lstm1"}
+    assert set(table.planner) == {"expert", "minimum energy", "decoupled optimum", "lstm1"}
     planned = table[(table.world == LINEAR) & (table.errors == NO_ERRORS)]
     safe = planned[planned.planner.isin(["expert", "lstm1"])]
     assert not safe.within_radius.any()
@@ -88,5 +88,5 @@ def test_without_a_refiner_expert_and_baselines_fly_alone(registered: None, solv
     fly(solved)
     found = latest(FLIGHTS)
     assert found is not None
-    assert set(table_of(found).planner) == {"expert", "minimum energy", "own LP"}
+    assert set(table_of(found).planner) == {"expert", "minimum energy", "decoupled optimum"}
     assert found.params["models"] == ""

@@ -123,7 +123,7 @@ def both(warmstarts: pd.DataFrame) -> pd.DataFrame:
     """The expert's warm starts, and those of the plain SCP, most of them unsafe between nodes."""
     plain = [
         *warm(10, "converged", "none", [8, 10, 12], [2.0, 4.0, 9.0], [0.1] * 3, False),
-        *warm(10, "converged", "own LP", [1, 1, 1], [0.5] * 3, [0.0] * 3, False),
+        *warm(10, "converged", "decoupled optimum", [1, 1, 1], [0.5] * 3, [0.0] * 3, False),
         *warm(10, "converged", "ff1 tuned", [1, 2, 3], [0.5, 1.0, 1.5], [0.01] * 3, True),
     ]
     return pd.concat([warmstarts, pd.DataFrame(plain).assign(optimizer="plain")])

@@ -1,8 +1,4 @@
-"""What numpy and torch spell differently, so that the refiner is written once for arrays of both.
-
-All else is common: numpy follows the array API, and torch takes ``axis`` and ``keepdims`` as well.
-Nothing here imports torch: who has a tensor has imported it.
-"""
+"""Array functions for numpy and torch alike, so that the refiner is written once."""
 
 import sys
 from collections.abc import Callable

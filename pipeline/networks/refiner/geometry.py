@@ -78,7 +78,7 @@ def _per_step(problem: Problem) -> Float[Array, "6"]:
 
 @dataclass(frozen=True, eq=False)
 class Encounters:
-    """Pairs of craft in intervals, each an edge of the graph of who meets whom."""
+    """Pairs of craft in intervals, each an edge of the encounter graph."""
 
     first: Int[Array, "E"]  # first craft
     second: Int[Array, "E"]  # second craft
@@ -102,7 +102,7 @@ class Encounters:
 
 
 @dataclass(frozen=True, eq=False)
-class Approaches:
+class EncounterGeometry:
     """The closest approach of each encounter, through which no gradient runs."""
 
     share: Float[Array, "E"]  # when, as a share of the interval; 0 where it was not looked at
@@ -113,10 +113,7 @@ class Approaches:
 def encounters(
     states: Float[Array, "N T 6"], n: int, near: float = NEAR, of_extent: float = NEAR_OF_EXTENT
 ) -> Encounters:
-    """Pairs of the same swarm of n craft, and intervals in which they come near each other.
-
-    That is within a distance of ``near`` r_col, or a share of the swarm's extent where it is more.
-    """
+    """Pairs of a swarm and intervals within ``near`` r_col, or a share of its extent."""
     within = np.maximum(near, of_extent * extents(states, n))
     return Encounters(*close_pairs(np.ascontiguousarray(states), n, within))
 
@@ -131,9 +128,9 @@ def approaches(
     met: Encounters,
     states: Float[Any, "N T 6"],
     within: Float[Array, "E"] | None = None,
-    before: Approaches | None = None,
+    before: EncounterGeometry | None = None,
     moved: Bool[Array, "N"] | None = None,
-) -> Approaches:
+) -> EncounterGeometry:
     """The closest approach of each encounter; beyond a distance it may be left infinite.
 
     Pairs of which neither craft has moved keep what was found before; by default all have.
@@ -146,7 +143,7 @@ def approaches(
     moved = np.ones(len(states), dtype=bool) if moved is None else moved
     pairs = (met.first, met.second, met.interval)
     nearest(plain(states), *pairs, within, moved, share, distance, turns)
-    return Approaches(share, distance, turns)
+    return EncounterGeometry(share, distance, turns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +222,7 @@ def passing(
 
 
 def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
-    """What a position is of position and velocity at one end, then at the other."""
+    """Hermite weights of position and velocity at one end, then at the other."""
     r = 1 - s
     weights = [r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r]
     return namespace(s).stack(weights, axis=-1)

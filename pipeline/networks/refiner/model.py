@@ -7,9 +7,9 @@ planes between them, agree by message passing on who gives way by how much, and 
 
 with rows g of the planes and what they ask for, d. The dual λ of a plane, in [0, Λ], is what
 another unit of separation would cost. Without learning, the craft to which it is cheaper gives way,
-or gets back less; what is learned is a trade, what the first craft gives way beyond that share. All
-that a craft reads is its own or was told by one that it meets, and sums do not depend on an order:
-the network is permutation-equivariant.
+or gets back less; what is learned is a trade, what the first craft gives way beyond that share. A
+craft uses only its own data and those of craft that it meets, and messages are summed: the network
+is permutation-equivariant.
 
 Arrays are numpy's in planning, which does without torch, and torch's in training. Axes: N craft of
 swarms of n, T nodes, m = 3(T-1) controls, E encounters, L of them with planes, C craft with planes,
@@ -37,7 +37,7 @@ from pipeline.networks.refiner.arrays import (
     with_rows,
 )
 from pipeline.networks.refiner.geometry import (
-    Approaches,
+    EncounterGeometry,
     Encounters,
     Grid,
     Scene,
@@ -50,11 +50,11 @@ from pipeline.networks.refiner.geometry import (
     scene_of,
 )
 from pipeline.networks.refiner.programs import (
-    LEAST_FUEL,
     Decoupled,
-    Programs,
     Sides,
     decoupled_optima,
+    first_duals,
+    optima,
     sides_of,
 )
 from pipeline.orbit.problem import Problem
@@ -133,10 +133,10 @@ def agree(
     """Message passing: the trade of each encounter, r_col; ``free`` says which planes are alike."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
-    said = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
-    heard = aggregate(linear(weights, "tell", said), cast(free, w), sides)  # (L, 2, 2H)
-    heard = weights["hears"] * heard
-    offered = offers(weights, said, heard, xp.flip(heard, (1,)))  # (L, 2)
+    embedded = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
+    received = aggregate(linear(weights, "tell", embedded), cast(free, w), sides)  # (L, 2, 2H)
+    received = weights["hears"] * received
+    offered = offers(weights, embedded, received, xp.flip(received, (1,)))  # (L, 2)
     return trade_of(offered[:, 0], offered[:, 1])
 
 
@@ -159,41 +159,44 @@ def aggregate(
 
 @no_type_check
 @njit(cache=True, fastmath=True)
-def add_up(told, free, start, order, result):
+def add_up(messages, free, start, order, result):
     """Both sums, into ``result``, which begins as zeros; sides are those of ``Sides``.
 
-    What is told, (L, 2, 2H), has what goes into the first sum and what goes into the second.
+    Messages, (L, 2, 2H), have the terms of the first sum and those of the second.
     """
-    m, H = free.shape[1], told.shape[2] // 2
-    every = np.empty(H, told.dtype)
+    m, H = free.shape[1], messages.shape[2] // 2
+    every = np.empty(H, messages.dtype)
     for c in range(len(start) - 1):
         every[:] = 0.0
         for a in range(start[c], start[c + 1]):
             for h in range(H):
-                every[h] += told[order[a] >> 1, order[a] & 1, H + h]
+                every[h] += messages[order[a] >> 1, order[a] & 1, H + h]
         for a in range(start[c], start[c + 1]):
             one, at = order[a] >> 1, order[a] & 1
             for h in range(H):
                 result[one, at, H + h] = every[h]
             for b in range(start[c], a + 1):
                 other, there = order[b] >> 1, order[b] & 1
-                cosine = told.dtype.type(0.0)
+                cosine = messages.dtype.type(0.0)
                 for x in range(m):
                     cosine += free[one, x] * free[other, x]
                 if at != there:
                     cosine = -cosine
                 for h in range(H):
-                    result[one, at, h] += cosine * told[other, there, h]
+                    result[one, at, h] += cosine * messages[other, there, h]
                 if a != b:
                     for h in range(H):
-                        result[other, there, h] += cosine * told[one, at, h]
+                        result[other, there, h] += cosine * messages[one, at, h]
 
 
 def offers(
-    weights: Weights, said: Float[Any, "*L H"], heard: Float[Any, "*L _"], told: Float[Any, "*L _"]
+    weights: Weights,
+    embedded: Float[Any, "*L H"],
+    received: Float[Any, "*L _"],
+    others: Float[Any, "*L _"],
 ) -> Float[Any, "*L"]:
-    """What a craft offers, from what its edge says and what it and the other craft have heard."""
-    every = namespace(said).concatenate([said, heard, told], axis=-1)
+    """Offers of a craft, from the edge features and the aggregated messages of both craft."""
+    every = namespace(embedded).concatenate([embedded, received, others], axis=-1)
     return linear(weights, "offer", two_layers(weights, "weigh", every))[..., 0]
 
 
@@ -241,8 +244,8 @@ def to_give(
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """Some swarms of n craft each, as they stay over the rounds."""
+class ProblemData:
+    """A batch of planning problems of n craft each: what no round changes."""
 
     grid: Grid  # maps of the problem
     n: int  # craft of each swarm
@@ -262,35 +265,32 @@ class Iterate:
 
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
-    near: Approaches  # closest approaches of the encounters
+    near: EncounterGeometry  # closest approaches of the encounters
     dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
     first_dual: Float[Array, "E 2"]  # what its first unit costs; 0 before there is one
 
 
-def task_of(
+def problem_data(
     problem: Problem,
     initial: Float[Any, "b n 6"],
     goal: Float[Any, "b n 6"],
     radius: Float[Any, "b"],
     device: Any = None,
-) -> Task:
-    """Swarms with their decoupled optima and their encounters, from m and m/s.
-
-    ``device`` is torch's, where gradients are wanted.
-    """
+) -> ProblemData:
+    """Planning problems from m and m/s; ``device`` is torch's, where gradients are wanted."""
     grid, n = grid_of(problem), initial.shape[1]
     begin, end = (in_units(plain(ends), plain(radius), problem) for ends in (initial, goal))
     own = decoupled_optima(begin, end, grid, problem)
     met = encounters(grid.fly(begin, own.controls), n)
     grid = grid_of(problem, device)
-    return Task(grid, n, like(begin, grid.drift), own, met, met.first // n)
+    return ProblemData(grid, n, like(begin, grid.drift), own, met, met.first // n)
 
 
-def start(task: Task) -> Iterate:
+def start(data: ProblemData) -> Iterate:
     """The decoupled optima, before there is any plane."""
-    controls, nothing = like(task.own.controls, task.initial), np.zeros((len(task.swarm), 2))
-    states = task.grid.fly(task.initial, controls)
-    near = approaches(task.met, states, np.full(len(nothing), WATCHED))
+    controls, nothing = like(data.own.controls, data.initial), np.zeros((len(data.swarm), 2))
+    states = data.grid.fly(data.initial, controls)
+    near = approaches(data.met, states, np.full(len(nothing), WATCHED))
     return Iterate(controls, states, near, nothing, nothing)
 
 
@@ -299,11 +299,10 @@ def start(task: Task) -> Iterate:
 
 def play(
     weights: Weights | None,
-    task: Task,
+    data: ProblemData,
     now: Iterate,
     number: int,
     among: Bool[Array, "b"] | None = None,
-    programs: Programs = LEAST_FUEL,
 ) -> Iterate:
     """The next iterate, by the round of a number from 0; without trades if there are no weights.
 
@@ -312,37 +311,37 @@ def play(
     # A plane stays, or pairs would forget each other and meet again.
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
     if among is not None:
-        live &= among[task.swarm]
+        live &= among[data.swarm]
     which = np.flatnonzero(live)
     # With three nodes the goal determines all controls, and nobody can give way.
-    if len(which) == 0 or task.own.others.shape[1] == 0:
+    if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
-    met, grid = task.met.of(which), task.grid
+    met, grid = data.met.of(which), data.grid
     craft = met.craft  # (L, 2)
     scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
-    first_dual = _with_first_duals(task, now.first_dual, which, plain(gain), programs)
+    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
     trade = constant(distance) * 0
     if weights is not None:
-        load = _load(craft, dual, task, plain(now.controls))  # (L, 2, 3)
+        load = _load(craft, dual, data, plain(now.controls))  # (L, 2, 3)
         features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
         trade = agree(weights, like(features, gain), free, sides)  # (L,)
     give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = programs.optima(task.own, sides, gain, asked, grid)  # (C, m), (L, 2)
+    best, paid = optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)
-    flown = grid.fly(rows(task.initial, sides.craft), best)
+    flown = grid.fly(rows(data.initial, sides.craft), best)
     states = with_rows(now.states, sides.craft, flown)
     dual = with_rows(np.zeros_like(now.dual), which, paid)
     moved = np.zeros(len(controls), dtype=bool)
     moved[sides.craft] = True
     # Encounters with planes are seen at any distance, others where they would get one.
     within = np.where(first_dual[:, 0] > 0, np.inf, WATCHED)
-    near = approaches(task.met, states, within, now.near, moved)
+    near = approaches(data.met, states, within, now.near, moved)
     return Iterate(controls, states, near, dual, first_dual)
 
 
@@ -354,32 +353,31 @@ def gets_plane(
 
 
 def _with_first_duals(
-    task: Task,
+    data: ProblemData,
     first_dual: Float[Array, "E 2"],
     which: Int[Array, "L"],
     gain: Float[Array, "L m"],
-    programs: Programs,
 ) -> Float[Array, "E 2"]:
     """First duals also of planes that are new."""
     new = np.flatnonzero(first_dual[which, 0] == 0)
     if len(new) == 0:
         return first_dual
-    craft, gain = task.met.of(which[new]).craft, gain[new]
-    found = [
-        programs.first_duals(task.own, craft[:, k], sign * gain, task.grid)
-        for k, sign in enumerate((1, -1))
-    ]
+    craft, gain = data.met.of(which[new]).craft, gain[new]
+    found = [first_duals(data.own, craft[:, k], sign * gain) for k, sign in enumerate((1, -1))]
     return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
 
 
 def _load(
-    craft: Int[Array, "L 2"], dual: Float[Array, "L 2"], task: Task, controls: Float[Array, "N m"]
+    craft: Int[Array, "L 2"],
+    dual: Float[Array, "L 2"],
+    data: ProblemData,
+    controls: Float[Array, "N m"],
 ) -> Float[Array, "L 2 3"]:
     """Of either craft: planes, the sum of their duals, and fuel beyond the decoupled optimum."""
     N = len(controls)
     count = np.bincount(craft.reshape(-1), minlength=N)
     paid = np.bincount(craft.reshape(-1), dual.reshape(-1), minlength=N)
-    more = abs(controls).sum(axis=1) - abs(task.own.controls).sum(axis=1)
+    more = abs(controls).sum(axis=1) - abs(data.own.controls).sum(axis=1)
     return np.stack([count, paid, more], axis=1)[craft]
 
 
@@ -393,52 +391,51 @@ def answer(
     initial: Float[Any, "b n 6"],
     goal: Float[Any, "b n 6"],
     radius: Float[Any, "b"],
-    programs: Programs = LEAST_FUEL,
 ) -> Float[Array, "b n intervals 3"]:
     """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
-    controls, _ = cheapest_safe(weights, task_of(problem, initial, goal, radius), rounds, programs)
+    controls, _ = cheapest_safe(weights, problem_data(problem, initial, goal, radius), rounds)
     unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 
 
 def cheapest_safe(
-    weights: Weights | None, task: Task, rounds: int, programs: Programs = LEAST_FUEL
+    weights: Weights | None, data: ProblemData, rounds: int
 ) -> tuple[Float[Array, "N m"], Bool[Array, "b"]]:
     """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
     safe and its fuel next to unchanged.
     """
-    now = start(task)
-    best, least = now.controls, safe_fuel(task, now)
+    now = start(data)
+    best, least = now.controls, safe_fuel(data, now)
     going = np.isinf(least)
     for number in range(rounds):
         if not going.any():
             break
-        before = task.fuel(now.controls)
-        now = play(weights, task, now, number, going, programs)
-        fuel = safe_fuel(task, now)
+        before = data.fuel(now.controls)
+        now = play(weights, data, now, number, going)
+        fuel = safe_fuel(data, now)
         better = (fuel < least) | np.isinf(least)
-        best = np.where(np.repeat(better, task.n)[:, None], now.controls, best)
+        best = np.where(np.repeat(better, data.n)[:, None], now.controls, best)
         going &= ~(abs(fuel - before) <= STEADY * before)
         least = np.minimum(least, fuel)
     return best, np.isfinite(least)
 
 
-def safe_fuel(task: Task, now: Iterate) -> Float[Array, "b"]:
+def safe_fuel(data: ProblemData, now: Iterate) -> Float[Array, "b"]:
     """Fuel of each swarm, infinite where it is not safe."""
-    fuel = task.fuel(now.controls)
+    fuel = data.fuel(now.controls)
     return np.where(
-        np.bincount(task.swarm[now.near.distance < SAFE], minlength=len(fuel)), np.inf, fuel
+        np.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel)), np.inf, fuel
     )
 
 
-def lack(task: Task, now: Iterate, distance: float) -> Float[Any, "b"]:
-    """What encounters of each swarm lack of a distance where pairs turn to part, r_col.
+def lack(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
+    """Shortfall of a distance at the local minima of pairs' distances, in each swarm, r_col.
 
     Elsewhere a pair that lacks something lacks more in the interval before or after.
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
-    distances, _ = normals(task.met.of(which).relative(now.states), now.near.share[which])
-    of_swarm = np.equal.outer(np.arange(len(task.initial) // task.n), task.swarm[which])
+    distances, _ = normals(data.met.of(which).relative(now.states), now.near.share[which])
+    of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)

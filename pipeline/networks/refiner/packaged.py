@@ -13,7 +13,6 @@ from pipeline.arrays import Array
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.model import Weights, answer
-from pipeline.networks.refiner.programs import LEAST_FUEL, Programs
 from pipeline.orbit.problem import Problem
 
 FOLDER = Path(__file__).parent / "default"  # weights, description and model card
@@ -27,7 +26,6 @@ class TrainedRefiner:
     rounds: int  # that an answer takes
     problem: Problem  # of its training data, or that it is asked about
     digest: str  # SHA-256 of all that decides its answers
-    programs: Programs = LEAST_FUEL  # what each craft solves
 
     architecture: ClassVar[str] = REFINER
     answers: ClassVar[Answer] = "controls"
@@ -41,7 +39,7 @@ class TrainedRefiner:
         radius = np.full(len(initial), collision_radius)
         how = self.weights, self.rounds, self.problem
         found = [
-            answer(*how, initial[k], goal[k], radius[k], self.programs)
+            answer(*how, initial[k], goal[k], radius[k])
             for k in portions(initial, goal, self.problem.nodes)
         ]
         return np.concatenate(found)

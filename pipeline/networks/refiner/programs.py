@@ -4,7 +4,6 @@ That of ``model`` is solved by a dual simplex method on the tableau (``simplex``
 decoupled optimum, the one without planes, whose basis a table knows.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,11 +37,7 @@ class Decoupled:
 def decoupled_optima(
     initial: Float[Array, "N 6"], goal: Float[Array, "N 6"], grid: Grid, problem: Problem
 ) -> Decoupled:
-    """The decoupled optima, by table (``pipeline.orbit.decoupled``).
-
-    Raises:
-        InputError: for a problem whose controls do not reach every state.
-    """
+    """The decoupled optima, by table; InputError where controls do not reach every state."""
     miss = goal - initial @ grid.drift[-6:].T  # (N, 6)
     found = least_fuel(np.concatenate([miss[:, :3], miss[:, 3:] / grid.step], axis=1), problem)
     if found is None:
@@ -78,7 +73,7 @@ def sides_of(craft: Int[Array, "L 2"]) -> Sides:
 
 
 def optima(
-    own: Decoupled, sides: Sides, gain: Float[Any, "L m"], asked: Float[Any, "L 2"], _: Grid
+    own: Decoupled, sides: Sides, gain: Float[Any, "L m"], asked: Float[Any, "L 2"]
 ) -> tuple[Float[Any, "C m"], Float[Array, "L 2"]]:
     """The optimal controls of each craft's program, and the dual of each plane for either craft.
 
@@ -105,21 +100,8 @@ def optima(
 
 
 def first_duals(
-    own: Decoupled, craft: Int[Array, "k"], gain: Float[Array, "k m"], _: Grid
+    own: Decoupled, craft: Int[Array, "k"], gain: Float[Array, "k m"]
 ) -> Float[Array, "k"]:
     """What the first unit along a row costs a craft: the dual simplex ratio."""
     found = first_ratios(own.tableau, own.basis, own.others, own.cost, craft, gain)
     return np.asarray(found)
-
-
-@dataclass(frozen=True)
-class Programs:
-    """What each craft solves: the program of least fuel, or another for comparison."""
-
-    # what the first unit along a row costs a craft that has no planes yet
-    first_duals: Callable[[Decoupled, Array, Array, Grid], Array]
-    # controls of each craft that has planes, and duals of these for either craft
-    optima: Callable[[Decoupled, Sides, Any, Any, Grid], tuple[Any, Array]]
-
-
-LEAST_FUEL = Programs(first_duals, optima)

@@ -1,9 +1,9 @@
 """The refiner as an architecture: its network, its recipes, and what it learns from.
 
-It learns from no plans, but for an ablation that does. What training makes small is fuel over the
-lower bound and what encounters lack of the collision radius, in the iterates of every round, of
-which later ones count more. Swarms of ten craft become as crowded as larger ones by raising the
-collision radius as far as both formations allow: in units of r_col nothing else of a swarm matters.
+It learns without plans: the loss is fuel over the lower bound and what encounters lack of the
+collision radius, in the iterates of every round, later ones weighing more. Swarms of ten craft
+become as crowded as larger ones by raising the collision radius as far as both formations allow: in
+units of r_col nothing else of a swarm matters.
 """
 
 from collections.abc import Mapping
@@ -15,24 +15,22 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
-from pipeline.errors import InputError
-from pipeline.networks.architecture import Batch, Swarms
+from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.recipes import COSINE, LABELLED, NO_THIRD, SHORT, UNCROWDED, Recipe
+from pipeline.networks.recipes import COSINE, NO_THIRD, SHORT, UNCROWDED, Recipe
 from pipeline.networks.refiner.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
     WATCHED,
-    Iterate,
-    Task,
+    ProblemData,
     Weights,
     answer,
     cheapest_safe,
     lack,
     play,
+    problem_data,
     start,
-    task_of,
 )
 from pipeline.orbit.separation import drift_separations
 
@@ -67,16 +65,10 @@ class LossSettings(BaseModel):
     earlier: float = 0.5  # weight of a round, as a share of that of the next
     raised: bool = True  # whether collision radii are raised
     third: bool = True  # whether craft tell each other of their other encounters
-    # what a r_col of average distance from the expert's nodes counts as, where it has planned;
-    # these swarms' collision radii are not raised then
-    labels: float = Field(default=0.0, ge=0)
 
 
 class MessagePassing(nn.Module):
-    """The weights of the network, of which ``model.agree`` is the forward pass.
-
-    Untrained its trades are 0. A message has so many numbers, and an answer takes so many rounds.
-    """
+    """The weights of the network; ``model.agree`` is its forward pass. Untrained, trades are 0."""
 
     hears: Float[Tensor, ""]  # 1, or 0 where messages are left out; stored with the weights
 
@@ -135,7 +127,6 @@ class Refiner:
             SHORT: short,
             NO_THIRD: {**short, "options": _options(third=False)},
             UNCROWDED: {**short, "options": _options(raised=False), "crowded": 0},
-            LABELLED: {**short, "options": _options(labels=0.1)},
         }
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
@@ -143,62 +134,48 @@ class Refiner:
         sizes = Sizes.model_validate(dict(config))
         return MessagePassing(sizes.width, sizes.message, sizes.rounds)
 
-    def prepare(self, swarms: Swarms, encoding: Encoding) -> Batch:
-        """Ends, collision radii and those to which they may be raised, and plans: m and m/s."""
-        radius, states = swarms.collision_radius, swarms.states
-        if states is None:  # nobody has planned them
-            (b, n, _), T = swarms.initial.shape, swarms.problem.nodes
-            states = torch.full((b, n, T, 6), torch.nan)
+    def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
+        """Ends, m and m/s, collision radii, m, and those to which they may be raised."""
+        radius = swarms.collision_radius
         apart = torch.full_like(radius, torch.inf)
         for k in range(0, len(apart), AT_ONCE):
             for ends in (swarms.initial, swarms.goal):
                 found = drift_separations(ends[k : k + AT_ONCE].numpy(), swarms.problem)
                 apart[k : k + AT_ONCE] = apart[k : k + AT_ONCE].minimum(torch.from_numpy(found))
-        return {
-            **{"initial": swarms.initial, "goal": swarms.goal, "radius": radius},
-            "most": (apart / CROWDED).clamp(min=radius, max=RAISED * radius),
-            "states": states.float(),
-        }
+        most = (apart / CROWDED).clamp(min=radius, max=RAISED * radius)
+        return {"initial": swarms.initial, "goal": swarms.goal, "radius": radius, "most": most}
 
     def loss(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         network.hears.fill_(float(settings.third))  # before the first step, kept with the weights
-        if settings.labels and recipe.draws:
-            raise InputError(
-                f"labels is {settings.labels:g} and draws {recipe.draws}, whose scenarios nobody "
-                "has planned; expected labels 0, or draws 0 to learn from a dataset's plans."
-            )
         given = _turned(_crowded(batch, encoding, settings))
         ends = given.initial, given.goal, given.collision_radius
-        task, terms = task_of(given.problem, *ends, given.initial.device), []
-        now, weights = start(task), network.weights
+        data, terms = problem_data(given.problem, *ends, given.initial.device), []
+        now, weights = start(data), network.weights
         for number in range(settings.rounds):
-            now = play(weights, task, now, number)
-            missing = settings.violation * lack(task, now, 1 + settings.clear)
+            now = play(weights, data, now, number)
+            missing = settings.violation * lack(data, now, 1 + settings.clear)
             # By its logarithm, or the hardest swarms would be all that is learned from.
-            terms.append(torch.log(_ratio(task, now.controls) + missing).mean())
-            if given.states is not None:
-                apart = _from_expert(given.states, given.collision_radius, now)
-                terms[-1] = terms[-1] + settings.labels * apart
+            terms.append(torch.log(_ratio(data, now.controls) + missing).mean())
         weight = torch.tensor([settings.earlier**k for k in reversed(range(len(terms)))])
         mean = (torch.stack(terms) * weight.to(terms[0])).sum() / weight.sum()
         return mean + 0.0 * network.offer.weight.sum()  # a gradient also where nobody meets
 
     @torch.no_grad()
     def score(
-        self, network: nn.Module, batch: Batch, encoding: Encoding, recipe: Recipe
+        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """The logarithm of answers' fuel and a penalty on unsafe ones, as they are and crowded."""
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         scores = []
         for radius in (batch["radius"], batch["most"]):
-            task = task_of(encoding.problem, batch["initial"], batch["goal"], radius)
-            controls, safe = cheapest_safe(network.arrays, task, network.rounds)
-            ratio = _ratio(task, torch.from_numpy(controls))
+            data = problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
+            controls, safe = cheapest_safe(network.arrays, data, network.rounds)
+            ratio = _ratio(data, torch.from_numpy(controls))
             scores.append((ratio.log() + UNSAFE * torch.from_numpy(~safe)).mean())
         return torch.stack(scores).mean()
 
@@ -212,38 +189,20 @@ class Refiner:
 
 
 def _options(**changes: Any) -> dict[str, Any]:
-    """A recipe's options, as plain JSON values."""
     return LossSettings(**changes).model_dump(mode="json")
 
 
-def _ratio(task: Task, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
+def _ratio(data: ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
     """Fuel over the lower bound of each swarm, 1 where none is needed."""
-    bound = task.fuel(torch.from_numpy(task.own.controls).to(controls))
-    return task.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
+    bound = data.fuel(torch.from_numpy(data.own.controls).to(controls))
+    return data.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
 
 
-def _crowded(batch: Batch, encoding: Encoding, settings: LossSettings) -> Swarms:
-    """Collision radii somewhere between what they are and the most that they may be.
-
-    Those of plans that are learned from stay.
-    """
+def _crowded(batch: TensorBatch, encoding: Encoding, settings: LossSettings) -> Swarms:
+    """The swarms with collision radii drawn up to the most that they may be."""
     least, most = batch["radius"], batch["most"]
     radius = least + (most - least) * torch.rand_like(least) if settings.raised else least
-    given = Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
-    if not settings.labels:
-        return given
-    states = batch["states"].double()
-    radius = torch.where(states.isnan().flatten(1).any(dim=1), radius, least)
-    return replace(given, collision_radius=radius, states=states)
-
-
-def _from_expert(
-    expert: Float[Tensor, "b n T 6"], radius: Float[Tensor, "b"], now: Iterate
-) -> Float[Tensor, ""]:
-    """Average distance of nodes from the expert's, r_col; 0 in swarms that it has not planned."""
-    wanted = expert[..., :3] / radius[:, None, None, None]
-    apart = now.states[..., :3] - wanted.flatten(0, 1)
-    return torch.linalg.vector_norm(apart.nan_to_num(), dim=2).mean()
+    return Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
 
 
 def _turned(swarms: Swarms) -> Swarms:
@@ -253,8 +212,7 @@ def _turned(swarms: Swarms) -> Swarms:
     axes = torch.ones(len(behind), 1, 6, dtype=behind.dtype, device=behind.device)
     axes[:, :, 2::3] = mirror[:, None, None]  # out of plane: z and its velocity
     turn = axes * behind[:, None, None]
-    states = None if swarms.states is None else swarms.states * turn[:, :, None]
-    return replace(swarms, initial=swarms.initial * turn, goal=swarms.goal * turn, states=states)
+    return replace(swarms, initial=swarms.initial * turn, goal=swarms.goal * turn)
 
 
 REFINER = Refiner()

@@ -106,7 +106,7 @@ def test_drawing_leaves_the_callers_settings_alone(example):
 
 
 def test_panels_are_named_after_planner_and_recipe(example):
-    tracks = dict.fromkeys(("expert", "ff1 tuned", "own LP"), example.tracks["expert"])
+    tracks = dict.fromkeys(("expert", "ff1 tuned", "decoupled optimum"), example.tracks["expert"])
     figure = transfer_figure(Example("", example.initial, example.goal, tracks, 15.0))
     names = [ax.get_title() for ax in figure.axes]
-    assert names == ["Expert", "FF1 tuned", "Own LP"]
+    assert names == ["Expert", "FF1 tuned", "Decoupled optimum"]

@@ -161,7 +161,7 @@ def lstms_at(rows, safe, fuel):
     for varied, nodes, step, minutes in grids:
         kept = [k < safe[minutes] for k in range(100)]
         here = flown(rows, "lstm1", "tuned", kept, fuel[minutes])
-        here += flown(rows, "own LP", "", shares(50, 100), 1.0, reading="plan")
+        here += flown(rows, "decoupled optimum", "", shares(50, 100), 1.0, reading="plan")
         here += flown(rows, "ff1", "tuned", kept, 1.0) if nodes == 11 else []
         table += [row | {"varied": varied, "nodes": nodes, "time_step": step} for row in here]
     return pd.DataFrame(table)
@@ -195,4 +195,4 @@ def test_a_transfer_time_is_served_where_plans_are_proven_safe_and_cheap(rows, s
     assert steps.numbers.startswith("FF1 tuned, best on validation of those"), (
         "at other time steps the better one fits, too"
     )
-    assert nodes.baseline.startswith("Own LP: at worst safe in 50 % ")
+    assert nodes.baseline.startswith("Decoupled optimum: at worst safe in 50 % ")

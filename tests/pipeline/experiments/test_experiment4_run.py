@@ -60,7 +60,7 @@ def test_who_fits_has_a_row_for_every_trial_of_every_transfer_time(table):
         "expert": 6,
         "straight line": 4,
         "minimum energy": 6,
-        "own LP": 6,
+        "decoupled optimum": 6,
     }
 
 
@@ -88,7 +88,7 @@ def test_every_row_has_the_bound_that_highs_finds_between_the_same_ends_in_its_o
             known = Case(problem.mean_motion, problem.time_step, problem.nodes, 15.0)
             bounds = [least_fuel(known, s.initial, s.goal).proven.sum() for s in SCENARIOS]
             np.testing.assert_allclose(rows.fuel_lower_bound, bounds, rtol=1e-6)
-            if planner == "own LP":
+            if planner == "decoupled optimum":
                 np.testing.assert_allclose(rows.fuel, bounds, rtol=1e-6)
 
 
@@ -115,7 +115,7 @@ def test_a_finer_grid_of_the_same_duration_needs_no_more_velocity(table):
     coarse = table[(table.varied == TIME_STEP) & (table.time_step == 240.0)]
     fine = table[(table.varied == NODES) & (table.nodes == 21)]
     bound = {
-        name: rows[rows.planner == "own LP"].fuel_lower_bound.to_numpy() * step
+        name: rows[rows.planner == "decoupled optimum"].fuel_lower_bound.to_numpy() * step
         for name, rows, step in (("coarse", coarse, 240.0), ("fine", fine, 120.0))
     }
     assert (bound["fine"] <= bound["coarse"] * (1 + 1e-9)).all()

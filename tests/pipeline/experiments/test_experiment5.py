@@ -86,17 +86,17 @@ UNSURE, UNSURE_ANEW = (4, 4, 4), (40, 4, 3)
     ],
 )
 def test_what_to_trust_is_decided_by_the_whole_interval_of_flights_that_come_close(close, verdict):
-    flights = table(expert=close, own_LP=(55, 54))
+    flights = table(expert=close, decoupled_optimum=(55, 54))
     (answer,) = flight_findings(flights)
     assert answer.question == ("Do the expert's plans hold outside the linear model, with errors?")
     assert answer.verdict.startswith(verdict)
     assert answer.numbers.startswith(f"Expert, within r_col: {close[0]} % [")
     assert "; without errors 0 % [0.0, 3.7] in open loop" in answer.numbers
-    assert answer.baseline.startswith("Own LP: 55 % [45.2, 64.4] in open loop, 54 %")
+    assert answer.baseline.startswith("Decoupled optimum: 55 % [45.2, 64.4] in open loop, 54 %")
 
 
 def test_every_planner_that_keeps_craft_apart_has_its_own_verdict():
-    flights = table(expert=MARGINAL, refiner=REPLANNING, own_LP=HOPELESS[:2])
+    flights = table(expert=MARGINAL, refiner=REPLANNING, decoupled_optimum=HOPELESS[:2])
     found = {one.question.split()[2]: one for one in flight_findings(flights)}
     assert {who: one.verdict for who, one in found.items()} == {
         "expert's": "Only made anew at every node with a margin",
@@ -153,9 +153,11 @@ def test_trainings_are_averaged_and_add_no_scenarios():
 
 
 def test_tables_have_a_row_for_each_condition_and_dashes_where_nothing_was_flown():
-    summary = summarize_flights(table(expert=MARGINAL, own_LP=(55, 54), refiner=REPLANNING))
+    summary = summarize_flights(
+        table(expert=MARGINAL, decoupled_optimum=(55, 54), refiner=REPLANNING)
+    )
     header, body = cells(within_table(summary))
-    assert header == ["World", "Errors", "Loop", "Expert", "Own LP", "Refiner tuned"]
+    assert header == ["World", "Errors", "Loop", "Expert", "Decoupled optimum", "Refiner tuned"]
     assert len(body) == len(WORLDS) * 5
     gas = ["linear", "cold gas"]
     assert body[:5] == [
@@ -165,7 +167,7 @@ def test_tables_have_a_row_for_each_condition_and_dashes_where_nothing_was_flown
         [*gas, REPLANNED, "15 % [9.3, 23.3]", "54 % [44.3, 63.4]", "0 % [0.0, 3.7]"],
         [*gas, MARGIN, "0 % [0.0, 3.7]", "–", "0 % [0.0, 3.7]"],
     ]
-    flights = table(expert=MARGINAL, own_LP=(55, 54), refiner=REPLANNING)
+    flights = table(expert=MARGINAL, decoupled_optimum=(55, 54), refiner=REPLANNING)
     one_of_each = flights.index[flights.loop == MARGIN][:: SCENARIOS * EACH]
     flights.loc[one_of_each, "delta_v"] = 2.8  # 1.6 more in one of 400
     shown = conditions_table(summarize_flights(flights))
@@ -179,7 +181,7 @@ def test_tables_have_a_row_for_each_condition_and_dashes_where_nothing_was_flown
 
 
 def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors():
-    summary = summarize_flights(table(expert=MARGINAL, own_LP=(55, 54)))
+    summary = summarize_flights(table(expert=MARGINAL, decoupled_optimum=(55, 54)))
     look = styles(summary["planner"])
     figure = flights_figure(summary, look)
     assert len(figure.axes) == 9
@@ -197,11 +199,11 @@ def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors()
     hollow = [line for line in figure.axes[0].get_lines() if line.get_markerfacecolor() == "white"]
     assert len(hollow) == 4
     names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names == ["Expert", "Own LP", "with errors", "without errors"]
+    assert names == ["Expert", "Decoupled optimum", "with errors", "without errors"]
 
 
 def test_the_report_has_the_section_and_says_when_plans_hold(trials, tmp_path):
-    flights = table(expert=MARGINAL, refiner=MARGINAL, own_LP=(55, 54))
+    flights = table(expert=MARGINAL, refiner=MARGINAL, decoupled_optimum=(55, 54))
     files = build_report(Results(trials, flights=flights), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()

@@ -29,8 +29,8 @@ PROBLEM = Problem(nodes=5, time_step=300.0)
 """Few nodes, since each takes an integration."""
 
 SCENARIOS = [draw("rings", 3, 5, 1, PROBLEM)]
-OWN = next(planner for planner in BASELINES if planner.name == "own LP")
-PLANNERS = {"expert": Expert(), "own LP": OWN}
+OWN = next(planner for planner in BASELINES if planner.name == "decoupled optimum")
+PLANNERS = {"expert": Expert(), "decoupled optimum": OWN}
 FLIGHTS = 3
 ALONE = Workers(jobs=1)
 
@@ -59,7 +59,7 @@ def test_everyone_flies_in_every_world_and_baselines_know_no_margin(table):
         for world in WORLDS
         for errors in (NO_ERRORS, WITH_ERRORS)
         for loop in LOOPS
-        if loop != MARGIN or (errors == WITH_ERRORS and name != "own LP")
+        if loop != MARGIN or (errors == WITH_ERRORS and name != "decoupled optimum")
     }
     assert counts.to_dict() == wanted
 
@@ -82,8 +82,8 @@ def test_in_the_world_of_the_plan_without_errors_a_flight_is_what_the_judge_find
         assert rows.unsafe_replans.isna().all()
 
 
-def test_the_own_lp_comes_too_close_and_replanning_for_itself_does_not_help_it(table):
-    rows = of(table, planner="own LP", world=LINEAR, errors=NO_ERRORS)
+def test_the_decoupled_optimum_comes_too_close_and_replanning_for_itself_does_not_help_it(table):
+    rows = of(table, planner="decoupled optimum", world=LINEAR, errors=NO_ERRORS)
     assert rows.within_radius.all()
     assert (rows.loc[rows.loop == REPLANNED, "unsafe_replans"] > 0).all()
     expert = of(table, planner="expert", world=LINEAR, errors=NO_ERRORS)

@@ -31,7 +31,7 @@ def planned(rows):
     def at(n, refined):
         return [
             *rows("expert", "", "plan", n, [0, 0], [1.0, 1.02], [True, True]),
-            *rows("own LP", "", "plan", n, [3, 5], [1.0, 1.0], [False, False]),
+            *rows("decoupled optimum", "", "plan", n, [3, 5], [1.0, 1.0], [False, False]),
             *rows("straight line", "", "plan", n, [9, 9], [2.0, 2.0], [False, False]),
             *rows("ff1", "paper", "flown", n, [8, 8], [3.0, 3.0], [False, False]),
             *rows("lstm1", "paper", "predicted", n, [9, 9], [9.0, 9.0], [None, None]),
@@ -55,22 +55,24 @@ def test_averages_are_of_the_sizes_beyond_and_of_the_papers_largest(planned):
     assert refiner[["unsafe_low", "unsafe_high"]].tolist() == pytest.approx(
         [0.5 - half, 0.5 + half]
     )
-    assert row(summary, planner="own LP", n=60)["unsafe_share"] == 1.0
+    assert row(summary, planner="decoupled optimum", n=60)["unsafe_share"] == 1.0
 
 
 def test_one_network_of_the_papers_is_shown_by_validation_and_every_other(planned):
     shown = larger_swarms(planned, VALID)
-    assert set(shown["planner"]) == {"expert", "own LP", "lstm1", "refiner"}
+    assert set(shown["planner"]) == {"expert", "decoupled optimum", "lstm1", "refiner"}
     assert set(shown["reading"]) == {"plan", "flown"}
     unknown = larger_swarms(planned, trained())
-    assert set(unknown["planner"]) == {"expert", "own LP", "ff1", "lstm1", "refiner"}
+    assert set(unknown["planner"]) == {"expert", "decoupled optimum", "ff1", "lstm1", "refiner"}
 
 
 def test_the_table_has_a_row_for_each_size_and_planner(planned):
     header, body = cells(scaling_table(summarize_larger(larger_swarms(planned, VALID))))
     assert header[:4] == ["n", "Planner", "Recipe", "Trials"]
     assert [line[:2] for line in body] == [
-        [n, name] for n in ("30", "60", "300") for name in ("Expert", "Own LP", "LSTM1", "Refiner")
+        [n, name]
+        for n in ("30", "60", "300")
+        for name in ("Expert", "Decoupled optimum", "LSTM1", "Refiner")
     ]
     assert body[-1] == [
         "300",
@@ -93,7 +95,7 @@ def test_the_figure_has_the_sizes_side_by_side_and_the_averages_on_them(planned)
     points = drawn[look["refiner"].colour].get_xydata()
     assert points[:, 0].tolist() == [30, 60, 300]
     assert points[:, 1] == pytest.approx(2.0)
-    assert drawn[look["own LP"].colour].get_ydata().tolist() == [0, 0, 0]
+    assert drawn[look["decoupled optimum"].colour].get_ydata().tolist() == [0, 0, 0]
     assert excess.get_xscale() == "log"
 
 

@@ -78,7 +78,7 @@ def test_plans_apart_at_the_nodes_only_are_not_called_safe_where_pairs_conflict(
 
 
 def test_own_optima_burn_the_bound_and_minimum_energy_more(trials):
-    own, energy = of(trials, "own LP"), of(trials, "minimum energy")
+    own, energy = of(trials, "decoupled optimum"), of(trials, "minimum energy")
     assert own.fuel.to_numpy() == pytest.approx(own.fuel_lower_bound.to_numpy(), rel=1e-6)
     assert (energy.fuel.to_numpy() > 1.05 * own.fuel.to_numpy()).all()
 

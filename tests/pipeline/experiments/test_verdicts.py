@@ -16,7 +16,7 @@ def ask(rows):
 
     def asked(training, **networks):
         table = [
-            *flown(rows, "own LP", "", shares(200), 1.0, reading="plan"),
+            *flown(rows, "decoupled optimum", "", shares(200), 1.0, reading="plan"),
             *(
                 row
                 for name, (safe, fuel, seeds) in networks.items()
@@ -55,7 +55,7 @@ def test_shares_have_wilsons_interval_and_fuel_a_students(ask):
 
 def test_the_best_free_baseline_stands_beside_and_is_compared_trial_by_trial(ask):
     answer = ask(trained(("ff1", "tuned", 0.5, 1.0)), ff1=(220, 1.3, 1))
-    assert answer.baseline.startswith("Own LP: safe in 50 % [45.1, 54.9] at 1.000 [")
+    assert answer.baseline.startswith("Decoupled optimum: safe in 50 % [45.1, 54.9] at 1.000 [")
     # The same order: 20 of 400 are safe with the network alone, none with the baseline alone.
     held = "on the same trials: +5.0 % safe [+2.8, +7.2]"
     assert held in answer.baseline, "Newcombe's interval; test_intervals has its truth"

@@ -52,10 +52,10 @@ def test_the_experts_own_plan_as_a_seed_is_done_in_one_solve(table):
     assert own.convex_solves.max() <= 1
 
 
-def test_the_plain_scp_starts_from_every_seed_and_from_the_own_lps(plain, table):
+def test_the_plain_scp_starts_from_every_seed_and_from_the_decoupled_optima(plain, table):
     counts = plain.groupby(["seed", "rule"]).trial.nunique()
     assert set(counts) == {len(SCENARIOS)}
-    seeds = {*SEEDS, "own LP", "oracle"}
+    seeds = {*SEEDS, "decoupled optimum", "oracle"}
     assert {(str(seed), str(rule)) for seed, rule in counts.index} == {
         (seed, "converged") for seed in seeds
     }
@@ -69,11 +69,11 @@ def test_the_plain_scps_plans_are_solved_at_the_nodes_and_called_safe_only_where
     scp = PlainScp(10, Problem())
     plans = [scp.solve(s, decoupled_seed(s)) for s in SCENARIOS]
     between = [bool(least_separation(p.states, p.controls, Problem()).distance > 15) for p in plans]
-    assert plain[plain.seed == "own LP"].sort_values("trial").safe.tolist() == between
+    assert plain[plain.seed == "decoupled optimum"].sort_values("trial").safe.tolist() == between
     assert not all(between)
 
 
 def test_a_blank_start_costs_the_plain_scp_more_solves_than_a_good_seed(plain):
     solves = plain.groupby("seed").convex_solves.mean()
-    assert solves["none"] > solves["straight line"] > solves["own LP"]
+    assert solves["none"] > solves["straight line"] > solves["decoupled optimum"]
     assert solves["oracle"] < solves["straight line"]

@@ -105,7 +105,7 @@ def test_a_loss_that_must_hit_is_infeasible_and_named():
 
 
 def test_other_planners_are_judged_by_it():
-    own = next(one for one in BASELINES if one.name == "own LP")
+    own = next(one for one in BASELINES if one.name == "decoupled optimum")
     assert own.plan([BRAKES])[0].status == SOLVED
     (plan,) = replace(own, requirements=Requirements(passive_safety=0.02)).plan([BRAKES])
     assert plan.status == UNSAFE

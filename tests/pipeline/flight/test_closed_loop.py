@@ -122,7 +122,7 @@ def test_the_default_margin_is_three_standard_deviations_of_what_trials_show(tig
     start = idle - navigation_error(drawn, 0, errors)
     start[..., 3:] -= made.late
     flat = start.reshape(-1, 6), made.held.reshape(-1, 3)
-    end = LinearWorld(problem.dynamics).arc(*flat, 0.0, problem.time_step, 1)[:, -1, :3]
+    end = LinearWorld(problem.dynamics).arc(*flat, 0)[:, -1, -1, :3]
     apart = np.diff(end.reshape(trials, 2, 3), axis=1)[:, 0]
     widest = np.sqrt(np.linalg.eigvalsh(np.cov(apart.T)).max())
     assert default_margin(errors, plan.controls, problem) == pytest.approx(3 * widest, rel=0.05)
@@ -161,7 +161,7 @@ def test_where_craft_are_too_close_already_the_least_unsafe_plan_flies_and_is_co
     initial = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 10.0, 0.0, 0.0, 0.0, 0.0]])
     goal = np.array([[0.0, 150.0, 0.0, 0.0, 0.0, 0.0], [0.0, -150.0, 0.0, 0.0, 0.0, 0.0]])
     scenario = Scenario(problem, initial, goal)
-    own = named_planner("own-LP").plan([scenario])[0]
+    own = named_planner("decoupled-optimum").plan([scenario])[0]
     guide = closed(scenario, own, trials=3)
     flown(scenario, guide, Errors(), trials=3)  # the first interval is as planned, to 2 m or so
     assert (guide.unsafe >= 1).all()

@@ -70,8 +70,8 @@ def test_a_reference_orbit_of_the_scenario_is_taken():
     there = Conditions(eccentricity=0.002).about(reference)
     assert there == Conditions(0.002, 51.6, 320.0, 90.0, 10.0)
     world = there.world(Problem(), 1)
-    assert world.elements.inclination == pytest.approx(np.deg2rad(51.6))
-    assert world.elements.semi_major_axis == radius_at(Problem().mean_motion)
+    assert world.orbit.inclination_deg == 51.6
+    assert world.orbit.semi_major_axis == radius_at(Problem().mean_motion)
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def burning():
     world = LinearWorld(STRAIGHT.dynamics)
     state = initial
     for k in range(4):
-        state = world.arc(state, controls[:, k], 0.0, 100.0, 1)[:, -1]
+        state = world.arc(state, controls[:, k], k)[:, -1, -1]
     return Scenario(STRAIGHT, initial, state), controls
 
 

@@ -24,7 +24,7 @@ def plan():
 def unsafe():
     """Each craft's own optimum: some pass each other too close."""
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
-    made = planned("own LP", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    made = planned("decoupled optimum", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
     assert made.status == "unsafe"
     return made
 

@@ -84,7 +84,7 @@ def test_where_the_cheapest_assignment_is_dear_the_next_best_are_tried():
 
 
 def test_a_planner_that_keeps_none_apart_is_asked_until_an_assignment_is_safe():
-    planner = named_planner("own-LP")
+    planner = named_planner("decoupled-optimum")
     found = {SOLVED: 0, UNSAFE: 0}
     for scenario in (valid("dense", 6, k) for k in range(40)):
         (plan,) = GoalAssignment(planner).plan([scenario])

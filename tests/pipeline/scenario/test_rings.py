@@ -56,7 +56,7 @@ def test_a_plan_holds_raw_states_and_the_reference_orbit_of_a_scenario_of_rings(
     }
     ring = [{"craft": 2, "size": 100}]
     made = written(tmp_path / "s.json", ring, ring, reference=where)
-    write_plan(tmp_path / "p.json", named_planner("own-LP").plan([made])[0])
+    write_plan(tmp_path / "p.json", named_planner("decoupled-optimum").plan([made])[0])
     kept = json.loads((tmp_path / "p.json").read_text())["scenario"]
     assert kept["initial"] == made.initial.tolist()
     assert kept["reference"] == where | {"epoch": "2026-03-01T12:00:00.250000Z"}

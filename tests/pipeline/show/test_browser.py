@@ -208,7 +208,7 @@ def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, op
     hostile = "</script><script>document.title = 'taken'</script><b onclick='x'>"
     scenario = draw("rings", 0, 10, 3, Problem())
     own = decoupled_optima(scenario.initial, scenario.goal, scenario.problem)
-    plan = planned("own LP", scenario, Made(own.controls, float(own.lower_bound.sum())))
+    plan = planned("decoupled optimum", scenario, Made(own.controls, float(own.lower_bound.sum())))
     opened(replace(plan, planner=hostile), hostile, theme="dark")
     assert by(browser, "h1").text == f"Transfer of 10 craft, planned by {hostile}"
     assert browser.title.startswith(hostile)

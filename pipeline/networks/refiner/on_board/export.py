@@ -1,8 +1,4 @@
-"""A refiner as ONNX files, one for each step of a craft, and swarms whose craft run them.
-
-Each craft runs the steps by itself; before the files take their names, its controls are compared
-with those of the whole swarm at once.
-"""
+"""A refiner as ONNX files, a step of one craft each, checked against the whole swarm's controls."""
 
 import hashlib
 import time
@@ -22,7 +18,7 @@ from pipeline.files import published
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_files import open_session, traced, write
 from pipeline.networks.recipes import REFINER
-from pipeline.networks.refiner.model import play, start, task_of
+from pipeline.networks.refiner.model import play, problem_data, start
 from pipeline.networks.refiner.on_board.steps import (
     ROUND,
     STEPS,
@@ -60,12 +56,7 @@ and the place there."""
 
 
 def fly_rounds(
-    run: Run,
-    initial: Float[Array, "n 6"],
-    goal: Float[Array, "n 6"],
-    r_col: float,
-    *,
-    rounds: int,
+    run: Run, initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], r_col: float, *, rounds: int
 ) -> Iterator[Float[Array, "n m"]]:
     """Controls of all craft, m/s²: the decoupled optima, and after each round; by m and m/s."""
     swarm: list[AgentMemory] = [
@@ -115,8 +106,8 @@ def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequen
 
 
 @dataclass(frozen=True)
-class Compared:
-    """The controls of one swarm."""
+class Discrepancy:
+    """How far the controls of one swarm are from those wanted."""
 
     difference: float  # the largest, as a share of the largest control
     tie: bool  # whether another optimum of the same fuel was met, before which this holds
@@ -154,10 +145,8 @@ class Files:
 def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
     """Fly random swarms by the files, all rounds, and compare all controls with the model's.
 
-    Raises:
-        InputError: where onnxruntime is not installed.
-        ProlearnError: where a control differs by more than TOLERANCE for no good reason, or little
-            could be compared.
+    InputError where onnxruntime is not installed. ProlearnError where a control differs by more
+    than TOLERANCE for no good reason, or little could be compared.
     """
     network, problem = model.network, model.problem
     assert isinstance(network, MessagePassing), "a refiner's"
@@ -184,7 +173,7 @@ def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
     return CraftCheck(len(compared), ties, run.encounters, difference, seconds)
 
 
-def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Compared:
+def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Discrepancy:
     """Controls before and after each round against those that are wanted.
 
     A craft's program may have several optima that cost the same; then rounding decides between
@@ -193,12 +182,12 @@ def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Comp
     """
     share = np.abs(given - wanted).max(axis=(1, 2)) / np.abs(wanted).max()
     if share.max() <= TOLERANCE:
-        return Compared(float(share.max()), tie=False)
+        return Discrepancy(float(share.max()), tie=False)
     first = int((share > TOLERANCE).argmax())
     fuel, same = (np.abs(controls[first]).sum(axis=1) for controls in (given, wanted))
     if np.abs(fuel - same).max() > TOLERANCE * same.max():
-        return Compared(float(share[first]), tie=False)
-    return Compared(float(share[:first].max(initial=0.0)), tie=True)
+        return Discrepancy(float(share[first]), tie=False)
+    return Discrepancy(float(share[:first].max(initial=0.0)), tie=True)
 
 
 def together(
@@ -209,11 +198,11 @@ def together(
 ) -> Float[Array, "_ n m"]:
     """Controls before and after each round of the whole swarm at once, m/s²."""
     radius = np.array([problem.collision_radius])
-    task = task_of(problem, initial[None], goal[None], radius)
-    now = start(task)
+    data = problem_data(problem, initial[None], goal[None], radius)
+    now = start(data)
     controls = [now.controls]
     for number in range(network.rounds):
-        now = play(network.arrays, task, now, number)
+        now = play(network.arrays, data, now, number)
         controls.append(now.controls)
     return np.stack(controls) * radius / problem.time_step**2
 
@@ -235,11 +224,8 @@ def export_craft(
     """Write the steps that one craft of a refiner runs, as ``begin.onnx`` and so on.
 
     Files of these names are replaced; each has the JSON values ``about`` in its metadata.
-
-    Raises:
-        InputError: where onnx or onnxruntime is not installed, or the folder is a file.
-        ProlearnError: where a step cannot be exported, or a swarm whose craft run them is not
-            answered as by torch.
+    InputError where onnx or onnxruntime is not installed, or the folder is a file. ProlearnError
+    where a step cannot be exported, or a swarm whose craft run them is not answered as by torch.
     """
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")
@@ -261,7 +247,6 @@ def export_craft(
 
 
 def _write(step: Step, message: int, path: Path, about: Mapping[str, Any]) -> None:
-    """The file of a step."""
     sizes = sizes_of(step.problem.nodes, message, ANY["P"], ANY["Q"])
     inputs, gives = step.takes, outputs(type(step))
     axes = {

@@ -187,10 +187,7 @@ class Begin(Step):
 
 
 class Meet(Step):
-    """Which other craft, and in which intervals, this craft must look at in all rounds.
-
-    These are what ``geometry.encounters`` finds.
-    """
+    """A craft's encounters: other craft and intervals that ``geometry.encounters`` finds."""
 
     takes, gives = ("states", "told_states", "r_col"), ("met",)
 
@@ -205,7 +202,7 @@ class Meet(Step):
 
 
 class Look(Step):
-    """How close encounters come, which are live, and how the craft stands."""
+    """Closest approaches of the encounters, which of them are live, and node features."""
 
     takes = ("number", *ENDS, "interval", "controls", *NODES, "price", "first_price")
     gives = ("distance", "live", "first_price", "standing")
@@ -224,7 +221,7 @@ class Look(Step):
 
 
 class Speak(Step):
-    """What the network makes of both sides, and the sums of that which each encounter hears."""
+    """Messages of the encounters, and their aggregation for each of them."""
 
     takes = ("number", "r_col", "interval", *NODES, "live", *PRICES, "standing", "told_standing")
     gives, tells = ("said", "heard"), ("heard",)
@@ -242,7 +239,7 @@ class Speak(Step):
 
 
 class Listen(Step):
-    """What the craft offers, after hearing what the other one has heard."""
+    """The craft's offers, from the aggregated messages of both craft."""
 
     takes, gives, tells = ("said", "heard", "told_heard"), ("offer",), ("offer",)
 
@@ -251,10 +248,7 @@ class Listen(Step):
 
 
 class Settle(Step):
-    """The trade that both sides find by themselves, and the craft's own program under it.
-
-    It gives controls, states at the encounters' nodes, and prices of the planes.
-    """
+    """The trade, computed alike by both sides, and the craft's own program under it."""
 
     takes = (*ENDS, "interval", "controls", *NODES, "live", *PRICES, "offer", "told_offer")
     gives, tells = ("controls", "nodes", "price"), ("nodes", "price")

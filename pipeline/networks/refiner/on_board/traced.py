@@ -76,13 +76,7 @@ class Tableau(NamedTuple):
 def decoupled_optimum(
     initial: Float[Tensor, "6"], goal: Float[Tensor, "6"], grid: Grid, problem: Problem
 ) -> Tableau:
-    """The decoupled optimum in r_col and Δt.
-
-    The weights of the facet that is met are B⁻¹ but for units, so no equations are solved.
-
-    Raises:
-        InputError: for a problem whose controls do not reach every state.
-    """
+    """The decoupled optimum in r_col and Δt, by table; InputError where a state is out of reach."""
     table = facets_of(problem)
     if table is None:
         raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
@@ -130,10 +124,7 @@ def first_duals(own: Tableau, gain: Float[Tensor, "P m"]) -> Float[Tensor, "P"]:
 def solve_one(
     own: Tableau, row: Float[Tensor, "p m"], asked: Float[Tensor, "p"], real: Bool[Tensor, "p"]
 ) -> tuple[Float[Tensor, "m"], Float[Tensor, "p"]]:
-    """Controls and duals of one craft's program, with rows g of the planes and what they ask, d.
-
-    Only some of the planes are real; the others are met and stay so.
-    """
+    """Controls and duals of one craft's program with planes g·u ≥ d where they are ``real``."""
     p, m = row.shape
     row = torch.where(real[:, None], row, 0.0)
     left = torch.where(real, row @ own.controls(m) - asked, 1.0)

@@ -7,14 +7,11 @@ import pytest
 import torch
 
 from pipeline.dataset.examples import Examples
-from pipeline.errors import InputError
-from pipeline.networks.architecture import find, recipe_for, swarms
+from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
-from pipeline.networks.recipes import LABELLED, NO_THIRD, UNCROWDED
-from pipeline.networks.refiner.model import play, start, task_of
+from pipeline.networks.recipes import NO_THIRD, UNCROWDED
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 from pipeline.training.loop import train
 
@@ -88,7 +85,7 @@ def test_an_ablation_is_the_short_recipe_but_for_one_option():
     assert replace(short, name="tuned", epochs=tuned.epochs) == tuned
     assert short.epochs < tuned.epochs
     lacking = []
-    for name in (NO_THIRD, UNCROWDED, LABELLED):
+    for name in (NO_THIRD, UNCROWDED):
         recipe = recipe_for("refiner", name)
         crowded = 0 if name == "uncrowded" else short.crowded  # neither kind of crowd to learn from
         assert replace(short, name=name, options=recipe.options, crowded=crowded) == recipe
@@ -97,48 +94,4 @@ def test_an_ablation_is_the_short_recipe_but_for_one_option():
     assert lacking == [
         ("no-third", "third", False),
         ("uncrowded", "raised", False),
-        ("labelled", "labels", 0.1),
     ]
-
-
-def loss_with(labels, states, **options):
-    """The loss of an untrained refiner on INITIAL and GOAL, by the average of its rounds."""
-    given, recipe = swarms(PROBLEM, INITIAL, GOAL, states), recipe_for("refiner", "labelled")
-    options = {**recipe.options, "labels": labels, "earlier": 1.0, **options}
-    recipe = replace(recipe, options=options)
-    torch.manual_seed(0)
-    made = REFINER.network(SIZES, ENCODING, 0.0)
-    torch.manual_seed(0)  # of how swarms are turned and crowded
-    return REFINER.loss(made, REFINER.prepare(given, ENCODING), ENCODING, recipe).item()
-
-
-def test_labels_cost_the_distance_from_the_expert_where_it_has_planned():
-    """Against the node states of all rounds, flown by the problem's own dynamics."""
-    torch.manual_seed(0)
-    made = REFINER.network(SIZES, ENCODING, 0.0)
-    rng, tuned = np.random.default_rng(0), recipe_for("refiner", "tuned").options["rounds"]
-    plans = rng.normal(size=(4, 8, PROBLEM.nodes, 6)) * 100
-    apart = 0.0
-    for count in range(1, tuned + 1):
-        task = task_of(PROBLEM, INITIAL, GOAL, np.full(4, 15.0))
-        state = start(task)
-        for number in range(count):
-            state = play(made.arrays, task, state, number)
-        controls = state.controls * 15.0 / PROBLEM.time_step**2
-        flown = fly(INITIAL, controls.reshape(4, 8, -1, 3), PROBLEM)
-        apart += np.linalg.norm((flown - plans)[..., :3], axis=3).mean() / 15.0 / tuned
-    found = loss_with(0.3, plans) - loss_with(1e-12, plans)
-    assert found == pytest.approx(0.3 * apart, rel=1e-6)
-    unraised = loss_with(0.3, plans, raised=False) - loss_with(1e-12, plans, raised=False)
-    assert unraised == pytest.approx(found, rel=1e-6)  # whether others are raised or not
-    half = plans.copy()
-    half[::2] = np.nan
-    assert np.isfinite(loss_with(0.3, half))
-
-
-def test_scenarios_that_nobody_has_planned_have_no_labels():
-    assert loss_with(0.3, None) == loss_with(1e-12, None)
-    recipe = replace(recipe_for("refiner", "labelled"), draws=10)
-    batch = REFINER.prepare(swarms(PROBLEM, INITIAL, GOAL), ENCODING)
-    with pytest.raises(InputError, match=r"labels is 0.1 and draws 10, .* expected labels 0, or"):
-        REFINER.loss(network(), batch, ENCODING, recipe)

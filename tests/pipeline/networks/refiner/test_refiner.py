@@ -13,7 +13,7 @@ from pipeline.networks.architecture import find, recipe_for, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
 from pipeline.networks.refiner import model as refiner_model
-from pipeline.networks.refiner.model import cheapest_safe, lack, play, start, task_of
+from pipeline.networks.refiner.model import cheapest_safe, lack, play, problem_data, start
 from pipeline.networks.refiner.packaged import FOLDER, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, pair_conflicts
@@ -102,39 +102,39 @@ def test_swarms_seen_in_a_mirror_or_from_behind_are_as_hard():
 
 def test_without_rounds_every_craft_keeps_its_decoupled_optimum():
     initial, goal = ends(10, 4)
-    task = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0))
-    controls, _ = cheapest_safe(None, task, 0)
-    assert np.array_equal(controls, task.own.controls)
+    data = problem_data(PROBLEM, initial, goal, np.full(len(initial), 15.0))
+    controls, _ = cheapest_safe(None, data, 0)
+    assert np.array_equal(controls, data.own.controls)
 
 
 def test_rounds_by_the_rule_alone_leave_few_swarms_unsafe():
     initial, goal = ends(10, 40)
-    task = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0))
-    controls, safe = cheapest_safe(None, task, 12)
+    data = problem_data(PROBLEM, initial, goal, np.full(len(initial), 15.0))
+    controls, safe = cheapest_safe(None, data, 12)
     flown = controls.reshape(40, 10, -1, 3) * 15.0 / PROBLEM.time_step**2
     conflicts = [
         pair_conflicts(fly(x, u, PROBLEM), u, PROBLEM) for x, u in zip(initial, flown, strict=True)
     ]
     assert [c == 0 for c in conflicts] == safe.tolist()
     assert safe.sum() >= 39
-    fuel = task.fuel(controls) / task.fuel(task.own.controls)
+    fuel = data.fuel(controls) / data.fuel(data.own.controls)
     assert 1 <= fuel.mean() < 1.02
 
 
 def test_it_ends_with_the_cheapest_safe_iterate(monkeypatch):
     monkeypatch.setattr(refiner_model, "STEADY", -1.0)  # so that no swarm stops early
     initial, goal = ends(10, 10, family="dense")
-    task, made = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0)), network()
+    data, made = problem_data(PROBLEM, initial, goal, np.full(len(initial), 15.0)), network()
     made.offer.weight.data *= 0.2  # wilder ones send craft to others that they were never near
-    controls, safe = cheapest_safe(made.arrays, task, 8)
-    mine, cheapest = task.fuel(controls), np.full(10, np.inf)
-    state = start(task)
+    controls, safe = cheapest_safe(made.arrays, data, 8)
+    mine, cheapest = data.fuel(controls), np.full(10, np.inf)
+    state = start(data)
     for number in range(9):
         flown = state.controls.reshape(10, 10, -1, 3) * 15.0 / PROBLEM.time_step**2
         for k, (x, u) in enumerate(zip(initial, flown, strict=True)):
             if least_separation(fly(x, u, PROBLEM), u, PROBLEM).bound > 15.0 + 2e-3:
-                cheapest[k] = min(cheapest[k], task.fuel(state.controls)[k])
-        state = play(made.arrays, task, state, number)
+                cheapest[k] = min(cheapest[k], data.fuel(state.controls)[k])
+        state = play(made.arrays, data, state, number)
     assert np.array_equal(safe, np.isfinite(cheapest))
     assert np.array_equal(mine[safe], cheapest[safe])
     assert safe.sum() >= 5
@@ -142,11 +142,11 @@ def test_it_ends_with_the_cheapest_safe_iterate(monkeypatch):
 
 def test_a_swarm_that_is_safe_and_steady_stops_without_losing_much_fuel(monkeypatch):
     initial, goal = ends(10, 40)
-    task, made = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0)), network()
-    stopped, _ = cheapest_safe(made.arrays, task, 30)
+    data, made = problem_data(PROBLEM, initial, goal, np.full(len(initial), 15.0)), network()
+    stopped, _ = cheapest_safe(made.arrays, data, 30)
     monkeypatch.setattr(refiner_model, "STEADY", -1.0)
-    played, safe = cheapest_safe(made.arrays, task, 30)
-    ratio = task.fuel(stopped) / task.fuel(played)
+    played, safe = cheapest_safe(made.arrays, data, 30)
+    ratio = data.fuel(stopped) / data.fuel(played)
     assert not np.array_equal(stopped, played)
     assert (ratio[safe] >= 1 - 1e-4).all()
     assert ratio[safe].mean() < 1.002
@@ -179,11 +179,11 @@ def test_what_is_saved_answers_the_same(tmp_path):
 def test_rounds_of_torch_are_those_of_numpy(family, tolerance):
     """All swarms together, in double precision; dense ones magnify what rounding there is."""
     given, made = (PROBLEM, *ends(10, 6, family=family), np.full(6, 15.0)), network().double()
-    task, same = task_of(*given), task_of(*given, torch.device("cpu"))
-    now, then = start(task), start(same)
+    data, same = problem_data(*given), problem_data(*given, torch.device("cpu"))
+    now, then = start(data), start(same)
     for number in range(8):
-        now, then = play(made.arrays, task, now, number), play(made.weights, same, then, number)
-        scale, missing = np.abs(now.controls).max(), lack(task, now, 1.1)
+        now, then = play(made.arrays, data, now, number), play(made.weights, same, then, number)
+        scale, missing = np.abs(now.controls).max(), lack(data, now, 1.1)
         assert np.abs(then.controls.detach().numpy() - now.controls).max() <= tolerance * scale
         assert lack(same, then, 1.1).detach().numpy() == pytest.approx(missing, abs=10 * tolerance)
 
@@ -207,8 +207,8 @@ def test_the_packaged_refiner_is_the_stored_model_and_answers_without_torch():
 
 def test_what_a_swarm_lacks_is_counted_once_for_each_time_that_a_pair_turns():
     initial, goal = ends(6, 4, family="dense")
-    task = task_of(PROBLEM, initial, goal, np.full(len(initial), 15.0))
-    state = start(task)
+    data = problem_data(PROBLEM, initial, goal, np.full(len(initial), 15.0))
+    state = start(data)
     controls = state.controls.reshape(-1, PROBLEM.intervals, 3) * 15 / PROBLEM.time_step**2
     states = fly(initial.reshape(-1, 6), controls, PROBLEM)
     flown = track(states, controls, PROBLEM, 400).reshape(4, 6, -1, 3) / 15
@@ -217,7 +217,7 @@ def test_what_a_swarm_lacks_is_counted_once_for_each_time_that_a_pair_turns():
     middle = apart[..., 1:-1]
     turns = (middle < apart[..., :-2]) & (middle <= apart[..., 2:]) & (middle < 1.1)
     wanted = ((1.1 - middle) * turns).sum(axis=(1, 2))
-    assert lack(task, state, 1.1) == pytest.approx(wanted, abs=2e-3)
+    assert lack(data, state, 1.1) == pytest.approx(wanted, abs=2e-3)
     assert (turns.sum(axis=(1, 2)) > 1).all()
 
 

@@ -12,7 +12,7 @@ from jaxtyping import config
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
 from pipeline.networks.model import load
-from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, task_of
+from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, problem_data
 from pipeline.networks.refiner.on_board.export import (
     Files,
     check,
@@ -89,12 +89,12 @@ def test_a_swarm_whose_craft_run_the_files_finds_what_the_swarm_finds(model, exp
         ends = scenario.initial, scenario.goal
         controls, safe, counts = flown(exported, ends)
         encounters |= counts
-        task = task_of(PROBLEM, *(end[None] for end in ends), np.array([RADIUS]))
+        data = problem_data(PROBLEM, *(end[None] for end in ends), np.array([RADIUS]))
         found = compare(controls, together(model.network, PROBLEM, *ends))
         compared.append(found)
         if not found.tie:
             chosen = controls[cheapest(np.abs(controls).sum(axis=(1, 2)), safe)]
-            best, is_safe = cheapest_safe(model.network.arrays, task, ROUNDS)
+            best, is_safe = cheapest_safe(model.network.arrays, data, ROUNDS)
             assert bool(is_safe) == safe.any()
             assert np.abs(chosen - best * UNIT).max() <= 1e-5 * np.abs(chosen).max()
         reached = fly(ends[0], controls[-1].reshape(n, -1, 3), PROBLEM)[:, -1]

@@ -11,7 +11,7 @@ from tableaux import one_of
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.refiner.geometry import Encounters, approaches, grid_of
-from pipeline.networks.refiner.on_board.export import Compared, compare, fly_rounds, together
+from pipeline.networks.refiner.on_board.export import Discrepancy, compare, fly_rounds, together
 from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, told_each_round
 from pipeline.networks.refiner.on_board.traced import (
     Tableau,
@@ -85,9 +85,9 @@ def test_another_optimum_of_the_same_fuel_is_no_difference_but_more_fuel_is():
     wanted = np.ones((3, 2, 4))
     other = wanted.copy()
     other[1, 0, :2], other[2] = (0.5, 1.5), 7.0
-    assert compare(other, wanted) == Compared(0.0, tie=True)
+    assert compare(other, wanted) == Discrepancy(0.0, tie=True)
     other[1, 0, 0] = 0.75
-    assert compare(other, wanted) == Compared(0.5, tie=False)
+    assert compare(other, wanted) == Discrepancy(0.5, tie=False)
 
 
 def test_craft_by_themselves_know_no_numbers_of_craft():
@@ -129,7 +129,7 @@ def test_one_craft_s_program_is_that_of_many():
             one, some = one_of(own, k), real[k]
             order = 2 * np.arange(some.sum())
             first = Sides(np.array([0]), np.array([0, some.sum()]), order, np.zeros_like(order))
-            wanted = optima(one, first, row[k, some], np.tile(asked[k, some, None], 2), grid)
+            wanted = optima(one, first, row[k, some], np.tile(asked[k, some, None], 2))
             given = (torch.from_numpy(values[k]) for values in (row, asked, real))
             controls, dual = solve_one(tableau(one), *given)
             assert controls.numpy() == pytest.approx(wanted[0][0], abs=1e-8)

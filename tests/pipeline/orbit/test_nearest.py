@@ -3,28 +3,44 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima
 from pipeline.flight.effects import fly_controls
-from pipeline.flight.nearest import nearer, nearest, pieces_for
 from pipeline.flight.world import LinearWorld, NonlinearWorld
 from pipeline.orbit.approaches import TOLERANCE
-from pipeline.orbit.inertial import Elements
+from pipeline.orbit.chebyshev import NODES
+from pipeline.orbit.nearest import nearer, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 
 PROBLEM = Problem()
 
-WORLD = NonlinearWorld(Elements(radius_at(PROBLEM.mean_motion), 1.7, 0.2, 0.01, 2.0), 1.0)
+ORBIT = ReferenceOrbit(radius_at(PROBLEM.mean_motion), 0.01, 97.4, 11.0, 115.0, 57.0)
+ECCENTRIC = ReferenceOrbit(4e7, 0.8, 97.4, 11.0, 115.0, 115.0)
+WORLD = NonlinearWorld(ORBIT, PROBLEM.time_step, PROBLEM.intervals)
 
 
 def swarm(index, n=10):
     """Initial states and controls that avoid nobody."""
     scenario = draw("rings", 0, n, index, PROBLEM)
     return scenario.initial, decoupled_optima(scenario.initial, scenario.goal, PROBLEM).controls
+
+
+def sampled_arc(arc, many):
+    """Positions at equally spaced times of an arc."""
+    pieces = arc.shape[1]
+    times = np.linspace(0.0, pieces, many + 1)
+    piece = np.minimum(times.astype(int), pieces - 1)
+    positions = np.empty((len(arc), many + 1, 3))
+    for m in range(pieces):
+        at = 2 * (times[piece == m] - m) - 1
+        for craft, states in enumerate(arc[:, m]):
+            curves = [np.polynomial.Polynomial.fit(NODES, states[:, k], 11) for k in range(3)]
+            positions[craft, piece == m] = np.stack([curve(at) for curve in curves], axis=1)
+    return positions
 
 
 def sampled(states):
@@ -35,16 +51,15 @@ def sampled(states):
     return apart[pair, sample], (i[pair], j[pair]), sample
 
 
-def test_no_sample_is_nearer_and_the_nearest_is_attained():
-    """Of many trials in one call, each on its own."""
+@pytest.mark.parametrize("orbit", [ORBIT, ECCENTRIC], ids=["e 0.01", "e 0.8"])
+def test_no_sample_is_nearer_and_the_nearest_is_attained(orbit):
+    """Of many trials in one call, each on its own; samples by polynomials of numpy."""
     duration, many = 600.0, 6000
+    world = NonlinearWorld(orbit, duration, 1)
     begin = [swarm(index) for index in range(6)]
-    arcs, dense = [], []
-    for initial, controls in begin:
-        coarse = pieces_for(duration, PROBLEM.mean_motion)
-        arcs.append(WORLD.arc(initial, controls[:, 0], 0.0, duration, coarse))
-        dense.append(WORLD.arc(initial, controls[:, 0], 0.0, duration, many))
-    found = nearest(np.stack(arcs), 100.0, duration, PROBLEM.mean_motion)
+    arcs = [world.arc(initial, controls[:, 0], 0) for initial, controls in begin]
+    found = nearest(np.stack(arcs), 100.0, duration)
+    dense = [sampled_arc(arc, many) for arc in arcs]
     for trial, states in enumerate(dense):
         least, pair, sample = sampled(states)
         assert found.bound[trial] <= least
@@ -57,15 +72,16 @@ def test_no_sample_is_nearer_and_the_nearest_is_attained():
 
 def test_a_minimum_between_two_states_is_that_of_straight_lines_in_closed_form():
     """In a world without gravity: 3 m beside each other, passing midway."""
-    one = [[-60, 0, 0, 1, 0, 0], [0, 0, 0, 1, 0, 0], [60, 0, 0, 1, 0, 0]]
-    other = [[60, 3, 4, -1, 0, 0], [0, 3, 4, -1, 0, 0], [-60, 3, 4, -1, 0, 0]]
-    states = np.array([[one, other]], dtype=float)
-    shifted = states + np.array([[30.0], [0.0]])[None, :, None] * np.array([1, 0, 0, 0, 0, 0])
-    for given, when in ((states, 60.0), (shifted, 45.0)):
-        found = nearest(given, 0.0, 120.0, 1e-9)
+    when = 30 * np.array([NODES, NODES + 2])[..., None] - 30  # s since the middle, of two pieces
+    one = np.concatenate([when, 0 * when, 0 * when, 0 * when + 1, 0 * when, 0 * when], axis=-1)
+    other = one * [-1, 1, 1, -1, 1, 1] + [0, 3, 4, 0, 0, 0]
+    states = np.array([[one, other]])
+    shifted = states + np.array([[30.0], [0.0]])[:, None, None] * np.array([1, 0, 0, 0, 0, 0])
+    for given, middle in ((states, 60.0), (shifted, 45.0)):
+        found = nearest(given, 0.0, 120.0)
         assert found.distance[0] == pytest.approx(5.0, abs=TOLERANCE)
         assert found.bound[0] == pytest.approx(5.0, abs=TOLERANCE)
-        assert found.time[0] == pytest.approx(when, abs=0.01)
+        assert found.time[0] == pytest.approx(middle, abs=0.01)
         assert found.separation().pair == (0, 1)
 
 
@@ -84,10 +100,8 @@ def test_in_the_linear_world_a_flight_is_the_plan_and_as_close_as_its_certificat
 
 def test_the_nearer_of_two_arcs_is_chosen_by_trial():
     initial, controls = swarm(0)
-    arcs = [WORLD.arc(initial, controls[:, k], k * 120.0, 120.0, 9) for k in (0, 4)]
-    early, late = (
-        nearest(np.stack(order), 0.0, 120.0, PROBLEM.mean_motion) for order in (arcs, arcs[::-1])
-    )
+    arcs = [WORLD.arc(initial, controls[:, k], k) for k in (0, 4)]
+    early, late = (nearest(np.stack(order), 0.0, 120.0) for order in (arcs, arcs[::-1]))
     both = nearer(early, late)
     np.testing.assert_array_equal(both.distance, np.full(2, both.distance.min()))
     np.testing.assert_array_equal(both.first, np.full(2, both.first[0]))
@@ -98,9 +112,3 @@ def test_a_craft_alone_is_near_nobody():
     initial, controls = swarm(0, 1)
     _, least = fly_controls(WORLD, initial, controls, PROBLEM)
     assert least.pair is None and least.bound == np.inf
-
-
-def test_pieces_that_are_too_long_for_the_bound_are_refused():
-    states = np.repeat(swarm(0)[0][None, :, None], 2, axis=2)
-    with pytest.raises(InputError, match="cut into 1 pieces; expected at least 9"):
-        nearest(states, 0.0, 120.0, PROBLEM.mean_motion)

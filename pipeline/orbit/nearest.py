@@ -1,0 +1,110 @@
+"""The least separation of craft over arcs that are known at Chebyshev points, in many trials.
+
+``orbit.separation`` does the same for linear motion, which it evaluates at any time by its maps;
+here motion is the polynomial through those points, whatever the forces. The branch and bound is the
+same (``orbit.bezier``).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.orbit.approaches import TOLERANCE, least_of_each, pairs
+from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
+from pipeline.orbit.chebyshev import COEFFICIENTS, basis, most_derivative
+from pipeline.orbit.separation import Separation
+
+CUBICS = 8  # to which a piece is cut, so that cubics are off by micrometres
+
+ENDS = basis(np.linspace(-1.0, 1.0, CUBICS + 1)) @ COEFFICIENTS
+"""From states at a piece's points to those at the ends of its cubics."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """The least separation of any pair of each trial over some time."""
+
+    distance: Float[Array, "trials"]  # attained, m; infinite where there is no pair
+    bound: Float[Array, "trials"]  # no pair is ever closer, m; about TOLERANCE below
+    first: Int[Array, "trials"]  # craft of that pair, with the lower index; -1 if none
+    second: Int[Array, "trials"]  # craft of that pair
+    time: Float[Array, "trials"]  # when, s since the plan's first node
+
+    def separation(self, trial: int = 0) -> Separation:
+        """The least separation of one trial."""
+        if self.first[trial] < 0:
+            return Separation()
+        pair = int(self.first[trial]), int(self.second[trial])
+        distance, bound = float(self.distance[trial]), float(self.bound[trial])
+        return Separation(distance, bound, pair, float(self.time[trial]))
+
+
+def nearest(states: Float[Array, "trials n pieces q 6"], start: float, duration: float) -> Nearest:
+    """The least separation at any time of an arc, from states at its pieces' Chebyshev points.
+
+    Each piece is cut into stretches. On one of length h a pair's relative position is its cubic
+    Hermite interpolant, up to h⁴/384 max‖p⁗‖; the cubic's least distance is found by branch and
+    bound. Nothing is sampled: states only say which pairs and stretches cannot matter.
+
+    The arc begins at ``start``, s since the plan's first node, and takes ``duration``, s; its
+    pieces are of one length. States are LVLH, m and m/s.
+    """
+    trials, n, pieces, _, _ = states.shape
+    if n < 2:
+        never, none = np.full(trials, np.inf), np.full(trials, -1)
+        return Nearest(never, never, none, none, np.full(trials, np.nan))
+    half = duration / pieces / 2
+    h = 2 * half / CUBICS
+    ends = ENDS @ states
+    within, trial, pair, piece, cubic = _candidates(states, ends, half)
+    i, j = (one[pair] for one in pairs(n))
+    apart = states[trial, i, piece] - states[trial, j, piece]
+    begin, end = (
+        ends[trial, i, piece, cubic + k] - ends[trial, j, piece, cubic + k] for k in (0, 1)
+    )
+    remainder = h**4 / 384 * norm(most_derivative(apart[..., 3:], 3, half))
+    curve, reach = hermite_bezier(begin, end, h), within[trial]
+    near = np.flatnonzero(chord_bound(curve) - remainder <= reach)
+    curve, remainder, reach = curve[near], remainder[near], reach[near]
+    alone, whole = np.arange(len(near)), (np.zeros(len(near)), np.ones(len(near)))
+    when, low = branch_and_bound(curve, remainder, alone, whole, reach, TOLERANCE)
+    distance = np.maximum(norm(point_on(curve, when)), low)
+    bound = within.copy()
+    np.minimum.at(bound, trial[near], low)
+    best = least_of_each(distance, trial[near])[1]
+    at = near[best]
+    time = start + h * (piece[at] * CUBICS + cubic[at] + when[best])
+    return Nearest(distance[best], bound, i[at], j[at], time)
+
+
+def nearer(one: Nearest, other: Nearest) -> Nearest:
+    """Each trial's least separation over two times."""
+    first, beside = one.distance <= other.distance, vars(other)
+    least = {name: np.where(first, value, beside[name]) for name, value in vars(one).items()}
+    return Nearest(**least | {"bound": np.minimum(one.bound, other.bound)})
+
+
+def _candidates(
+    states: Float[Array, "trials n pieces q 6"],
+    ends: Float[Array, "trials n pieces ends 6"],
+    half: float,
+) -> tuple[
+    Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]
+]:
+    """Each trial's least separation at ends of cubics; trial, pair, piece and cubic that may pass.
+
+    The distances of a craft from its positions at both ends of a cubic add up to at most its chord
+    and twice its deviation from that. So a pair that is a and b apart at the ends, with such sums
+    ℓ₁ and ℓ₂, is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
+    """
+    i, j = pairs(states.shape[1])
+    position, h = ends[..., :3], 2 * half / CUBICS
+    apart = norm(position[:, i] - position[:, j])
+    within: Float[Array, trials] = apart.min(axis=(1, 2, 3))
+    deviation = h**2 / 8 * norm(most_derivative(states[..., 3:], 1, half))
+    path = norm(np.diff(position, axis=3)) + 2 * deviation[..., None]
+    least = (apart[..., :-1] + apart[..., 1:] - path[:, i] - path[:, j]) / 2
+    trial, pair, piece, cubic = np.nonzero(least <= within[:, None, None, None])
+    return within, trial, pair, piece, cubic

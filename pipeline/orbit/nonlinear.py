@@ -1,0 +1,121 @@
+"""Motion about a reference in all terms of gravity, J2 and drag, by collocation.
+
+A craft's state obeys the linear equations with one acceleration more: that by which the forces on
+it differ from those on the reference and their gradient. It is of second order in the distance, so
+that fixed-point iteration over whole transfers converges in a few steps, each of which evaluates
+the forces on all craft and at all times at once (Picard iteration by Chebyshev points: Bai and
+Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation").
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import ProlearnError
+from pipeline.orbit.chebyshev import INTEGRAL, POINTS
+from pipeline.orbit.linearized import Arcs, LinearizedDynamics
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+
+CONVERGED = 1e-9  # largest change of a position in the last iteration, m
+ITERATIONS = 40
+WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at once
+
+Ballistics = Float[Array, "n"]  # C_D A/m of each craft, m²/kg
+
+
+def flown_arcs(
+    dynamics: LinearizedDynamics,
+    initial: Float[Array, "n 6"],
+    controls: Float[Array, "n K 3"],
+    ballistics: Ballistics,
+    first: int = 0,
+) -> Float[Array, "n K M q 6"]:
+    """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
+
+    The first control is that of an interval of the plan.
+
+    Raises:
+        ProlearnError: where craft are so far from the reference that it does not converge.
+    """
+    arcs, orbit, count = dynamics.arcs, dynamics.orbit, controls.shape[1]
+    pieces = arcs.maps.shape[1]
+    at_once = max(1, int(WINDOW / (orbit.fastest * 2 * arcs.half)))
+    found = np.empty((len(initial), count, pieces, POINTS, 6))
+    state = initial
+    for k in range(0, count, max(1, at_once // pieces)):
+        flown = slice(k, min(k + max(1, at_once // pieces), count))
+        for m in range(0, pieces, at_once):
+            part = slice(m, m + at_once)
+            window = arcs.window(slice(first + flown.start, first + flown.stop), part)
+            found[:, flown, part], state = _window(
+                window, orbit, state, controls[:, flown], ballistics
+            )
+        state = found[:, flown.stop - 1, -1, -1]
+    return found
+
+
+def _window(
+    arcs: Arcs,
+    orbit: ReferenceOrbit,
+    start: Float[Array, "n 6"],
+    controls: Float[Array, "n K 3"],
+    ballistics: Ballistics,
+) -> tuple[Float[Array, "n K M q 6"], Float[Array, "n 6"]]:
+    """States at all points of some arcs, and what would lead there from the first one's start.
+
+    From states at the start of the first interval, which led to the first point without what has
+    been added to them meanwhile.
+    """
+    linear = _linear(arcs, start, controls)
+    flown = linear
+    for _ in range(ITERATIONS):
+        added, total = _added(arcs, _remainder(arcs, orbit, flown, ballistics))
+        before, flown = flown, linear + added
+        change = float(np.abs(flown - before)[..., :3].max())
+        if change <= CONVERGED:
+            return flown, start + total
+        if not np.isfinite(change):
+            break
+    raise ProlearnError(
+        f"the flight about the reference orbit did not converge: its last change was {change:.3g} "
+        "m; expected craft that stay near the reference."
+    )
+
+
+def _linear(
+    arcs: Arcs, start: Float[Array, "n 6"], controls: Float[Array, "n K 3"]
+) -> Float[Array, "n K M q 6"]:
+    """The linear motion at all points."""
+    given, state = np.empty((controls.shape[1], 9, len(start))), start
+    for k, step in enumerate(arcs.maps[:, -1, -1]):
+        given[k] = np.concatenate([state, controls[:, k]], axis=1).T
+        state = (step @ given[k]).T
+    return np.moveaxis(arcs.maps @ given[:, None, None], -1, 0)
+
+
+def _added(
+    arcs: Arcs, acceleration: Float[Array, "n K M q 3"]
+) -> tuple[Float[Array, "n K M q 6"], Float[Array, "n 6"]]:
+    """What accelerations at all points add to the states there, by variation of constants.
+
+    And to the state at the start of the first interval, in all of it.
+    """
+    integral = arcs.half * (INTEGRAL @ np.matvec(arcs.back, acceleration))
+    ends = np.cumsum(integral[:, :, :, -1], axis=2)  # of pieces, since the interval's start
+    integral[:, :, 1:] += ends[:, :, :-1, None]
+    state = np.zeros((len(integral), 6))
+    for k, step in enumerate(arcs.maps[:, -1, -1, :, :6]):
+        integral[:, k] += state[:, None, None]
+        state = integral[:, k, -1, -1] @ step.T
+    return np.matvec(arcs.maps[..., :6], integral), ends[:, 0, -1]
+
+
+def _remainder(
+    arcs: Arcs, orbit: ReferenceOrbit, states: Float[Array, "n K M q 6"], ballistics: Ballistics
+) -> Float[Array, "n K M q 3"]:
+    """Acceleration at LVLH states that the linear equations leave out, along LVLH axes, m/s²."""
+    relative = arcs.frame.to_inertial(states)
+    held = np.broadcast_to(ballistics[:, None, None, None], states.shape[:-1])
+    total = orbit.acceleration(arcs.origin + relative, held)
+    left = total - arcs.acceleration - np.matvec(arcs.gradient, relative)
+    return np.matvec(arcs.frame.axes.mT, left)
