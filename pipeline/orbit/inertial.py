@@ -10,8 +10,6 @@ from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import MU_EARTH
 
-AFTER, BEFORE = [1, 2, 0], [2, 0, 1]  # axes that follow and precede each axis, in turn
-
 
 @dataclass(frozen=True)
 class Elements:
@@ -54,7 +52,7 @@ class Frame:
     def to_inertial(self, states: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
         """Inertial position and velocity relative to the frame's origin, m and m/s."""
         position, velocity = states[..., :3], states[..., 3:]
-        moving = velocity + cross_product(self.rate, position)
+        moving = velocity + np.cross(self.rate, position)
         both = np.matvec(self.axes, position), np.matvec(self.axes, moving)
         return np.concatenate(both, axis=-1)
 
@@ -62,23 +60,16 @@ class Frame:
         """The inverse of ``to_inertial``."""
         turned = self.axes.swapaxes(-1, -2)
         position, moving = (np.matvec(turned, v) for v in (relative[..., :3], relative[..., 3:]))
-        return np.concatenate([position, moving - cross_product(self.rate, position)], axis=-1)
-
-
-def cross_product(
-    a: Float[Array, "*#batch 3"], b: Float[Array, "*#batch 3"]
-) -> Float[Array, "*all 3"]:
-    """The product a × b, with the bits of numpy's ``cross`` in less than half its time."""
-    return a[..., AFTER] * b[..., BEFORE] - a[..., BEFORE] * b[..., AFTER]
+        return np.concatenate([position, moving - np.cross(self.rate, position)], axis=-1)
 
 
 def lvlh_axes(origin: AnyState) -> Float[Array, "*batch 3 3"]:
     """Unit vectors along r, h × r and h = r × v of the origin's inertial state, as columns."""
     position, velocity = origin[..., :3], origin[..., 3:]
-    momentum = cross_product(position, velocity)
+    momentum = np.cross(position, velocity)
     radial = position / norm(position)[..., None]
     cross = momentum / norm(momentum)[..., None]
-    return np.stack([radial, cross_product(cross, radial), cross], axis=-1)
+    return np.stack([radial, np.cross(cross, radial), cross], axis=-1)
 
 
 def lvlh_frame(origin: AnyState, acceleration: Vector) -> Frame:
@@ -90,6 +81,6 @@ def lvlh_frame(origin: AnyState, acceleration: Vector) -> Frame:
     """
     axes = lvlh_axes(origin)
     position, velocity = origin[..., :3], origin[..., 3:]
-    r, h = norm(position), norm(cross_product(position, velocity))
+    r, h = norm(position), norm(np.cross(position, velocity))
     across = np.vecdot(axes[..., 2], acceleration)
     return Frame(axes, np.stack([r * across / h, np.zeros_like(r), h / r**2], axis=-1))

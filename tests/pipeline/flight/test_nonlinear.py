@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from pipeline.errors import InputError, ProlearnError
 from pipeline.flight.world import LinearWorld, NonlinearWorld, World
 from pipeline.orbit.forces import Atmosphere, atmosphere_near
-from pipeline.orbit.inertial import Elements, Frame, cross_product, lvlh_frame
+from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH, mean_motion_at, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -71,13 +71,6 @@ def flown(world, states, controls):
     for k, push in enumerate(controls):
         states = world.arc(states, push, k)[:, -1, -1]
     return states
-
-
-@pytest.mark.parametrize("one", [(3,), (4, 1, 3)])
-def test_a_cross_product_has_the_bits_of_numpys(one):
-    rng = np.random.default_rng(0)
-    a, b = rng.normal(size=one) * 7e6, rng.normal(size=(4, 5, 3))
-    assert np.array_equal(cross_product(a, b), np.cross(a, b))
 
 
 def test_it_is_a_world():
