@@ -1,14 +1,16 @@
 """What all tests share."""
 
+import gc
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 import shapes
 from forked import Forked
 from hypothesis import settings
+from jaxtyping import config
 
 # Arrays and networks this small are slower on several threads, above all beside other workers.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -24,9 +26,31 @@ LONG = {
 }
 """Files with the longest tests, which come first: one that came last would have a worker alone."""
 
+CHECKED = ("pipeline", "judge", "benchmarks", "test_shapes.py")
+"""Where calls of ``pipeline`` are checked by their annotations, but in tests marked ``untyped``."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Leave out of garbage collections what was imported: a look through it takes half a second."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.set_threshold(5_000, 20, 100)
+        gc.enable()
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in LONG)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    (place, *_) = item.path.relative_to(Path(__file__).parent).parts
+    unchecked = place not in CHECKED or "untyped" in item.keywords
+    config.update("jaxtyping_disable", unchecked)
 
 
 # How long an example takes says nothing on a machine that others use as well.
