@@ -123,14 +123,12 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 MARKS ?= system or not system
 # What tests import is compiled once, not in every process that one starts.
 test: export PYTHONDONTWRITEBYTECODE :=
-TEST = --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 test: $(BIN)/pytest ## the tests; MARKS="not system" without those that need a browser, servers or kills
-	$(BIN)/python -m pytest $(TEST) tests/pipeline tests/judge tests/benchmarks --jaxtyping-packages=pipeline,beartype.beartype
-	$(BIN)/python -m pytest $(TEST) --ignore tests/pipeline --ignore tests/judge --ignore tests/benchmarks tests
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 
 coverage: $(BIN)/pytest ## the tests, and the lines of each file that none of them runs
 	rm -f .coverage .coverage.*
-	$(MAKE) test COVER="--cov --cov-append --cov-report="
+	$(MAKE) test COVER="--cov --cov-report="
 	$(BIN)/coverage report
 
 KILLS ?= 100

@@ -1,13 +1,16 @@
 """What all tests share."""
 
+import gc
 import os
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 import shapes
 from forked import Forked
 from hypothesis import settings
+from jaxtyping import config
 
 # Arrays and networks this small are slower on several threads, above all beside other workers.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -23,9 +26,31 @@ LONG = {
 }
 """Files with the longest tests, which come first: one that came last would have a worker alone."""
 
+CHECKED = ("pipeline", "judge", "benchmarks", "test_shapes.py")
+"""Where calls of ``pipeline`` are checked by their annotations, but in tests marked ``untyped``."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Leave out of garbage collections what was imported: a look through it takes half a second."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.set_threshold(5_000, 20, 100)
+        gc.enable()
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in LONG)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    (place, *_) = item.path.relative_to(Path(__file__).parent).parts
+    unchecked = place not in CHECKED or "untyped" in item.keywords
+    config.update("jaxtyping_disable", unchecked)
 
 
 # How long an example takes says nothing on a machine that others use as well.
@@ -34,9 +59,9 @@ settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")
-def forked() -> Iterator[Forked]:
+def forked(testrun_uid: str) -> Iterator[Forked]:
     """What runs commands and code in processes of their own, without the imports of each."""
-    with Forked() as found:
+    with Forked(Path(tempfile.gettempdir(), f"forked-{testrun_uid[:12]}")) as found:
         yield found
 
 

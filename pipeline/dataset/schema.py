@@ -91,7 +91,7 @@ def metadata(
 
 def problem_of(table: pa.Table) -> Problem:
     """The problem that a shard's metadata describes; InputError where it describes none."""
-    about = read_metadata(table)
+    about = {"orbit": None, **read_metadata(table)}  # where it is the default it is not written
     try:
         fields = {name: about[name] for name in Problem.__dataclass_fields__}
         return TypeAdapter(Problem).validate_python(fields) and Problem(**fields)

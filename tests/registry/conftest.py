@@ -18,6 +18,7 @@ from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
 from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
+from pipeline.figures.style import RC
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
@@ -41,6 +42,12 @@ def examples(count: int, first: int) -> Examples:
     return Examples(
         problem, initial, goal, fly(initial, minimum_energy(initial, goal, problem), problem)
     )
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures of few pixels, at which no test here looks."""
+    monkeypatch.setitem(RC, "savefig.dpi", 40)
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,7 @@
 """A process that has imported everything and forks one for each request on a Unix socket.
 
+The command returns when it serves; it goes on until no one can write into its stdin.
+
 A request is one packet: the environment, the folder, and a command's arguments or a piece of code,
 with stdin, stdout and stderr as file descriptors. The answers are the process id and the exit
 status, negative for a signal.
@@ -11,13 +13,15 @@ import json
 import os
 import pkgutil
 import select
+import shutil
 import signal
 import socket
 import sys
 import tempfile
 import threading
 import traceback
-from contextlib import suppress
+from contextlib import chdir, suppress
+from pathlib import Path
 from typing import Any
 
 LATE = (
@@ -25,40 +29,66 @@ LATE = (
     "alembic.command",
     "alembic.config",
     "git",
+    "IPython.display",
     "matplotlib.pyplot",
     "matplotlib.backends.backend_svg",
-    "mlflow.pyfunc",
-    "mlflow.store.model_registry.sqlalchemy_store",
-    "mlflow.store.tracking.sqlalchemy_store",
+    "mlflow.pyfunc.scoring_server",
+    "mlflow.store.model_registry.sqlalchemy_workspace_store",
+    "mlflow.store.tracking.sqlalchemy_workspace_store",
+    "mlflow.tracing.export",
+    "mlflow.tracing.processor.otel",
     "optuna",
+    "PIL.JpegImagePlugin",
+    "pyarrow.dataset",
+    "pipeline.networks.feedforward",
+    "pipeline.show.page",
     "sqlalchemy.dialects.sqlite",
+    "tabulate",
     "torch._dynamo",
-    "torch.profiler",
+    "torch.profiler._cupti_monitor",
 )
+FIRST = (
+    ("scenario", "new", "swarm.json", "--from", "craft=3,size=150", "--to", "craft=3,size=100"),
+    ("plan", "swarm.json", "--planner", "refiner", "--out", "plan.json"),
+    ("fly", "plan.json"),
+    ("sample", "--n", "3", "--count", "4", "--shares", "1,0,0", "--out", "data"),
+    ("solve", "data", "--jobs", "1"),
+)
+"""Commands that load what was compiled, which takes more of their time than what they do."""
+
 PACKET = 1 << 17  # bytes, above what an environment takes
 
 
 def main(path: str) -> None:
-    """Serve until stdin ends, which is when the process that started this one does."""
+    """Serve until stdin ends; then end, with all that was started and the socket's folder."""
     import_everything()
+    do_first()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(path)
+        listener.listen()
+        if os.fork() == 0:
+            serve(listener)
+            shutil.rmtree(Path(path).parent, ignore_errors=True)
+            os.killpg(0, signal.SIGKILL)
+    os._exit(0)
+
+
+def serve(listener: socket.socket) -> None:
+    """Answer requests."""
     ended, wakes = socket.socketpair()
     wakes.setblocking(False)
     signal.set_wakeup_fd(wakes.fileno())
     signal.signal(signal.SIGCHLD, lambda *_: None)
     running: dict[int, socket.socket] = {}
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
-        listener.bind(path)
-        listener.listen()
-        print("ready", flush=True)
-        while sys.stdin not in (ready := select.select([listener, ended, sys.stdin], [], [])[0]):
-            if ended in ready:
-                ended.recv(PACKET)
-                tell_ends(running)
-            if listener in ready:
-                connection, _ = listener.accept()
-                child = start(connection, [listener, ended, wakes, *running.values()])
-                running[child] = connection
-                say(connection, child)
+    while sys.stdin not in (ready := select.select([listener, ended, sys.stdin], [], [])[0]):
+        if ended in ready:
+            ended.recv(PACKET)
+            tell_ends(running)
+        if listener in ready:
+            connection, _ = listener.accept()
+            child = start(connection, [listener, ended, wakes, *running.values()])
+            running[child] = connection
+            say(connection, child)
 
 
 def import_everything() -> None:
@@ -69,6 +99,22 @@ def import_everything() -> None:
         importlib.import_module(module.name)
     for name in LATE:
         importlib.import_module(name)
+
+
+def do_first() -> None:
+    """Do what is slow the first time in a process, and the same in all."""
+    from mlflow.utils import requirements_utils
+    from typer.testing import CliRunner
+
+    from registry.environment import EVALUATED_BY, TRAINED_BY, environment_tags
+
+    for parts in (TRAINED_BY, EVALUATED_BY):
+        environment_tags(parts)  # a digest of their code
+    requirements_utils._init_packages_to_modules_map()  # looks into every installed package
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        for command in FIRST:
+            done = CliRunner().invoke(sys.modules["cli.main"].app, command)
+            assert done.exit_code == 0, done.output
 
 
 def start(connection: socket.socket, ours: list[socket.socket]) -> int:

@@ -4,12 +4,14 @@ Imports take several seconds, nearly all that a command takes which is refused o
 swarm; so they are made once. What a command does from its first line on is the same.
 """
 
+import fcntl
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import fork_client
@@ -20,27 +22,38 @@ PATIENCE = 120.0
 
 
 class Forked:
-    """Runs commands and code; a context manager."""
+    """Runs commands and code; a context manager. Those with the same folder share one process."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder or Path(tempfile.mkdtemp())
+        self._socket = str(self._folder / "socket")
 
     def __enter__(self) -> "Forked":
-        """Start the process that others are forked from."""
-        self._folder = tempfile.TemporaryDirectory()
-        self._socket = f"{self._folder.name}/socket"
-        self._server = subprocess.Popen(
-            [sys.executable, fork_server.__file__, self._socket],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
-        assert self._server.stdout is not None
-        assert self._server.stdout.readline() == b"ready\n"
+        """Start the process that others are forked from, where nobody has; it ends with its users.
+
+        Users are those who can write into a pipe that it reads from.
+        """
+        self._folder.mkdir(exist_ok=True)
+        pipe = self._folder / "users"
+        with suppress(FileExistsError):
+            os.mkfifo(pipe)
+        self._use = os.open(pipe, os.O_RDWR)
+        fcntl.flock(self._use, fcntl.LOCK_EX)
+        if not Path(self._socket).exists():
+            with open(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)) as users:  # noqa: PTH123 (a pipe)
+                subprocess.run(
+                    [sys.executable, fork_server.__file__, self._socket],
+                    stdin=users,
+                    stdout=subprocess.DEVNULL,
+                    start_new_session=True,
+                    check=True,
+                )
+        fcntl.flock(self._use, fcntl.LOCK_UN)
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End it, and what it runs."""
-        os.killpg(self._server.pid, signal.SIGKILL)
-        self._server.communicate()
-        self._folder.cleanup()
+        """Use it no more."""
+        os.close(self._use)
 
     @property
     def command(self) -> list[str]:

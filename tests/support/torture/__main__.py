@@ -16,18 +16,17 @@ MARK = "<!-- made by make torture -->"
 """What stands before and after the table in the page that has it."""
 
 
-def torture(scratch: Path, seed: int, kills: int, flips: int) -> Tally:
+def torture(scratch: Path, commands: Forked, seed: int, kills: int, flips: int) -> Tally:
     """Interrupt commands and damage files so many times; others in proportion."""
     tally = Tally()
-    with Forked() as commands:
-        bench = Bench(scratch, commands)
-        interruption, damage = Interruption(bench, seed, tally), Damage(bench, seed, tally)
-        for kind, share in ((KILLED, 1.0), (TERMINATED, 0.3), (FULL, 0.4)):
-            interruption.many(kind, round(share * kills))
-            print(f"{kind}: {tally.tries(kind)}", file=sys.stderr, flush=True)
-        for kind, share in ((FLIPPED, 1.0), (CUT, 0.2), (SWAPPED, 0.1), (DELETED, 0.2)):
-            damage.many(kind, round(share * flips))
-            print(f"{kind}: {tally.tries(kind)}", file=sys.stderr, flush=True)
+    bench = Bench(scratch, commands)
+    interruption, damage = Interruption(bench, seed, tally), Damage(bench, seed, tally)
+    for kind, share in ((KILLED, 1.0), (TERMINATED, 0.3), (FULL, 0.4)):
+        interruption.many(kind, round(share * kills))
+        print(f"{kind}: {tally.tries(kind)}", file=sys.stderr, flush=True)
+    for kind, share in ((FLIPPED, 1.0), (CUT, 0.2), (SWAPPED, 0.1), (DELETED, 0.2)):
+        damage.many(kind, round(share * flips))
+        print(f"{kind}: {tally.tries(kind)}", file=sys.stderr, flush=True)
     return tally
 
 
@@ -39,8 +38,8 @@ def main() -> int:
     parser.add_argument("--flips", type=int, default=500)
     parser.add_argument("--page", type=Path, help="page whose table is written anew")
     asked = parser.parse_args()
-    with TemporaryDirectory(prefix="torture-") as scratch:
-        tally = torture(Path(scratch), asked.seed, asked.kills, asked.flips)
+    with TemporaryDirectory(prefix="torture-") as scratch, Forked() as commands:
+        tally = torture(Path(scratch), commands, asked.seed, asked.kills, asked.flips)
     table = tally.markdown()
     print(table)
     print("\n".join(tally.stories), file=sys.stderr)

@@ -7,7 +7,6 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from jaxtyping import config
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import find
@@ -27,19 +26,14 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 
+# The tests' checks of shapes are no part of what is traced, and torch cannot trace them.
+pytestmark = pytest.mark.untyped
+
 PROBLEM, ROUNDS = Problem(), find("refiner").config["rounds"]
 RADIUS = PROBLEM.collision_radius
 UNIT = RADIUS / PROBLEM.time_step**2
 RINGS, DENSE = [(2, 0), (4, 8), (10, 1), (10, 4)], [(5, 0), (5, 2)]
 SWARMS = [("rings", *one) for one in RINGS] + [("dense", *one) for one in DENSE]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def untyped():
-    """The tests' checks of shapes are no part of what is traced, and torch cannot trace them."""
-    config.update("jaxtyping_disable", True)
-    yield
-    config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture(scope="module")
