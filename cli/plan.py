@@ -1,7 +1,7 @@
 """The command that plans a scenario of one's own."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from itertools import groupby, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -99,6 +99,7 @@ def plan(
         prolearn plan - --out p.json
     """
     from cli.jobs.planner import planner_of
+    from pipeline.flight.conditions import in_world
     from pipeline.orbit.dynamics import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
@@ -112,7 +113,9 @@ def plan(
         not_over(path, target)
     asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
     if world:
-        asked = [_in_world(one, context, conditions) for one in asked]
+        if any(one.problem.orbit is not None for one in asked):
+            refuse(context, CONDITIONS, "and a scenario has an orbit of its own: leave it out.")
+        asked = [in_world(one, conditions.about(one.reference)) for one in asked]
     requirements = Requirements(planning.separation, passive_safety, risk.limit())
     chosen = planner_of(
         planning.planner, requirements, planning.effort, raw=raw, assignment=planning.assignment
@@ -140,17 +143,6 @@ def plan(
     with beside(not to_people):
         print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
-
-
-def _in_world(
-    scenario: "Scenario", context: typer.Context, conditions: FlightConditions
-) -> "Scenario":
-    """The scenario about its own orbit, or the one of the conditions."""
-    if scenario.problem.orbit is not None:
-        refuse(context, CONDITIONS, "and the scenario has an orbit of its own: leave it out.")
-        return scenario
-    orbit = conditions.about(scenario.reference).orbit(scenario.problem)
-    return replace(scenario, problem=scenario.problem.about(orbit))
 
 
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":

@@ -26,6 +26,7 @@ from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.summary import Summary
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.plan import Certificate, Plan, Requirements, RiskLimit
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.planner import Planner
@@ -56,6 +57,7 @@ __all__ = [
     "Problem",
     "ProlearnError",
     "Reference",
+    "ReferenceOrbit",
     "Requirements",
     "Ring",
     "RiskLimit",

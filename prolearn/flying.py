@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from pipeline.errors import InputError, check_range
-from pipeline.flight.conditions import Conditions, world_of
+from pipeline.flight.conditions import Conditions, conditions_of, world_of
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.loops import flight_loops, fly_loops, refuse_replanning
@@ -97,12 +97,9 @@ def monte_carlo(
 
 def _conditions(plan: Plan, given: Conditions | None) -> Conditions:
     """Those given, or the usual ones about the scenario's reference orbit."""
-    reference = plan.scenario.reference
     if given is not None and plan.scenario.problem.orbit is not None:
         raise InputError(
             "the plan has a reference orbit of its own; expected no conditions with it: leave them "
             "out."
         )
-    if given is not None or reference is None:
-        return given or Conditions()
-    return Conditions().about(reference)
+    return conditions_of(plan.scenario, given)

@@ -6,7 +6,9 @@ from typing import Any
 from cli.jobs.planner import planner_of
 from pipeline.errors import InputError
 from pipeline.expert.settings import Effort
+from pipeline.flight.conditions import Conditions, conditions_of, in_world
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, Separation
+from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Diagnostic, Scenario, diagnostics
 from pipeline.scenario import check as refuse_formations
@@ -55,6 +57,7 @@ def plan(
     raw: bool = False,
     assignment: str = "given",
     allow_drift: bool = False,
+    world: Conditions | bool = False,
 ) -> Plan:
     """A scenario's plan with its certificate; ``status`` is "solved" where it can be flown.
 
@@ -68,21 +71,36 @@ def plan(
         raw: a model's own plan.
         assignment: given or optimal.
         allow_drift: plan between states that are not on passive relative orbits, too.
+        world: plan for the flight about an oblate Earth, in these conditions; True for the usual
+            ones, or a scenario's own orbit.
 
     Raises:
         InputError: for formations that no transfer can start from or end in safely.
     """
     refuse_formations(scenario, allow_drift=allow_drift)
+    if world:
+        scenario = _in_world(scenario, world)
     asked = Requirements(separation, passive_safety, risk)
     options: dict[str, Any] = {"effort": effort, "raw": raw, "assignment": assignment}
     if isinstance(planner, str):
-        return planner_of(planner, asked, **options).plan([scenario])[0]
+        chosen = planner_of(planner, asked, **options)
+        return (AsFlown(chosen) if world else chosen).plan([scenario])[0]
     if (asked, *options.values()) != (Requirements(), None, False, "given"):
         raise InputError(
             f"the planner {planner.name} is given with options of one, which it has its own of; "
             "expected its name with them, or the planner alone."
         )
-    return planner.plan([scenario])[0]
+    return (AsFlown(planner) if world else planner).plan([scenario])[0]
+
+
+def _in_world(scenario: Scenario, world: Conditions | bool) -> Scenario:
+    """The scenario about an orbit of its own, or that of the conditions."""
+    if isinstance(world, Conditions) and scenario.problem.orbit is not None:
+        raise InputError(
+            "world has conditions and the scenario an orbit of its own; expected world=True, or a "
+            "scenario without an orbit."
+        )
+    return in_world(scenario, conditions_of(scenario, None if world is True else world or None))
 
 
 def plan_all(scenarios: Sequence[Scenario], planner: str | Planner = "expert") -> list[Plan]:

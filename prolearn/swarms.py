@@ -9,8 +9,10 @@ import numpy as np
 from pipeline.arrays import Array
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.scenario import Scenario
-from pipeline.scenario.document import scenario_from
+from pipeline.scenario.document import OrbitDocument, scenario_from
+from pipeline.scenario.scenario import Ends
 
 
 class Ring(TypedDict):
@@ -43,6 +45,8 @@ def scenario(
     goal: Sequence[Ring] | Sequence[Sequence[float]] | Array,
     *,
     altitude: float = 500e3,
+    orbit: ReferenceOrbit | None = None,
+    ends: Ends = "passive",
     time_step: float = Problem.time_step,
     nodes: int = Problem.nodes,
     collision_radius: float = Problem.collision_radius,
@@ -56,6 +60,8 @@ def scenario(
         initial: rings, whose craft follow on, or a row x y z vx vy vz for each craft.
         goal: likewise, of the same craft in the same order.
         altitude: of the circular reference orbit, m.
+        orbit: instead, one that is no circle or has perturbations.
+        ends: passive, on orbits that do not drift, or any.
         time_step: length of an interval of constant control, s.
         nodes: time nodes, one more than intervals.
         collision_radius: craft must be further apart at all times, m.
@@ -66,8 +72,10 @@ def scenario(
     Raises:
         InputError: naming the field that is missing or wrong.
     """
+    about = {"altitude": altitude} if orbit is None else {"orbit": OrbitDocument.of(orbit)}
     fields = {
-        "altitude": altitude,
+        **about,
+        "ends": ends,
         "time_step": time_step,
         "nodes": nodes,
         "collision_radius": collision_radius,

@@ -66,6 +66,20 @@ class Conditions:
         return ReferenceOrbit(radius_at(problem.mean_motion), **fields)
 
 
+def conditions_of(scenario: Scenario, given: Conditions | None = None) -> Conditions:
+    """Those given, or the usual ones about the scenario's reference orbit."""
+    usual = Conditions()
+    return given or (usual if scenario.reference is None else usual.about(scenario.reference))
+
+
+def in_world(scenario: Scenario, conditions: Conditions) -> Scenario:
+    """The scenario about its own reference orbit, or that of the conditions without one."""
+    problem = scenario.problem
+    if problem.orbit is not None:
+        return scenario
+    return replace(scenario, problem=problem.about(conditions.orbit(problem)))
+
+
 def world_of(scenario: Scenario, conditions: Conditions | None) -> NonlinearWorld:
     """The world about a scenario's own reference orbit, or that of the conditions without one."""
     problem = scenario.problem

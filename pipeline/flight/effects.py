@@ -1,7 +1,7 @@
 """A plan's controls flown open loop, with one effect more each time, and how much each adds."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -22,6 +22,7 @@ from pipeline.orbit.transfer import fly, fuel
 from pipeline.plan import Plan
 from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.scenario import Scenario
+from pipeline.scenario.document import OrbitDocument
 
 PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
 
@@ -142,7 +143,7 @@ def flight_report(
         "separation": plan.separation,
         "safe": safe,
         "collision_radius": problem.collision_radius,
-        "conditions": asdict(world_of(plan.scenario, conditions).orbit),
+        "conditions": _orbit_of(plan.scenario, conditions),
         "fuel": used,
         "delta_v": used * problem.time_step,
         **_of(last),
@@ -159,6 +160,10 @@ def flight_report(
             for one in found
         ],
     }
+
+
+def _orbit_of(scenario: Scenario, conditions: Conditions | None) -> dict[str, Any]:
+    return OrbitDocument.of(world_of(scenario, conditions).orbit).model_dump()
 
 
 def _of(effect: Effect) -> dict[str, Any]:
