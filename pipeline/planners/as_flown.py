@@ -14,7 +14,9 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.expert.decoupled import decoupled_optima
+from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls, Formation
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.nonlinear import ends_in_world
 from pipeline.orbit.problem import Problem
@@ -62,6 +64,8 @@ class AsFlown:
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, about the reference orbit."""
+        if not scenarios:
+            return []
         asked = [self._about(one) for one in scenarios]
         return [
             self._flown(scenario, plan)
@@ -87,30 +91,34 @@ class AsFlown:
 
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
         """The plan as flown, planned again with more separation where craft come too close."""
-        started, wider, solves = perf_counter(), 0.0, 0
-        for _ in range(TRIES):
-            asked = replace(scenario, goal=linear.scenario.goal)
-            plan, solves = (
-                _corrected(asked, linear, self.requirements),
-                solves + linear.convex_solves,
-            )
-            if plan.status != UNSAFE or linear.status != SOLVED:
+        started, planning, wider = perf_counter(), linear.timing.get("plan", 0.0), 0.0
+        plan, solves = _corrected(scenario, linear, self.requirements), linear.convex_solves
+        for _ in range(TRIES - 1):
+            missing = _missing(plan)
+            if plan.status != UNSAFE or linear.status != SOLVED or missing <= 0:
                 break
-            wider += WIDER * _missing(plan)
+            wider += WIDER * missing
             (linear,) = self._plans([scenario], wider)
-        spent = perf_counter() - started
-        timing = {**plan.timing, "plan": plan.timing.get("plan", 0.0) + spent}
+            solves += linear.convex_solves
+            if linear.status == SOLVED:
+                plan = _corrected(scenario, linear, self.requirements)
+        spent = perf_counter() - started - plan.timing["certificate"]
+        timing = {**plan.timing, "plan": planning + spent}
         return replace(plan, convex_solves=solves, timing=timing)
 
 
 def _missing(plan: Plan) -> float:
-    """By how much craft come too close in a flight, m."""
-    bound = plan.certificate.min_separation_bound
-    return plan.scenario.problem.collision_radius - (bound or 0.0) + 1e-3
+    """By how much craft come too close in a flight, m; nothing where something else is wrong."""
+    least, radius = plan.certificate.min_separation_bound, plan.scenario.problem.collision_radius
+    if plan.requirements.at_nodes:
+        i, j = pairs(plan.scenario.n)
+        least = norm(plan.states[i, :, :3] - plan.states[j, :, :3]).min(initial=np.inf)
+    return 0.0 if least is None or least > radius else float(radius - least) + 1e-3
 
 
 def _corrected(scenario: Scenario, linear: Plan, requirements: Requirements) -> Plan:
     """The plan of a linear plan's controls, corrected until their flight meets the goals."""
+    scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     problem, initial, goal = scenario.problem, scenario.initial, scenario.goal
     controls, end = linear.controls, ends_in_world(initial, linear.controls, problem)
     for _ in range(CORRECTIONS):
@@ -121,20 +129,20 @@ def _corrected(scenario: Scenario, linear: Plan, requirements: Requirements) -> 
     made = _made(scenario, controls, end, linear)
     plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
     plan = replace(plan, assignment=linear.assignment)
-    if linear.status == SOLVED or plan.status == SOLVED:
+    if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
         return plan
     why = f"about this orbit the plan is {linear.status}: {linear.message}"
-    status = UNSOLVED if linear.status in (INFEASIBLE, UNSOLVED) else plan.status
-    return replace(plan, status=status, message=why)
+    return replace(plan, status=UNSOLVED, message=why)
 
 
 def _made(scenario: Scenario, controls: Controls, end: Formation, linear: Plan) -> Made:
     """Controls with the bound of the linear programs about the flight, with such an end."""
     problem, initial, found = scenario.problem, scenario.initial, linear.certificate
-    bound, proof = found.fuel_lower_bound, found.fuel_lower_bound_proof
-    if linear.assignment is None:
-        defect = end - fly(initial, controls, problem)[:, -1]
-        bound, proof = decoupled_optima(initial, scenario.goal - defect, problem).bound()
+    defect = end - fly(initial, controls, problem)[:, -1]
+    bound, proof = decoupled_optima(initial, scenario.goal - defect, problem).bound()
+    if linear.assignment is not None:  # the bound of all assignments changes as this one's
+        change = bound - decoupled_optima(initial, scenario.goal, problem).bound()[0]
+        bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     timing = {"plan": linear.timing.get("plan", 0.0)}
     return Made(controls, bound, PROOF.format(proof), linear.convex_solves, timing)
 
@@ -153,6 +161,7 @@ def _changed(controls: Controls, miss: Formation, problem: Problem) -> Controls:
     columns = (weight[:, None] * transfer_maps(problem).reach[-1]) * free.reshape(len(free), 1, -1)
     wanted = weight * miss
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-6), wanted)
+    added *= free.reshape(added.shape)  # where it is zero but for rounding
     left = np.abs(wanted - np.matvec(columns, added)).max(axis=1)
     unable = left > 1e-3 * np.abs(wanted).max(axis=1)
     if unable.any() and (optima := least_fuel(miss[unable], problem)) is not None:

@@ -1,11 +1,13 @@
-"""Linear relative motion by other roads than the product's.
+"""Relative motion, linear and in all terms, by other roads than the product's.
 
-About a Keplerian orbit in closed form (Yamanaka and Ankersen 2002, "New state transition matrix for
-relative motion on an arbitrary elliptical orbit"); about any orbit by an integrator, from forces
-whose derivatives are complex steps. Axes are LVLH (x radial, y along-track, z cross-track).
+Linear about a Keplerian orbit in closed form (Yamanaka and Ankersen 2002, "New state transition
+matrix for relative motion on an arbitrary elliptical orbit"); about any orbit by an integrator,
+from forces whose derivatives are complex steps. Axes are LVLH (x radial, y along-track, z
+cross-track).
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -192,3 +194,42 @@ def linear_flight(
         return np.stack(flown, axis=-3)
 
     return fly
+
+
+def flight(
+    begin: np.ndarray,
+    states: np.ndarray,
+    controls: np.ndarray,
+    grid: tuple[float, int],
+    force: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """Craft and their reference integrated together: LVLH states (n, intervals, parts + 1, 6).
+
+    At equal parts of all intervals, from the reference's inertial state and LVLH states (n, 6), by
+    controls (n, intervals, 3). The grid is the length of an interval, s, and the parts. ``force``
+    is the acceleration at the inertial states of the reference and the craft, (n + 1, 6).
+    """
+    (step, parts), origin, n = grid, begin, len(states)
+
+    def pulls(origin: np.ndarray, apart: np.ndarray) -> np.ndarray:
+        return force(np.concatenate([origin[None], origin + apart]))
+
+    def motion(_: float, flat: np.ndarray, push: np.ndarray) -> np.ndarray:
+        origin, apart = flat[:6], flat[6:].reshape(n, 6)
+        pulled = pulls(origin, apart)
+        moved = np.hstack([apart[:, 3:], pulled[1:] - pulled[0] + push @ axes(origin).T])
+        return np.concatenate([origin[3:], pulled[0], moved.ravel()])
+
+    begins = to_lvlh(origin, pulls(origin, 0 * states)[0])
+    apart, flown = np.linalg.solve(begins, states.T).T, []
+    times = np.linspace(0.0, step, parts + 1)
+    for k in range(controls.shape[1]):
+        start = np.concatenate([origin, apart.ravel()])
+        pushed = partial(motion, push=controls[:, k])
+        solved = solve_ivp(
+            pushed, (0.0, step), start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-10
+        )
+        both = [(one[:6], one[6:].reshape(n, 6)) for one in solved.y.T]
+        flown.append([b @ to_lvlh(o, pulls(o, b)[0]).T for o, b in both])
+        origin, apart = both[-1]
+    return np.array(flown).transpose(2, 0, 1, 3)
