@@ -112,7 +112,8 @@ def plan(
         not_over(path, target)
     asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
     if world:
-        asked = [_in_world(one, context, conditions) for one in asked]
+        both = zip(scenarios, asked, strict=True)
+        asked = [_in_world(one, path, context, conditions) for path, one in both]
     requirements = Requirements(planning.separation, passive_safety, risk.limit())
     chosen = planner_of(
         planning.planner, requirements, planning.effort, raw=raw, assignment=planning.assignment
@@ -141,11 +142,15 @@ def plan(
 
 
 def _in_world(
-    scenario: "Scenario", context: typer.Context, conditions: FlightConditions
+    scenario: "Scenario", path: Path, context: typer.Context, conditions: FlightConditions
 ) -> "Scenario":
     """The scenario about its own orbit, or the one of the conditions."""
     if scenario.problem.orbit is not None:
-        refuse(context, CONDITIONS, "and the scenario has an orbit of its own: leave it out.")
+        refuse(
+            context,
+            CONDITIONS,
+            f"and {path} has an orbit of its own; expected one of the two: leave it out.",
+        )
         return scenario
     orbit = conditions.about(scenario.reference).orbit(scenario.problem)
     return replace(scenario, problem=scenario.problem.about(orbit))

@@ -96,7 +96,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
 def _wanted(problem: Problem) -> str:
     if problem.orbit is None:
         return f"0 within {ENERGY_TOLERANCE:g} m/s"
-    return f"that within {_most_drift(problem):.2g} m"
+    return f"at most {_most_drift(problem):.2g} m more than that"
 
 
 def _most_drift(problem: Problem) -> float:

@@ -8,6 +8,7 @@ cross-track).
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -100,7 +101,9 @@ def forced(a: float, e: float, begin: float, time: float) -> np.ndarray:
     return total
 
 
-def pull(state: np.ndarray, j2: bool, ballistic: float = 0.0, air: Air | None = None) -> np.ndarray:
+def pull(
+    state: np.ndarray, j2: bool, ballistic: float | np.ndarray = 0.0, air: Air | None = None
+) -> np.ndarray:
     """Acceleration at inertial states (..., 6), which may be complex, m/s²."""
     r = np.moveaxis(state[..., :3], -1, 0)
     far = _length(r)
@@ -233,3 +236,34 @@ def flight(
         flown.append([b @ to_lvlh(o, pulls(o, b)[0]).T for o, b in both])
         origin, apart = both[-1]
     return np.array(flown).transpose(2, 0, 1, 3)
+
+
+def state_of(a: float, e: float, angles: np.ndarray) -> np.ndarray:
+    """Inertial state of osculating elements; inclination, node, perigee, argument of latitude."""
+    inclination, node, perigee, latitude = angles
+    anomaly, p = latitude - perigee, a * (1 - e**2)
+    far = p / (1 + e * np.cos(anomaly))
+    plane = far * np.array([np.cos(anomaly), np.sin(anomaly), 0.0])
+    speed = np.sqrt(MU / p) * np.array([-np.sin(anomaly), e + np.cos(anomaly), 0.0])
+    c, s = np.cos(inclination), np.sin(inclination)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    turn = _about_z(node) @ tilt @ _about_z(perigee)
+    return np.concatenate([turn @ plane, turn @ speed])
+
+
+def _about_z(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def file_flown(plan: dict[str, Any], parts: int, air: Air | None = None) -> np.ndarray:
+    """The flight of a plan file's fields in its world, as ``flight`` has it."""
+    world, asked = plan["world"], plan["scenario"]
+    names = ("inclination", "raan", "argument_of_perigee", "argument_of_latitude")
+    angles = np.deg2rad([world[f"{name}_deg"] for name in names])
+    begin = state_of(world["semi_major_axis"], world["eccentricity"], angles)
+    shares = np.concatenate([[0.0], np.linspace(-1, 1, len(asked["initial"]))])
+    held = (world["ballistic"] or 0.0) * (1 + world["spread"] * shares)
+    force = partial(pull, j2=world["j2"], ballistic=held, air=air)
+    states, controls = (np.array(one) for one in (asked["initial"], plan["controls"]))
+    return flight(begin, states, controls, (asked["time_step"], parts), force)

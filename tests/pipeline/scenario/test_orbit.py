@@ -192,5 +192,5 @@ def test_the_drift_of_an_orbit_is_an_integrators_and_the_vy_that_is_named_mends_
     check(mended)
     assert all(one.fine for one in diagnostics(mended) if one.rule == MATCHED)
     if e > 0:
-        with pytest.raises(InputError, match=r"expected that within .* set vy to"):
+        with pytest.raises(InputError, match=r"expected at most .* m more than that .* set vy to"):
             check(scenario)
