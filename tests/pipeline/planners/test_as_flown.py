@@ -189,6 +189,16 @@ def test_the_bound_is_what_the_decoupled_optimum_burns_as_flown(name):
     assert plan.certificate.fuel_lower_bound == pytest.approx(cheapest.certificate.fuel, rel=1e-6)
 
 
+def test_the_bound_of_assigned_goals_is_below_the_fuel_at_the_thrust_limit():
+    """Sails, of which the limit leaves the plan of least fuel a few parts in a million more."""
+    scenario = limited(swarm("rings", 0.8, ballistic=1.0, spread=0.9), 7e-4)
+    (plan,) = AsFlown(PLANNERS["goal assignment"]).plan([scenario])
+    assert plan.status == SOLVED
+    assert plan.certificate.optimality_gap == pytest.approx(0, abs=1e-3)
+    assert plan.certificate.fuel_lower_bound <= plan.certificate.fuel
+    assert recheck(plan).faults == ()
+
+
 @pytest.mark.parametrize(("name", "dragged"), [("rings 0.01", False), ("drag", True)])
 def test_brahe_meets_the_goals_as_well(name, dragged):
     """Chief and deputy by its own forces and integrator."""
@@ -229,6 +239,39 @@ def test_where_the_flight_comes_too_close_it_is_planned_anew_with_more_separatio
     assert apart.min() > scenario.problem.collision_radius
     assert apart.min() < 1.05 * scenario.problem.collision_radius
     assert np.abs(flown[:, -1, -1] - plan.scenario.goal)[:, :3].max() < 1e-5
+
+
+@pytest.mark.parametrize("limit", [None, 1.2e-3], ids=["no limit", "limit"])
+@pytest.mark.parametrize("planner", ["expert", "refiner", "goal assignment"])
+def test_much_differential_drag_is_planned_for(planner, limit):
+    """Solar sails, which it moves by tens of metres, of which linear motion knows nothing."""
+    scenario = limited(swarm("rings", 0.01, ballistic=3.0, spread=0.9), limit)
+    (linear,) = PLANNERS[planner].plan([scenario])
+    (plan,) = AsFlown(PLANNERS[planner]).plan([scenario])
+    assert (linear.status, plan.status) == (SOLVED, SOLVED)
+    found = plan.certificate
+    unaware = again(replace(linear, scenario=plan.scenario))[:, -1, -1]
+    assert np.abs(unaware - linear.scenario.goal)[:, :3].max() > 20.0
+    assert -1e-9 <= found.optimality_gap < linear.certificate.optimality_gap + 0.01
+    assert limit is None or np.abs(plan.controls).max() <= limit
+    flown = again(plan)
+    assert np.abs(flown[:, -1, -1] - plan.scenario.goal)[:, :3].max() < 1e-5
+    assert np.abs(flown[:, :, -1] - plan.states[:, 1:])[..., :3].max() < 1e-6
+    i, j = pairs(plan.scenario.n)
+    assert np.linalg.norm((flown[i] - flown[j])[..., :3], axis=-1).min() > 15.0
+    assert sorted(map(tuple, plan.scenario.goal)) == sorted(map(tuple, scenario.goal))
+
+
+def test_goals_too_close_for_what_drag_moves_are_planned_for_as_they_are():
+    """In 50 minutes it moves craft by metres, and their goals are hardly further apart."""
+    drawn = draw("dense", 1, 4, 0, Problem(time_step=300.0))
+    orbit = about(0.01, ballistic=0.03, spread=0.8)
+    (plan,) = AsFlown(Expert()).plan([replace(drawn, problem=drawn.problem.about(orbit))])
+    assert plan.status == SOLVED
+    i, j = pairs(4)
+    flown = again(plan)
+    assert np.linalg.norm((flown[i] - flown[j])[..., :3], axis=-1).min() > 15.0
+    assert np.abs(flown[:, -1, -1] - drawn.goal)[:, :3].max() < 1e-5
 
 
 def test_where_more_separation_is_impossible_the_plan_says_which_pair_is_too_close():
