@@ -101,10 +101,11 @@ def planned_values(
 ) -> dict[str, Any]:
     """What the section says of plans as flown, beside those for the linear model."""
     sizes = summary.groupby("n")["trials"].max()
+    *shapes, last = (f"{ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
     return {
         "claim": _claim(flights),
         "trials": " and ".join(f"{trials:,} of n = {n}" for n, trials in sizes.items()),
-        "orbits": ", ".join(f"{ORBITS[world]:g}" for world in dict.fromkeys(summary["world"])),
+        "orbits": " and ".join(filter(None, (", ".join(shapes), last))),
         "picture": Picture("experiment5-as-flown", planned_figure(summary, look)),
         "table": Table("experiment5-as-flown", averages.named(summary), PLANNED_COLUMNS),
     }
@@ -178,9 +179,8 @@ BOTTOM = 0.003  # least error at the goal that is shown, m; the linear world wit
 @in_style
 def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     """A column of panels for each world; markers by planner and loop, hollow without errors."""
-    rows = summary.assign(
-        at=summary["loop"].map(LOOPS.index), hollow=summary["errors"] == NO_ERRORS
-    )
+    exact = summary["errors"] == NO_ERRORS
+    rows = summary.assign(at=summary["loop"].map(LOOPS.index), hollow=exact, ranged=~exact)
     shown = {
         f"{world} world" if world == LINEAR else f"nonlinear, {world}": rows[rows["world"] == world]
         for world in WORLDS
@@ -203,9 +203,8 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
 def planned_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     """A column of panels for each n; markers by planner and orbit, hollow for linear plans."""
     orbits = list(dict.fromkeys(summary["world"]))
-    rows = summary.assign(
-        at=summary["world"].map(orbits.index), hollow=summary["planned"] == LINEAR
-    )
+    linear = summary["planned"] == LINEAR
+    rows = summary.assign(at=summary["world"].map(orbits.index), hollow=linear, ranged=True)
     shown = {f"n = {n}": some for n, some in rows.groupby("n")}
     drawn = {
         WITHIN_RADIUS.title: (WITHIN_RADIUS.source, LOW, HIGH),
@@ -215,6 +214,8 @@ def planned_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     faces = ("planned as flown", "planned in the linear model")
     figure, panels = _markers_figure(shown, drawn, look, faces)
     fit_scale(panels[1, 0], "y", [*summary[GOAL.source], *summary[GOAL_MOST.source]], log=True)
+    low, high = panels[1, 0].get_ylim()
+    panels[1, 0].set_ylim(low / 3, 3 * high)
     panels[2, 0].set_xticks(range(len(orbits)), orbits)
     panels[2, 0].set_xlim(-0.5, len(orbits) - 0.5)
     return figure
@@ -228,9 +229,9 @@ def _markers_figure(
 ) -> tuple[Figure, Any]:
     """Panels with a marker for each row of a summary, whose first line of panels has shares.
 
-    A column of them for the rows of each title, which say where ``at`` a marker stands and whether
-    it is ``hollow``; a line for each label, with sources as of ``_markers``. Faces are what full
-    and hollow markers mean.
+    A column of them for the rows of each title, which say where ``at`` a marker stands, whether
+    it is ``hollow``, and whether it is ``ranged``; a line for each label, with sources as of
+    ``_markers``. Faces are what full and hollow markers mean.
     """
     figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
     panels = figure.subplots(len(drawn), len(shown), sharex=True, sharey="row", squeeze=False)
@@ -258,7 +259,7 @@ def _markers_figure(
 def _markers(
     ax: Axes, rows: pd.DataFrame, look: Mapping[str, Style], source: str, *ends: str
 ) -> None:
-    """A marker for each row, planners side by side; its interval, too, unless it is hollow."""
+    """A marker for each row, planners side by side; the range between two ends where asked for."""
     shown = list(dict.fromkeys(zip(rows["planner"], rows["recipe"], strict=True)))
     step = WIDTH / max(1, len(shown))
     for row in rows.to_dict("records"):
@@ -266,8 +267,10 @@ def _markers(
         place = shown.index((planner, str(row["recipe"]))) - (len(shown) - 1) / 2
         at = float(row["at"]) + step * place
         style = look[planner]
-        if ends and not hollow:
-            ax.vlines(at, *(row[end] for end in ends), color=style.colour, linewidth=0.9)
+        alpha = 0.6 if hollow else 1.0  # some markers have no face
+        if ends and row["ranged"]:
+            low, high = (row[end] for end in ends)
+            ax.vlines(at, low, high, color=style.colour, linewidth=0.9, alpha=alpha)
         ax.plot(
             at,
             float(row[source]),
@@ -276,7 +279,7 @@ def _markers(
             color=style.colour,
             markerfacecolor="white" if hollow else style.colour,
             markersize=4.2,
-            alpha=0.6 if hollow else 1.0,  # some markers have no face
+            alpha=alpha,
             zorder=3,
         )
 
@@ -322,7 +325,7 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
 
 
 HOLD_AS_FLOWN: Rules = (
-    ((True, True), "Yes"),
+    ((True, True), "Yes, without errors"),
     ((True, False), "Apart, but not at their goals"),
     ((False, True), "At their goals, but not apart"),
     ((False, False), "No"),
@@ -342,7 +345,7 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
         flown = every[every["planned"] == AS_FLOWN]
         apart, met = not flown["within_radius"].any(), flown["goal_error"].max() <= MET
         who = labels.in_sentence(str(planner))
-        question = f"Do {who}'s plans hold there, without errors, if planned as flown?"
+        question = f"Do {who}'s plans hold outside the linear model if planned as flown?"
         text = f"{called(str(planner), str(recipe))}: {_claim(every)}"
         found.append(Finding(question, decide(HOLD_AS_FLOWN, bool(apart), bool(met)), text))
     return found
