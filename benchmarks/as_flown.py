@@ -48,7 +48,7 @@ def main(
     planners, tables = [EvaluatedPlanner(Expert()), EvaluatedPlanner(refiner)], []
     with threadpool_limits(1):
         for n, count in COUNTS.items():
-            drawn = [draw("rings", 0, n, k, Problem()) for k in range(count)]
+            drawn = [draw("rings", 0, n, k, Problem(), "test") for k in range(count)]
             tables.append(run_flights(planners, [], flights=1, larger=drawn, workers=Workers(1)))
     summary = in_both_models(summarize_flights(pd.concat(tables, ignore_index=True)))
     rows = summary[list(COLUMNS)].rename(columns=COLUMNS)
