@@ -243,17 +243,17 @@ class RiskSettings:
 
 @dataclass(frozen=True)
 class FlightConditions:
-    """Conditions in which a plan is flown; None leaves a value to the scenario."""
+    """Conditions of a flight, by mean elements; None leaves a value to the scenario."""
 
-    eccentricity: Annotated[float, option("Of the reference orbit, up to 0.01.")] = 0.001
+    eccentricity: Annotated[float, option("Mean, of the reference orbit, up to 0.01.")] = 0.001
     inclination_deg: Annotated[
-        float | None, option("Deg; by default the scenario's, else 97.4.", "--inclination")
+        float | None, option("Mean, deg; by default the scenario's, else 97.4.", "--inclination")
     ] = None
     raan_deg: Annotated[
         float | None, option("Right ascension of its node, deg; the scenario's, else 0.", "--raan")
     ] = None
     argument_of_perigee_deg: Annotated[
-        float, option("From the ascending node, deg.", "--argument-of-perigee")
+        float, option("Mean, from the ascending node, deg.", "--argument-of-perigee")
     ] = 90.0
     argument_of_latitude_deg: Annotated[
         float | None,
