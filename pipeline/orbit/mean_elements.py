@@ -10,7 +10,7 @@ of eccentricity, mean longitude and the direction of the orbital plane, all rela
 axes, so that neither circles nor equatorial orbits are singular.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -106,9 +106,33 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
 
 
 def osculating_states(mean: Formation) -> Formation:
-    """Inertial states, m and m/s, of craft whose mean elements are those of other states."""
+    """Inertial states, m and m/s, of craft whose mean elements are those of other states.
+
+    The semi-major axis is that with which the energy, a constant of the motion, is the one of the
+    mean elements: so it is known to second order but for a constant, and along-track drift with it.
+    """
     elements = PlanarElements.of(mean)
-    return elements.changed(_periodic(elements)).states()
+    found = elements.changed(_periodic(elements))
+    for _ in range(2):
+        missing = _mean_energy(elements) - _energy(found.states())
+        a = found.semi_major_axis
+        found = replace(found, semi_major_axis=a + 2 * a**2 / MU_EARTH * missing)
+    return found.states()
+
+
+def _energy(states: Formation) -> Each:
+    """Specific energy of inertial states, m²/s², in the potential of a point and J2."""
+    r, v = norm(states[:, :3]), states[:, 3:]
+    oblate = 0.5 * J2 * MU_EARTH * R_EARTH**2 / r**3 * (3 * (states[:, 2] / r) ** 2 - 1)
+    return np.vecdot(v, v) / 2 - MU_EARTH / r + oblate
+
+
+def _mean_energy(mean: PlanarElements) -> Each:
+    """Specific energy of mean elements, m²/s²: the potential averaged over a revolution."""
+    a, cos = mean.semi_major_axis, mean.axes[:, 2, 2]
+    cubed = (a**2 * (1 - np.vecdot(mean.eccentricity, mean.eccentricity))) ** 1.5
+    oblate = 0.25 * J2 * MU_EARTH * R_EARTH**2 / cubed * (1 - 3 * cos**2)
+    return -MU_EARTH / (2 * a) + oblate
 
 
 def mean_states(osculating: Formation) -> Formation:
@@ -175,11 +199,14 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
     return np.stack(rates, axis=-1)
 
 
-def secular_rates(mean: Formation) -> tuple[Each, Each]:
-    """Of mean longitude ω + M and of the node Ω by J2, rad/s (Vallado, section 9.6)."""
+def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[Each, Each]:
+    """Of mean longitude ω + M and of the node Ω, rad/s, to first order in J2.
+
+    Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6.
+    """
     elements = PlanarElements.of(mean)
     n, square = elements.mean_motion, 1 - np.vecdot(elements.eccentricity, elements.eccentricity)
     cos = elements.axes[..., 2, 2]  # of the inclination
-    pull = 1.5 * J2 * n * (R_EARTH / (elements.semi_major_axis * square)) ** 2
+    pull = 1.5 * J2 * n * (R_EARTH / (elements.semi_major_axis * square)) ** 2 * j2
     perigee, anomaly = pull * (2.5 * cos**2 - 0.5), pull * np.sqrt(square) * (1.5 * cos**2 - 0.5)
     return n + perigee + anomaly, -pull * cos

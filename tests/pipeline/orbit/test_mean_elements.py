@@ -19,7 +19,7 @@ LEO = R_EARTH + 500e3
 ORBITS = [(0.0, 0.0), (0.0, 97.4), (0.001, 51.6), (0.001, 97.4), (0.01, 63.4), (0.1, 97.4)]
 """Eccentricities and inclinations, deg; circles, equatorial and critical ones among them."""
 
-SECOND = 15 * J2**2
+SECOND = 8 * J2**2
 """Size of what a theory of first order leaves out, as a share."""
 
 
@@ -72,7 +72,8 @@ def test_along_an_orbit_they_change_at_their_secular_rates_alone(e, i):
     states = along(e, i, 3)
     mean = mean_states(states)
     a, pointed = shapes(mean)[:, 0], np.linalg.norm(shapes(mean)[:, 1:4], axis=1)
-    assert np.ptp(a) < SECOND and np.ptp(pointed) < SECOND
+    assert np.ptp(a) < 1e-2 * J2**2, "since the energy is kept"
+    assert np.ptp(pointed) < SECOND
     if i > 0:
         h = np.cross(mean[:, :3], mean[:, 3:])
         node = np.unwrap(np.arctan2(h[:, 0], -h[:, 1]))
@@ -94,8 +95,8 @@ def test_they_are_those_of_brahe_but_for_terms_of_long_period(e, i):
     state = osculating(e, i)
     a, e_mean, i_mean, node, *_ = mean_elements(state)
     ours = brahe.state_eci_to_koe(mean_states(state[None])[0], RAD)
-    long = 1e-3 * e
-    assert ours[0] == pytest.approx(a, rel=40 * SECOND / (1 - e) ** 2)
+    long = 0.2 * J2 * e
+    assert ours[0] == pytest.approx(a, rel=SECOND)
     assert ours[[1, 2, 3]] == pytest.approx(np.array([e_mean, i_mean, node]), abs=long)
 
 
