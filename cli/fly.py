@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,7 +12,7 @@ from cli.options import refuse, with_settings
 from cli.output import echo, print_json, print_table
 from cli.plan_table import closest, orbit_said
 from cli.progress import progress
-from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile
+from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, option
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, error, number, percents, share
 from pipeline.files import stem_of
@@ -35,6 +35,13 @@ def fly(
     plan: PlanFile,
     conditions: FlightConditions,
     settings: FlownTrials,
+    passive_safety: Annotated[
+        float | None,
+        option(
+            "Also look for craft that lost thrust at a node and drift for so many orbits.",
+            metavar="ORBITS",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a plan's controls about an oblate Earth, and say how far off they lead.
@@ -58,6 +65,7 @@ def fly(
         prolearn fly plan.json --eccentricity 0.005 --inclination 51.6
         prolearn fly plan.json --drag 0.01 --drag-spread 0.2
         prolearn fly plan.json --eccentricity 0 --no-j2 --json
+        prolearn fly plan.json --passive-safety 1
         prolearn fly plan.json --trials 1000 --replan every-node
         prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
     """
@@ -67,6 +75,8 @@ def fly(
         refuse(context, OF_TRIALS, "without --trials; expected both: add --trials 1000.")
     elif settings.replan == "none":
         refuse(context, OF_REPLANNING, "and nobody plans anew; add --replan every-node.")
+    if settings.trials is not None:
+        refuse(context, ("passive_safety",), "with --trials, which have errors; leave it out.")
     if settings.world == "linear":
         refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
     with within_memory():
@@ -75,7 +85,7 @@ def fly(
     if made.scenario.problem.orbit is not None:
         refuse(context, CONDITIONS, "and the plan has an orbit of its own: leave it out.")
     if settings.trials is None:
-        _fly_once(plan, made, about, as_json=as_json)
+        _fly_once(plan, made, about, passive_safety, as_json=as_json)
     else:
         _fly_trials(plan, made, about, settings, as_json=as_json)
 
@@ -143,7 +153,10 @@ def _kept(required: "Requirements") -> list[str]:
     ]
 
 
-def _fly_once(path: Path, plan: "Plan", conditions: "Conditions", *, as_json: bool) -> None:
+def _fly_once(
+    path: Path, plan: "Plan", conditions: "Conditions", orbits: float | None, *, as_json: bool
+) -> None:
+    """Fly it without errors, with one effect more each time, and perhaps after losses of thrust."""
     from pipeline.flight.effects import effects, flight_report
 
     try:
@@ -151,7 +164,7 @@ def _fly_once(path: Path, plan: "Plan", conditions: "Conditions", *, as_json: bo
             found = effects(plan.scenario, plan.controls, conditions)
     except InputError as wrong:
         raise InputError(f"{path}: {wrong}") from wrong
-    report = {"plan": str(path), **flight_report(plan, conditions, found)}
+    report = {"plan": str(path), **flight_report(plan, conditions, found, orbits)}
     print_json(report) if as_json else print_flight(report)
     raise typer.Exit(0 if report["safe"] else FAILED)
 
@@ -191,6 +204,15 @@ def _verdict(report: Mapping[str, Any]) -> str:
     pair, radius, safe = (
         report[name] for name in ("min_separation_pair", "collision_radius", "safe")
     )
+    drift = report["passive_safety"]
+    if drift and drift["pair"]:
+        (i, j), apart, node = drift["pair"], drift["min_separation"], drift["node"]
+        wrong = drift["min_separation_bound"] <= radius
+        safe = safe or (wrong and (report["min_separation_bound"] or 0.0) > radius)
+        miss = (
+            f"{'Not passively safe: ' if wrong else ''}Adrift for {drift['orbits']:g} orbits from "
+            f"node {node}, craft {i} comes within {apart:.2f} m of craft {j}. {miss}"
+        )
     if safe and (pair is None or report["separation"] != "nodes"):
         return f"{miss}. No pair comes within {radius:g} m."
     verdict = "No pair is too close at a node, and no more was asked" if safe else "Not safe"

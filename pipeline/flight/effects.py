@@ -1,7 +1,7 @@
 """A plan's controls flown open loop, with one effect more each time, and how much each adds."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -10,16 +10,17 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.flight.conditions import Conditions, world_of
+from pipeline.flight.conditions import Conditions, in_world, world_of
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.nearest import nearer, nearest
+from pipeline.orbit.nonlinear import least_adrift_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import Separation, node_collisions
 from pipeline.orbit.transfer import fly, fuel
-from pipeline.plan import Plan
+from pipeline.plan import PassiveSafety, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import OrbitDocument
@@ -124,19 +125,25 @@ def refuse_distance(scenario: Scenario, controls: Controls) -> None:
 
 
 def flight_report(
-    plan: Plan, conditions: Conditions | None, found: Sequence[Effect]
+    plan: Plan,
+    conditions: Conditions | None,
+    found: Sequence[Effect],
+    orbits: float | None = None,
 ) -> dict[str, Any]:
     """The last flight, with all effects, and under ``effects`` each of them; SI units.
 
     Errors at the goal are distances, of the craft that misses by most. Separations are None for a
     craft alone. It is safe where craft stay apart when the plan was to keep them apart, at all
-    times or at the nodes.
+    times or at the nodes, and after a loss of thrust where that is looked for.
     """
     problem, last = plan.scenario.problem, found[-1]
     used = float(fuel(plan.controls))
     safe = last.nearest.bound > problem.collision_radius
     if plan.separation == "nodes":
         safe = node_collisions(last.states, problem.collision_radius) == 0
+    drift = None if orbits is None else _passive_safety(plan, conditions, last.states, orbits)
+    if drift is not None and drift.min_separation_bound is not None:
+        safe = safe and drift.min_separation_bound > problem.collision_radius
     return {
         "planner": plan.planner,
         "status": plan.status,
@@ -147,6 +154,7 @@ def flight_report(
         "fuel": used,
         "delta_v": used * problem.time_step,
         **_of(last),
+        "passive_safety": None if drift is None else asdict(drift),
         "goal_error_craft": int(norm(last.errors[:, :3]).argmax()),
         "goal_errors": last.errors.tolist(),
         "effects": [
@@ -160,6 +168,15 @@ def flight_report(
             for one in found
         ],
     }
+
+
+def _passive_safety(
+    plan: Plan, conditions: Conditions | None, states: States, orbits: float
+) -> PassiveSafety:
+    """How close craft come in a flight's world after a loss of thrust, for so many orbits."""
+    Requirements(passive_safety=orbits)  # refuses numbers that are none
+    problem = in_world(plan.scenario, conditions or Conditions()).problem
+    return PassiveSafety.of(orbits, least_adrift_in_world(states, plan.controls, problem, orbits))
 
 
 def _orbit_of(scenario: Scenario, conditions: Conditions | None) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import TOLERANCE, least_of_each, pairs
+from pipeline.orbit.approaches import TOLERANCE, Pairs, least_of_each, pairs
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, basis, most_derivative
 from pipeline.orbit.separation import Separation
@@ -51,18 +51,30 @@ def nearest(states: Float[Array, "trials n pieces q 6"], start: float, duration:
     The arc begins at ``start``, s since the plan's first node, and takes ``duration``, s; its
     pieces are of one length. States are LVLH, m and m/s.
     """
-    trials, n, pieces, _, _ = states.shape
-    if n < 2:
+    return nearest_between(states, states, pairs(states.shape[1]), start, duration)
+
+
+def nearest_between(
+    states: Float[Array, "trials n pieces q 6"],
+    others: Float[Array, "trials n pieces q 6"],
+    both: Pairs,
+    start: float,
+    duration: float,
+) -> Nearest:
+    """The same between craft and others, of which pairs are given."""
+    trials, _, pieces, _, _ = states.shape
+    if len(both[0]) == 0:
         never, none = np.full(trials, np.inf), np.full(trials, -1)
         return Nearest(never, never, none, none, np.full(trials, np.nan))
     half = duration / pieces / 2
     h = 2 * half / CUBICS
-    ends = ENDS @ states
-    within, trial, pair, piece, cubic = _candidates(states, ends, half)
-    i, j = (one[pair] for one in pairs(n))
-    apart = states[trial, i, piece] - states[trial, j, piece]
+    motions = states, others
+    ends = tuple(ENDS @ each for each in motions)
+    within, trial, pair, piece, cubic = _candidates(motions, ends, both, half)
+    i, j = (one[pair] for one in both)
+    apart = states[trial, i, piece] - others[trial, j, piece]
     begin, end = (
-        ends[trial, i, piece, cubic + k] - ends[trial, j, piece, cubic + k] for k in (0, 1)
+        ends[0][trial, i, piece, cubic + k] - ends[1][trial, j, piece, cubic + k] for k in (0, 1)
     )
     remainder = h**4 / 384 * norm(most_derivative(apart[..., 3:], 3, half))
     curve, reach = hermite_bezier(begin, end, h), within[trial]
@@ -87,8 +99,9 @@ def nearer(one: Nearest, other: Nearest) -> Nearest:
 
 
 def _candidates(
-    states: Float[Array, "trials n pieces q 6"],
-    ends: Float[Array, "trials n pieces ends 6"],
+    motions: tuple[Float[Array, "trials n pieces q 6"], Float[Array, "trials n pieces q 6"]],
+    ends: tuple[Float[Array, "trials n pieces ends 6"], ...],
+    both: Pairs,
     half: float,
 ) -> tuple[
     Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]
@@ -99,12 +112,14 @@ def _candidates(
     and twice its deviation from that. So a pair that is a and b apart at the ends, with such sums
     ℓ₁ and ℓ₂, is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
     """
-    i, j = pairs(states.shape[1])
-    position, h = ends[..., :3], 2 * half / CUBICS
-    apart = norm(position[:, i] - position[:, j])
+    h, paths, positions = 2 * half / CUBICS, [], []
+    for states, end, craft in zip(motions, ends, both, strict=True):
+        deviation = h**2 / 8 * norm(most_derivative(states[..., 3:], 1, half))
+        path = norm(np.diff(end[..., :3], axis=3)) + 2 * deviation[..., None]
+        paths.append(path[:, craft])
+        positions.append(end[:, craft, :, :, :3])
+    apart = norm(positions[0] - positions[1])
     within: Float[Array, trials] = apart.min(axis=(1, 2, 3))
-    deviation = h**2 / 8 * norm(most_derivative(states[..., 3:], 1, half))
-    path = norm(np.diff(position, axis=3)) + 2 * deviation[..., None]
-    least = (apart[..., :-1] + apart[..., 1:] - path[:, i] - path[:, j]) / 2
+    least = (apart[..., :-1] + apart[..., 1:] - paths[0] - paths[1]) / 2
     trial, pair, piece, cubic = np.nonzero(least <= within[:, None, None, None])
     return within, trial, pair, piece, cubic

@@ -7,6 +7,8 @@ the forces on all craft and at all times at once (Picard iteration by Chebyshev 
 Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation").
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -15,7 +17,7 @@ from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
-from pipeline.orbit.nearest import nearest
+from pipeline.orbit.nearest import nearest, nearest_between
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import Separation
@@ -23,6 +25,9 @@ from pipeline.orbit.separation import Separation
 CONVERGED = 1e-9  # largest change of a position in the last iteration, m
 ITERATIONS = 40
 WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at once
+
+AT_ONCE = 16  # intervals of a drift in which craft are compared at once, which bounds memory
+NO_LENGTH = 1e-9  # share of an interval under which a rest of a drift is rounding
 
 Ballistics = Float[Array, "n"]  # C_D A/m of each craft, m²/kg
 
@@ -71,6 +76,41 @@ def fly_in_world(
     return states, nearest(pieces, 0.0, problem.duration).separation()
 
 
+def least_adrift_in_world(
+    states: States, controls: Controls, problem: Problem, orbits: float
+) -> Separation:
+    """The least distance of a craft that has lost its thrust at a node to another, in that flight.
+
+    It drifts for so many orbits from there, the last interval rounded up; the others fly on and
+    then drift from their goals. ``least_after_loss`` is the same in linear motion.
+    """
+    n, last = len(states), problem.intervals
+    h = problem.time_step
+    after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / h - NO_LENGTH))
+    dynamics = replace(_dynamics(problem), intervals=last + after)
+    ballistics, idle = dynamics.orbit.ballistics(n), np.zeros((n, after, 3))
+    others = flown_arcs(
+        dynamics, states[:, 0], np.concatenate([controls, idle], axis=1), ballistics
+    )
+    i, j = np.nonzero(~np.eye(n, dtype=bool))
+    least = Separation()
+    for node in range(last + 1):
+        adrift = flown_arcs(dynamics, states[:, node], idle, ballistics, node)
+        for k in range(0, after, AT_ONCE):
+            part = slice(k, min(k + AT_ONCE, after))
+            beside = others[:, node + part.start : node + part.stop]
+            one, other = (
+                arcs.reshape(1, n, -1, *arcs.shape[3:]) for arcs in (adrift[:, part], beside)
+            )
+            begin, length = (node + part.start) * h, (part.stop - part.start) * h
+            found = nearest_between(one, other, (i, j), begin, length).separation()
+            if found.pair is not None and found.distance < least.distance:
+                least = replace(found, bound=min(found.bound, least.bound), node=node)
+            else:
+                least = replace(least, bound=min(found.bound, least.bound))
+    return least
+
+
 def ends_in_world(initial: Formation, controls: Controls, problem: Problem) -> Formation:
     """The last states alone of the same flight."""
     return _arcs(initial, controls, problem)[:, -1, -1, -1]
@@ -90,9 +130,14 @@ def flown_between(
     return found
 
 
-def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
+def _dynamics(problem: Problem) -> LinearizedDynamics:
     dynamics = problem.dynamics
     assert isinstance(dynamics, LinearizedDynamics)  # only about a reference orbit
+    return dynamics
+
+
+def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
+    dynamics = _dynamics(problem)
     return flown_arcs(dynamics, initial, controls, dynamics.orbit.ballistics(len(initial)))
 
 

@@ -130,12 +130,13 @@ def certify(
     bounds: Sequence[tuple[float, str]],
     requirements: Requirements = AT_ALL_TIMES,
     closest: Sequence[Separation] | None = None,
+    adrift: Sequence[Separation] | None = None,
 ) -> list[Certificate]:
     """The certificates of scenarios of one problem, from states and controls of all their craft.
 
     Bounds are lower bounds on the fuel, m/s², and how they are proven. Passive safety and risk are
     looked at only where they are required. Motion is linear, unless the least separations of
-    flights are given whose nodes the states are.
+    flights are given whose nodes the states are, and of craft adrift where these are looked at.
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     starts, step = swarms.starts, problem.time_step
@@ -168,7 +169,7 @@ def certify(
     }
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
-        adrift = least_after_loss(states, controls, problem, orbits, swarms)
+        adrift = adrift or least_after_loss(states, controls, problem, orbits, swarms)
         columns["passive_safety"] = [PassiveSafety.of(orbits, least) for least in adrift]
     if limit is not None:
         errors = limit.uncertainty(problem)

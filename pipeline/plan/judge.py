@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.arrays import Controls
-from pipeline.orbit.nonlinear import fly_in_world
+from pipeline.orbit.nonlinear import fly_in_world, least_adrift_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
@@ -45,18 +45,24 @@ def planned_all(
     """
     if not scenarios:
         return []
-    started, closest = perf_counter(), None
+    started, orbits = perf_counter(), requirements.passive_safety
+    closest, adrift = None, None
     problem = shared_problem(scenarios)
     controls = np.concatenate([one.controls for one in made])
     if as_flown:
         both = zip(scenarios, made, strict=True)
         flights = [fly_in_world(s.initial, one.controls, problem) for s, one in both]
         states, closest = np.concatenate([s for s, _ in flights]), [apart for _, apart in flights]
+        if orbits is not None:
+            adrift = [
+                least_adrift_in_world(nodes, one.controls, problem, orbits)
+                for (nodes, _), one in zip(flights, made, strict=True)
+            ]
     else:
         controls = with_coasts(controls, problem)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    certificates = certify(scenarios, states, controls, bounds, requirements, closest)
+    certificates = certify(scenarios, states, controls, bounds, requirements, closest, adrift)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates

@@ -1,7 +1,8 @@
 """One craft's steps as ONNX files, run by onnxruntime in every craft of a swarm."""
 
 import json
-from dataclasses import replace
+import platform
+from dataclasses import asdict, replace
 
 import numpy as np
 import onnx
@@ -9,10 +10,13 @@ import pytest
 import torch
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.files import write_text
 from pipeline.networks.architecture import find
 from pipeline.networks.model import load
 from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, problem_data
 from pipeline.networks.refiner.on_board.export import (
+    CraftCheck,
+    ExportedCraft,
     Files,
     check,
     compare,
@@ -24,6 +28,7 @@ from pipeline.networks.refiner.on_board.steps import STEPS, outputs
 from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
+from pipeline.provenance import made_with
 from pipeline.scenario import draw
 
 # The tests' checks of shapes are no part of what is traced, and torch cannot trace them.
@@ -45,8 +50,22 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def exported(model, tmp_path_factory):
-    return export_craft(model, tmp_path_factory.mktemp("craft"), about={"arch": "refiner"})
+def exported(model, pytestconfig):
+    """The files; those of an earlier run, where nothing that decides them has changed since.
+
+    To trace them takes most of a minute.
+    """
+    made = made_with(("pipeline",), ("onnx", "onnxruntime", "onnxscript", "torch"))
+    of = {"model": model.digest, "python": platform.python_version(), **made}
+    folder = pytestconfig.cache.mkdir("craft")
+    told = folder / "told.json"
+    found = json.loads(told.read_bytes()) if told.exists() else {}
+    if found.get("of") != of:
+        craft = export_craft(model, folder, about={"arch": "refiner"})
+        found = {"of": of, "craft": asdict(replace(craft, folder=None))}
+        write_text(told, json.dumps(found))
+    checked = CraftCheck(**found["craft"]["checked"])
+    return ExportedCraft(**{**found["craft"], "folder": folder, "checked": checked})
 
 
 def flown(exported, ends):
