@@ -8,6 +8,7 @@ relative motion in perturbed orbits"). Here their axes are the LVLH axes of the 
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -51,8 +52,8 @@ def ring_states(
     ring = semi_major_axis, tilt, phase, cross_phase
     if orbit is None or (orbit.eccentricity == 0 and not orbit.j2):
         return pro_states(*ring, problem.mean_motion, offset)
-    origin, frame = _reference(orbit)
-    chief = PlanarElements.of(_mean(orbit, origin))
+    origin, mean, frame = _reference(orbit)
+    chief = PlanarElements.of(mean)
     size = chief.semi_major_axis
     behind = chief.longitude - phase
     e, i = semi_major_axis / 2 / size, semi_major_axis / 2 / size * np.tan(tilt)
@@ -68,7 +69,7 @@ def ring_states(
     )
     craft = same.changed(by)
     for _ in range(NEWTON):
-        faster = _relative_rate(orbit, craft.states(), chief.states())
+        faster = _relative_rate(orbit, craft.states(), mean)
         longer = faster / (1.5 * craft.mean_motion / craft.semi_major_axis)
         craft = replace(craft, semi_major_axis=craft.semi_major_axis + longer)
     states = craft.states()
@@ -83,9 +84,8 @@ def secular_drift(states: Formation, problem: Problem) -> Each:
     """
     orbit = problem.orbit
     assert orbit is not None
-    origin, frame = _reference(orbit)
+    origin, chief, frame = _reference(orbit)
     craft = origin + frame.to_inertial(states)
-    chief = _mean(orbit, origin)
     reference = PlanarElements.of(chief)
     size, n = reference.semi_major_axis, reference.mean_motion
     r, v, h = norm(craft[:, :3]), norm(craft[:, 3:]), norm(np.cross(craft[:, :3], craft[:, 3:]))
@@ -98,10 +98,12 @@ def secular_drift(states: Formation, problem: Problem) -> Each:
     return drift
 
 
-def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], Frame]:
-    """Inertial state of the reference at the first node, m and m/s, and the LVLH frame there."""
+@lru_cache(maxsize=32)
+def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], Float[Array, "1 6"], Frame]:
+    """Inertial state of the reference at the first node, its mean state, and the LVLH frame."""
     origin = orbit.states(np.zeros(1))
-    return origin, lvlh_frame(origin, orbit.acceleration(origin, orbit.ballistic or 0.0))
+    frame = lvlh_frame(origin, orbit.acceleration(origin, orbit.ballistic or 0.0))
+    return origin, _mean(orbit, origin), frame
 
 
 def _mean(orbit: ReferenceOrbit, osculating: Formation) -> Formation:
