@@ -57,6 +57,11 @@ class PlanarElements:
         """In rad/s."""
         return np.sqrt(MU_EARTH / self.semi_major_axis**3)
 
+    @property
+    def eccentricity_squared(self) -> Each:
+        """e²."""
+        return np.vecdot(self.eccentricity, self.eccentricity)
+
     def eccentric_longitude(self) -> Each:
         """That of the perigee and the eccentric anomaly, rad, by Kepler's equation."""
         x, y = np.moveaxis(self.eccentricity, -1, 0)
@@ -130,7 +135,7 @@ def _energy(states: Formation) -> Each:
 def _mean_energy(mean: PlanarElements) -> Each:
     """Specific energy of mean elements, m²/s²: the potential averaged over a revolution."""
     a, cos = mean.semi_major_axis, mean.axes[:, 2, 2]
-    cubed = (a**2 * (1 - np.vecdot(mean.eccentricity, mean.eccentricity))) ** 1.5
+    cubed = (a**2 * (1 - mean.eccentricity_squared)) ** 1.5
     oblate = 0.25 * J2 * MU_EARTH * R_EARTH**2 / cubed * (1 - 3 * cos**2)
     return -MU_EARTH / (2 * a) + oblate
 
@@ -199,14 +204,14 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
     return np.stack(rates, axis=-1)
 
 
-def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[Each, Each]:
-    """Of mean longitude ω + M and of the node Ω, rad/s, to first order in J2.
+def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[Each, Each, Each]:
+    """Of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2.
 
     Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6.
     """
     elements = PlanarElements.of(mean)
-    n, square = elements.mean_motion, 1 - np.vecdot(elements.eccentricity, elements.eccentricity)
+    n, square = elements.mean_motion, 1 - elements.eccentricity_squared
     cos = elements.axes[..., 2, 2]  # of the inclination
     pull = 1.5 * J2 * n * (R_EARTH / (elements.semi_major_axis * square)) ** 2 * j2
-    perigee, anomaly = pull * (2.5 * cos**2 - 0.5), pull * np.sqrt(square) * (1.5 * cos**2 - 0.5)
-    return n + perigee + anomaly, -pull * cos
+    anomaly = n + pull * np.sqrt(square) * (1.5 * cos**2 - 0.5)
+    return pull * (2.5 * cos**2 - 0.5), anomaly, -pull * cos

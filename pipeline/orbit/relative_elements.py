@@ -45,8 +45,9 @@ def ring_states(
 
     About a circle without perturbations they are those of ``pro_states``. About another orbit
     they have the same relative elements, with which the ring is bounded: δe = a/2 at θ behind the
-    mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that the secular along-track drift
-    vanishes. The motion is then the ring's only as far as the orbit is near to a circle.
+    mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that along-track positions do not
+    drift on average over revolutions. The motion is then the ring's only as far as the orbit is
+    near to a circle.
     """
     orbit = problem.orbit
     ring = semi_major_axis, tilt, phase, cross_phase
@@ -69,8 +70,8 @@ def ring_states(
     )
     craft = same.changed(by)
     for _ in range(NEWTON):
-        faster = _relative_rate(orbit, craft.states(), mean)
-        longer = faster / (1.5 * craft.mean_motion / craft.semi_major_axis)
+        ahead = _relative_rate(orbit, craft.states(), mean)
+        longer = ahead / (1.5 * craft.mean_motion * np.sqrt(1 - chief.eccentricity_squared))
         craft = replace(craft, semi_major_axis=craft.semi_major_axis + longer)
     states = craft.states()
     return frame.from_inertial((osculating_states(states) if orbit.j2 else states) - origin)
@@ -79,8 +80,8 @@ def ring_states(
 def secular_drift(states: Formation, problem: Problem) -> Each:
     """Along-track drift of LVLH states at the first node, m a revolution of a reference orbit.
 
-    By Kepler and to first order in J2: what a motion is left with on average over a revolution. Of
-    craft on quite another orbit than the reference's, by their energy alone.
+    By Kepler and to first order in J2, of positions averaged over revolutions. Of craft on quite
+    another orbit than the reference's, by their energy alone.
     """
     orbit = problem.orbit
     assert orbit is not None
@@ -92,9 +93,8 @@ def secular_drift(states: Formation, problem: Problem) -> Each:
     share = size * (2 / r - v**2 / MU_EARTH)  # of the reference's semi-major axis in the craft's
     square = 1 - h**2 * share / (MU_EARTH * size)  # of the eccentricity
     like = (np.abs(share - 1) < LIKE) & (square < (1 - LIKE) ** 2)
-    drift = 3 * np.pi * size * (share - 1)
-    rate = _relative_rate(orbit, _mean(orbit, craft[like]), chief)
-    drift[like] = 2 * np.pi * rate / n * size
+    drift = 3 * np.pi * size * (share - 1) * np.sqrt(1 - reference.eccentricity_squared)
+    drift[like] = 2 * np.pi / n * _relative_rate(orbit, _mean(orbit, craft[like]), chief)
     return drift
 
 
@@ -111,9 +111,15 @@ def _mean(orbit: ReferenceOrbit, osculating: Formation) -> Formation:
 
 
 def _relative_rate(orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]) -> Each:
-    """Secular rate of δλ = Δ(ω + M) + ΔΩ cos i, rad/s, of mean states about a mean reference."""
-    (along, node), (its, its_node) = (
-        secular_rates(states, j2=orbit.j2) for states in (mean, reference)
-    )
-    cos = PlanarElements.of(reference).axes[:, 2, 2]
-    return along - its + cos * (node - its_node)
+    """Secular rate of the along-track position, averaged over a revolution, m/s.
+
+    Of mean states about a mean reference. A turn of the orbit in its plane, Δω + ΔΩ cos i, moves
+    a craft by that times r, of which the average is a (1 + e²/2); ΔM by a²√(1-e²)/r, on average
+    a √(1-e²).
+    """
+    rates = zip(*(secular_rates(states, j2=orbit.j2) for states in (mean, reference)), strict=True)
+    perigee, anomaly, node = (craft - its for craft, its in rates)
+    chief = PlanarElements.of(reference)
+    square, cos = chief.eccentricity_squared, chief.axes[:, 2, 2]
+    turned = (1 + square / 2) * (perigee + cos * node)
+    return chief.semi_major_axis * (turned + np.sqrt(1 - square) * anomaly)

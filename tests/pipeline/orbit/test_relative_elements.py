@@ -17,7 +17,7 @@ from pipeline.orbit.rings import pro_states
 from pipeline.scenario import Scenario, diagnostics
 
 LEO = R_EARTH + 500e3
-REVOLUTIONS, LOOKS = 5, 60
+REVOLUTIONS, LOOKS = 5, 240
 PHASES = 0.3 + np.pi / 2 * np.arange(4)
 WIDE = 300.0, np.radians(45.0), PHASES, 0.7, 50.0
 """As large and as tilted as any ring that is drawn."""
@@ -74,10 +74,11 @@ def drift(problem, states):
     [
         *((e, i, 0.01) for e in (0.0, 0.001, 0.01) for i in (97.4, 51.6)),
         (0.001, 0.0, 0.01),
-        (0.1, 97.4, 0.05),
+        (0.1, 97.4, 0.01),
+        (0.5, 51.6, 0.01),
     ],
 )
-def test_rings_under_j2_drift_by_less_than_centimetres_an_orbit(e, i, most):
+def test_rings_under_j2_drift_by_less_than_a_centimetre_an_orbit(e, i, most):
     """A ring by Clohessy and Wiltshire drifts by metres, and the drift that is said is that."""
     problem = about(e, i)
     ring = ring_states(problem, *WIDE)
@@ -87,7 +88,7 @@ def test_rings_under_j2_drift_by_less_than_centimetres_an_orbit(e, i, most):
     other = pro_states(size, tilt, phase, cross, problem.mean_motion, offset)
     seen = drift(problem, other)
     assert np.abs(seen).max() > 0.5
-    np.testing.assert_allclose(secular_drift(other, problem), seen, rtol=0.02, atol=0.05)
+    np.testing.assert_allclose(secular_drift(other, problem), seen, rtol=5e-3, atol=0.02)
 
 
 @pytest.mark.parametrize("e", [0.001, 0.1, 0.5])
