@@ -14,7 +14,7 @@ from rich.table import Table
 from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
-from cli.settings import AsJson, Family, ProblemSettings, flag, option
+from cli.settings import AsJson, Family, OrbitPlace, ProblemSettings, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,6 +42,9 @@ DRAWN = ("family", "n", "seed", "index", "split")
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
 """Options of a draw, and what goes with what."""
 
+OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
+REFERENCE = ("epoch", "inclination_deg", "raan_deg", "argument_of_latitude_deg")  # its fields
+
 
 @app.command()
 @with_settings
@@ -65,18 +68,7 @@ def new(
     ] = None,
     to: Annotated[list[str] | None, option("Where they go, likewise.", metavar="RING")] = None,
     problem: ProblemSettings,
-    epoch: Annotated[
-        str | None,
-        option(
-            "Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below the "
-            "file says where its orbit is."
-        ),
-    ] = None,
-    inclination: Annotated[float | None, option("Of the orbit, deg.")] = None,
-    raan: Annotated[float | None, option("Right ascension of its ascending node, deg.")] = None,
-    argument_of_latitude: Annotated[
-        float | None, option("Of the origin at the epoch, deg.")
-    ] = None,
+    place: OrbitPlace,
     force: Annotated[bool, flag("--force", "Replace a file that is there already.")] = False,
 ) -> None:
     """Write a scenario file: a draw of a family, or rings of your own.
@@ -89,30 +81,31 @@ def new(
 
         prolearn scenario new s.json --family tilt-split --n 8 --seed 3
         prolearn scenario new s.json --from craft=4,size=200 --to craft=4,size=90
+        prolearn scenario new s.json --eccentricity 0.01 --inclination 51.6
     """
     from pipeline.scenario import draw
-    from pipeline.scenario.document import write_by_hand
+    from pipeline.scenario.document import OrbitDocument, write_by_hand
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
-    content: dict[str, Any] = asdict(problem)
+    asked, content = problem.problem(), asdict(problem)
+    if place.eccentricity is None:
+        refuse(context, OF_ORBITS, "without --eccentricity; expected both, such as 0.001.")
+    else:
+        orbit = place.orbit(content.pop("altitude"))
+        asked, content["orbit"] = asked.about(orbit), OrbitDocument.of(orbit).model_dump()
+        place = place.at(orbit)
     if start and to:
         refuse(context, DRAWN, f"with rings of your own; {EITHER}")
         content |= {"initial": _rings("--from", start), "goal": _rings("--to", to)}
     elif start or to:
         raise InputError(f"--from or --to alone is given; {EITHER}")
     else:
-        draft = draw(family, seed, n, index, problem.problem(), split)
+        draft = draw(family, seed, n, index, asked, split)
         content |= {"initial": draft.initial.tolist(), "goal": draft.goal.tolist()}
-    reference = {
-        "epoch": epoch,
-        "inclination_deg": inclination,
-        "raan_deg": raan,
-        "argument_of_latitude_deg": argument_of_latitude,
-    }
-    if known := {name: value for name, value in reference.items() if value is not None}:
+    if known := {name: value for name in REFERENCE if (value := getattr(place, name)) is not None}:
         content["reference"] = known
     made = write_by_hand(scenario, content)
     if stdout_free(scenario, as_json=False):

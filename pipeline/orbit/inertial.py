@@ -21,6 +21,22 @@ class Elements:
     eccentricity: float = 0.0  # from 0 to below 1
     argument_of_perigee: float = 0.0  # ω, from the ascending node; without meaning for a circle
 
+    @classmethod
+    def of(cls, state: Float[Array, "6"]) -> tuple["Elements", float]:
+        """Elements of an inertial state (m, m/s), with angles from 0 to 2π, and u = ω + ν, rad."""
+        position, velocity = state[:3], state[3:]
+        momentum, r = np.cross(position, velocity), norm(position)
+        across = momentum / norm(momentum)
+        i, raan = np.arctan2(np.hypot(*across[:2]), across[2]), np.arctan2(across[0], -across[1])
+        node = np.array([np.cos(raan), np.sin(raan), 0.0])
+        ahead = np.cross(across, node)
+        pointed = np.cross(velocity, momentum) / MU_EARTH - position / r  # to the perigee
+        perigee, u = (np.arctan2(to @ ahead, to @ node) for to in (pointed, position))
+        e = float(norm(pointed))
+        a = float(momentum @ momentum) / MU_EARTH / (1 - e**2)
+        raan, perigee, u = (float(angle % (2 * np.pi)) for angle in (raan, perigee, u))
+        return cls(a, float(i), raan, e, perigee), u
+
     def states(self, argument_of_latitude: Scalar) -> AnyState:
         """Inertial states at u = ω + ν (rad), m and m/s.
 

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import pi, radians, sqrt
+from math import degrees, pi, radians, sqrt
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from pipeline.orbit.forces import (
     point_mass,
 )
 from pipeline.orbit.inertial import Elements
+from pipeline.orbit.mean_elements import mean_states, osculating_states
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 
 MOST_ECCENTRIC = 0.85
@@ -73,6 +75,40 @@ class ReferenceOrbit:
         if self.ballistic is not None:
             atmosphere_near(perigee)  # refuses what is below all layers
         check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)
+
+    @classmethod
+    def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
+        """The orbit whose mean elements at the epoch are those given, u = ω + ν among them.
+
+        Mean elements are osculating ones without their short-period variations by J2
+        (``pipeline.orbit.mean_elements``); without J2 they are the same.
+        """
+        mean = cls(**fields)
+        if not mean.j2:
+            return mean
+        elements, u = Elements.of(osculating_states(mean.begin[None])[0])
+        return replace(
+            mean,
+            semi_major_axis=elements.semi_major_axis,
+            eccentricity=elements.eccentricity,
+            inclination_deg=degrees(elements.inclination),
+            raan_deg=degrees(elements.raan),
+            argument_of_perigee_deg=degrees(elements.argument_of_perigee),
+            argument_of_latitude_deg=degrees(u),
+        )
+
+    @property
+    def mean_elements(self) -> Elements:
+        """Mean elements at the epoch; angles in rad."""
+        return Elements.of(mean_states(self.begin[None])[0] if self.j2 else self.begin)[0]
+
+    @property
+    def begin(self) -> Float[Array, "6"]:
+        """Inertial state at the epoch, m and m/s."""
+        angles = self.inclination_deg, self.raan_deg, self.argument_of_perigee_deg
+        i, raan, perigee = map(radians, angles)
+        elements = Elements(self.semi_major_axis, i, raan, self.eccentricity, perigee)
+        return elements.states(np.array(radians(self.argument_of_latitude_deg)))
 
     @property
     def mean_motion(self) -> float:
@@ -130,10 +166,7 @@ class ReferenceOrbit:
 
 @lru_cache(maxsize=32)
 def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 6"]:
-    angles = orbit.inclination_deg, orbit.raan_deg, orbit.argument_of_perigee_deg
-    i, raan, perigee = map(radians, angles)
-    elements = Elements(orbit.semi_major_axis, i, raan, orbit.eccentricity, perigee)
-    begin = elements.states(np.array(radians(orbit.argument_of_latitude_deg)))
+    begin = orbit.begin
     if times[-1] == 0:
         return np.repeat(begin[None], len(times), axis=0)
     held = orbit.ballistic or 0.0
