@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import pi, radians, sqrt
+from math import degrees, pi, radians, sqrt
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +19,7 @@ from pipeline.orbit.forces import (
     oblateness,
     point_mass,
 )
-from pipeline.orbit.inertial import Elements
+from pipeline.orbit.inertial import Elements, Frame, elements_of, lvlh_frame
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 
 MOST_ECCENTRIC = 0.85
@@ -74,6 +74,24 @@ class ReferenceOrbit:
             atmosphere_near(perigee)  # refuses what is below all layers
         check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)
 
+    @classmethod
+    def through(
+        cls,
+        state: Float[Array, "6"],
+        *,
+        j2: bool = True,
+        ballistic: float | None = None,
+        spread: float = 0.0,
+    ) -> "ReferenceOrbit":
+        """The orbit of an inertial state, m and m/s, by its osculating elements, and of forces."""
+        found, latitude = elements_of(state)
+        i, raan, perigee, u = (
+            degrees(angle) % 360
+            for angle in (found.inclination, found.raan, found.argument_of_perigee, latitude)
+        )
+        shape = found.semi_major_axis, found.eccentricity
+        return cls(*shape, i, raan, perigee, u, j2=j2, ballistic=ballistic, spread=spread)
+
     @property
     def mean_motion(self) -> float:
         """Of the osculating orbit, rad/s."""
@@ -126,6 +144,11 @@ class ReferenceOrbit:
         """Inertial states, m and m/s, at times from 0 on, s since the plan's start."""
         ascending, place = np.unique(self.start + times, return_inverse=True)
         return _states(self, tuple(ascending.tolist()))[place]
+
+    def frames(self, times: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch 6"], Frame]:
+        """Inertial states at such times and the LVLH frames there."""
+        origin = self.states(times.ravel()).reshape(*times.shape, 6)
+        return origin, lvlh_frame(origin, self.acceleration(origin, self.ballistic or 0.0))
 
 
 @lru_cache(maxsize=32)
