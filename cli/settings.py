@@ -233,7 +233,10 @@ class InertialFiles:
         from pipeline.scenario.state_files import read_inertial
 
         if self.initial is None or self.goal is None:
-            raise InputError("--initial or --goal alone is given; expected both.")
+            raise InputError(
+                "--initial or --goal is missing; expected both where --initial, --goal, --chief, "
+                "--no-j2 or --drag is given."
+            )
         if self.spread is not None and self.ballistic is None:
             raise InputError(
                 f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."

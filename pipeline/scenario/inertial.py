@@ -4,7 +4,9 @@ from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
+from jaxtyping import Float
 
+from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
@@ -65,11 +67,11 @@ def scenario_from_inertial(
     return scenario
 
 
-def _only(states: Formation, name: str) -> Formation:
+def _only(states: Formation, name: str) -> Float[Array, "6"]:
     """The state of the one craft there is."""
     if len(states) != 1:
         raise InputError(f"{name} has {len(states)} craft; expected one, the chief.")
-    return states[0]
+    return np.asarray(states[0])
 
 
 def _relative(states: Formation, orbit: ReferenceOrbit, time: float) -> Formation:

@@ -34,6 +34,7 @@ ELEMENTS = (
 LABEL = "craft"  # a column that may be there and is not read
 COLUMNS = " or ".join(",".join(columns) for columns in (METRES, KILOMETRES, ELEMENTS))
 WHAT = "a folder of OEM files, one of these, or a table (CSV or JSON) of states or elements"
+MORE = "..."  # for values beyond the columns
 TABLE_FRAME = "EME2000"
 
 
@@ -123,7 +124,7 @@ def _table(text: str, name: str) -> Formation:
     rows = _json_rows(text, name) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text, name)
     if not 1 <= len(rows) <= MOST_CRAFT:
         raise InputError(f"{name} has {len(rows)} rows; expected {WHAT}, of 1 to {MOST_CRAFT}.")
-    given = {column for column in rows[0] if column != LABEL}
+    given = {column for column in rows[0] if column not in (LABEL, MORE)}
     columns = next((one for one in (METRES, KILOMETRES, ELEMENTS) if given == {*one}), None)
     if columns is None:
         shown = visible(",".join(map(str, rows[0])))[:200]
@@ -140,7 +141,7 @@ def _csv_rows(text: str, name: str) -> list[dict[str, Any]]:
     if len({*names}) < len(names):
         raise InputError(f"{name} has a column twice; expected each once.")
     try:
-        rows = [*csv.DictReader(lines[1:], names, restkey="...", restval="")]
+        rows = [*csv.DictReader(lines[1:], names, restkey=MORE, restval="")]
     except csv.Error as error:
         raise InputError(f"{name} is not CSV: {error}; expected {WHAT}.") from error
     return [{column: _number(value) for column, value in row.items()} for row in rows]
