@@ -68,8 +68,9 @@ def print_plans(rows: Sequence[Row]) -> None:
             "adrift from: who comes closest to another after a loss of thrust, and the node of the "
             f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
         )
-    if rows[0]["world"]:
-        echo(f"As flown: {orbit_said(rows[0]['world'])}")
+    worlds = {orbit_said(row["world"]) for row in rows if row["world"]}
+    if worlds:
+        echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
     echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")

@@ -131,18 +131,19 @@ def default_margin(errors: Errors, controls: Controls, problem: Problem) -> floa
     """Three standard deviations of a relative position one interval ahead, m.
 
     To these, two craft's navigation errors grow, and the errors of the largest burn of the controls
-    (m/s²) lead meanwhile, along the worst direction. Fixed errors of burns count with it.
+    (m/s²) lead meanwhile, along the worst direction in the worst interval. Fixed errors of burns
+    count with it.
     """
     h, burn = problem.time_step, float(norm(controls).max())
-    A, B = problem.dynamics.step(h)
+    A, B = (one[..., :3, :] for one in problem.dynamics.step(h, np.arange(problem.intervals)))
     position = errors.position**2 + errors.position_bias**2
     velocity = errors.velocity**2 + errors.velocity_bias**2
     share = max(errors.magnitude, errors.direction)
     fixed = max(errors.magnitude_fixed, errors.direction_fixed)
     thrust = (share * burn) ** 2 + (fixed / h) ** 2 * (burn > 0)
     late = (errors.timing * burn) ** 2
-    covariance = A[:3] @ np.diag(np.repeat([position, velocity], 3)) @ A[:3].T
-    covariance += thrust * B[:3] @ B[:3].T + late * A[:3, 3:] @ A[:3, 3:].T
+    covariance = A @ np.diag(np.repeat([position, velocity], 3)) @ A.mT
+    covariance += thrust * B @ B.mT + late * A[..., 3:] @ A[..., 3:].mT
     return SIGMAS * float(np.sqrt(2 * np.linalg.eigvalsh(covariance).max()))
 
 

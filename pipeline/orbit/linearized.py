@@ -110,7 +110,8 @@ class LinearizedDynamics:
 
     def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
         """As ``Dynamics.drift``."""
-        nodes = _nodes(self.orbit, self.time_step, self._count(int(np.max(last, initial=0)) - 1))
+        furthest = max(int(np.max(one, initial=0)) for one in (first, last))
+        nodes = _nodes(self.orbit, self.time_step, self._count(furthest - 1))
         return nodes[last] @ np.linalg.inv(nodes[first])
 
     def _count(self, interval: Interval) -> int:

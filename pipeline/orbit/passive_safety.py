@@ -6,6 +6,7 @@ search is that of craft in flight, with proven bounds.
 """
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -96,9 +97,11 @@ class _Paths:
         idle = np.zeros((len(states), whole + 1, 3))  # after the plan
         self.controls = np.concatenate([controls, idle], axis=1)
 
-    def drift(self, node: int) -> Float[Array, "_ 6 6"]:
-        """A from a node to each time step of a drift from there, of M."""
-        return self.problem.dynamics.drift(node, node + np.arange(self.whole + 1))
+    def drift(self, node: int | Indices, steps: Indices | None = None) -> Float[Array, "_ 6 6"]:
+        """A from a node to each time step of a drift from there, of M; or to some."""
+        table = _drifts(self.problem, self.whole)
+        begin = node if len(table) > 1 else 0
+        return table[begin] if steps is None else table[begin, steps]
 
     @property
     def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
@@ -108,6 +111,13 @@ class _Paths:
             yield self.problem.time_step, np.arange(whole)
         if self.rest > NO_LENGTH * self.problem.time_step or not whole:
             yield self.rest, np.array([whole])
+
+
+@lru_cache(maxsize=8)
+def _drifts(problem: Problem, whole: int) -> Float[Array, "_ _ 6 6"]:
+    """A from each node to each time step of a drift; about a circle, of one node for all."""
+    nodes = np.arange(1 if problem.orbit is None else problem.nodes)[:, None]
+    return problem.dynamics.drift(nodes, nodes + np.arange(whole + 1))
 
 
 def _candidates(
@@ -170,7 +180,7 @@ def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]
     """The encounters among candidates."""
     lost, node, other, interval = which
     dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
-    drifting = np.matvec(dynamics.drift(node, interval), paths.states[lost, node])
+    drifting = np.matvec(paths.drift(node, interval - node), paths.states[lost, node])
     start = drifting - paths.states[other, interval]
     A, B = dynamics.step(length, interval)
     end, since = np.matvec(A, start) - np.matvec(B, held), np.zeros(len(start))

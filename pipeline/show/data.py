@@ -44,8 +44,10 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         closest.append(found.min_separation_time)
     times = sample_times(scenario.n, problem, np.array(closest))
     positions = positions_at(times, plan.states, plan.controls, problem)
-    ends = {"initial": scenario.initial, "goal": scenario.goal}
-    drifts = {end: orbits(states, problem) for end, states in ends.items()}
+    drifts = {
+        "initial": orbits(scenario.initial, problem),
+        "goal": orbits(scenario.goal, problem.starting_at(problem.intervals)),
+    }
     apart = [norm(positions[pair.first] - positions[pair.second]) for pair in pairs]
     nearest = None
     if scenario.n > 1:

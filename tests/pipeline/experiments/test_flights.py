@@ -146,7 +146,9 @@ def test_the_seed_decides_and_the_number_of_workers_does_not():
 def test_references_begin_anywhere_on_orbits_of_the_size_of_the_problem_s():
     found = [worlds_of(SCENARIOS[0], 0, trial) for trial in range(40)]
     size = radius_at(PROBLEM.mean_motion)
-    states = np.array([[w[name].reference(0.0) for name in WORLDS[1:]] for w in found])
+    states = np.array(
+        [[w[name].orbit.states(np.zeros(1))[0] for name in WORLDS[1:]] for w in found]
+    )
     position, velocity = np.linalg.norm(states.reshape(40, 2, 2, 3), axis=-1).transpose(2, 0, 1)
     # vis-viva: all are as large as the circle, whatever their shape and wherever they are
     np.testing.assert_allclose(1 / (2 / position - velocity**2 / MU_EARTH), size, rtol=1e-9)
