@@ -79,6 +79,9 @@ def new(
         float | None, option("Of the origin at the epoch, deg.")
     ] = None,
     files: InertialFiles,
+    no_j2: Annotated[
+        bool, flag("--no-j2", "Leave J2 out of the orbit of inertial states.")
+    ] = False,
     force: Annotated[bool, flag("--force", "Replace a file that is there already.")] = False,
 ) -> None:
     """Write a scenario file: a draw of a family, rings or inertial states of your own.
@@ -109,10 +112,11 @@ def new(
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     if files != InertialFiles():
         refuse(context, NOT_INERTIAL, "with inertial states, which have an orbit; leave it out.")
-        made = files.scenario(problem.problem(), epoch)
+        made = files.scenario(problem.problem(), epoch, j2=not no_j2)
         write_scenario(scenario, made)
         _told(scenario, made)
         return
+    refuse(context, ("no_j2",), "without --initial and --goal; expected all or none: leave it out.")
     content: dict[str, Any] = asdict(problem)
     if start and to:
         refuse(context, DRAWN, f"with rings of your own; {EITHER}")

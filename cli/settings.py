@@ -219,14 +219,13 @@ class InertialFiles:
             "the mean of --initial."
         ),
     ] = None
-    no_j2: Annotated[bool, _states("Leave the Earth's oblateness out.", "--no-j2")] = False
     ballistic: Annotated[float | None, _states("Add drag: mean C_D A/m, m²/kg.", "--drag")] = None
     spread: Annotated[
         float | None,
         _states("By what share the first has less, the last more.", "--drag-spread"),
     ] = None
 
-    def scenario(self, problem: "Problem", epoch: str | None) -> "Scenario":
+    def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
         """The scenario of the states on a time grid; InputError for files that do not fit."""
         from pipeline.scenario.document import utc
         from pipeline.scenario.inertial import scenario_from_inertial
@@ -234,8 +233,8 @@ class InertialFiles:
 
         if self.initial is None or self.goal is None:
             raise InputError(
-                "--initial or --goal is missing; expected both where --initial, --goal, --chief, "
-                "--no-j2 or --drag is given."
+                "--initial or --goal is missing; expected both where one of these, --chief or "
+                "--drag is given."
             )
         if self.spread is not None and self.ballistic is None:
             raise InputError(
@@ -251,7 +250,7 @@ class InertialFiles:
             problem,
             chief=None if self.chief is None else read_inertial(self.chief),
             epoch=first,
-            j2=not self.no_j2,
+            j2=j2,
             ballistic=self.ballistic,
             spread=self.spread or 0.0,
         )

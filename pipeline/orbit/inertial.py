@@ -24,6 +24,47 @@ class Elements:
     eccentricity: float = 0.0  # from 0 to below 1
     argument_of_perigee: float = 0.0  # ω, from the ascending node; without meaning for a circle
 
+    @classmethod
+    def of(cls, state: Float[Array, "6"]) -> tuple["Elements", float]:
+        """Elements of an inertial state, m and m/s, with angles from 0 to 2π, and u = ω + ν, rad.
+
+        The inverse of ``states``, from the angular momentum h, and e cos ν = p/r - 1,
+        e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Where the orbit is equatorial within
+        rounding there is no ascending node, and Ω is 0; where it is a circle within rounding there
+        is no perigee, and ω is 0. Near these Ω and ω are sensitive to the state, but u is counted
+        from the same node, and all elements together give the state back.
+
+        Raises:
+            InputError: for a state on no closed orbit.
+        """
+        position, velocity = state[:3], state[3:]
+        momentum = np.cross(position, velocity)
+        h, r = float(norm(momentum)), float(norm(position))
+        parameter = h**2 / MU_EARTH
+        inward, rising = parameter / r - 1, float(position @ velocity) / r * h / MU_EARTH
+        eccentricity = float(np.hypot(inward, rising))
+        if not eccentricity < 1:
+            raise InputError(
+                f"the state {r / 1e3:.6g} km from the Earth's centre at "
+                f"{norm(velocity) / 1e3:.6g} km/s has eccentricity {eccentricity:.4g}; expected "
+                "one on a closed orbit."
+            )
+        normal = momentum / h
+        tilt = float(np.hypot(normal[0], normal[1]))
+        inclination, raan = np.arctan2(tilt, normal[2]), np.arctan2(normal[0], -normal[1])
+        node = np.array([-normal[1], normal[0], 0.0])
+        if tilt <= UNDEFINED:
+            inclination, raan = (0.0 if normal[2] > 0 else np.pi), 0.0
+            node = np.array([1.0, 0.0, 0.0])
+        latitude = np.arctan2(position @ np.cross(normal, node), position @ node)
+        perigee = latitude - np.arctan2(rising, inward)
+        if eccentricity <= UNDEFINED:
+            eccentricity, perigee = 0.0, 0.0
+        axis = parameter / (1 - eccentricity**2)
+        angles = (float(angle % (2 * np.pi)) for angle in (raan, perigee, latitude))
+        raan, perigee, u = angles
+        return cls(axis, float(inclination), raan, eccentricity, perigee), u
+
     def states(self, argument_of_latitude: Scalar) -> AnyState:
         """Inertial states at u = ω + ν (rad), m and m/s.
 
@@ -43,47 +84,6 @@ class Elements:
         position = (parameter / swing)[..., None] * radial
         rising = (eccentricity * np.sin(anomaly))[..., None] * radial
         return np.concatenate([position, speed * (rising + swing[..., None] * along)], axis=-1)
-
-
-def elements_of(state: Float[Array, "6"]) -> tuple[Elements, float]:
-    """Osculating elements of an inertial state, m and m/s, and its argument of latitude, rad.
-
-    The inverse of ``Elements.states``: the plane by the angular momentum h, and
-    e cos ν = p/r - 1, e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Where the orbit is
-    equatorial within rounding there is no ascending node, and Ω is 0; where it is a circle within
-    rounding there is no perigee, and ω is 0. Near these Ω and ω are sensitive to the state, but
-    u is counted from the same node, and all elements together give the state back.
-
-    Raises:
-        InputError: for a state on no closed orbit.
-    """
-    position, velocity = state[:3], state[3:]
-    momentum = np.cross(position, velocity)
-    h, r = float(norm(momentum)), float(norm(position))
-    parameter = h**2 / MU_EARTH
-    inward, rising = parameter / r - 1, float(position @ velocity) / r * h / MU_EARTH
-    eccentricity = float(np.hypot(inward, rising))
-    if not eccentricity < 1:
-        raise InputError(
-            f"the state {r / 1e3:.6g} km from the Earth's centre at "
-            f"{norm(velocity) / 1e3:.6g} km/s has eccentricity {eccentricity:.4g}; expected one "
-            "on a closed orbit."
-        )
-    normal = momentum / h
-    tilt = float(np.hypot(normal[0], normal[1]))
-    if tilt > UNDEFINED:
-        inclination = float(np.arctan2(tilt, normal[2]))
-        raan = float(np.arctan2(normal[0], -normal[1]))
-        node = np.array([-normal[1], normal[0], 0.0]) / tilt
-    else:
-        inclination, raan = (0.0 if normal[2] > 0 else np.pi), 0.0
-        node = np.array([1.0, 0.0, 0.0])
-    latitude = float(np.arctan2(position @ np.cross(normal, node), position @ node))
-    perigee = latitude - float(np.arctan2(rising, inward))
-    if eccentricity <= UNDEFINED:
-        eccentricity, perigee = 0.0, 0.0
-    axis = parameter / (1 - eccentricity**2)
-    return Elements(axis, inclination, raan, eccentricity, perigee), latitude
 
 
 @dataclass(frozen=True, eq=False)

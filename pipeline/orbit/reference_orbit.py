@@ -19,7 +19,7 @@ from pipeline.orbit.forces import (
     oblateness,
     point_mass,
 )
-from pipeline.orbit.inertial import Elements, Frame, elements_of, lvlh_frame
+from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 
 MOST_ECCENTRIC = 0.85
@@ -84,9 +84,9 @@ class ReferenceOrbit:
         spread: float = 0.0,
     ) -> "ReferenceOrbit":
         """The orbit of an inertial state, m and m/s, by its osculating elements, and of forces."""
-        found, latitude = elements_of(state)
+        found, latitude = Elements.of(state)
         i, raan, perigee, u = (
-            degrees(angle) % 360
+            degrees(angle)
             for angle in (found.inclination, found.raan, found.argument_of_perigee, latitude)
         )
         shape = found.semi_major_axis, found.eccentricity

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.orbit.inertial import Elements, elements_of
+from pipeline.orbit.inertial import Elements
 from pipeline.orbit.reference import MU_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -40,7 +40,7 @@ def test_elements_and_states_are_those_of_brahe_both_ways(orbits):
         state = by_brahe(a, e, i, raan, perigee, anomaly)
         ours = Elements(a, i, raan, e, perigee).states(np.array(perigee + anomaly))
         assert ours == pytest.approx(state, rel=1e-12, abs=1e-7)
-        found, latitude = elements_of(state)
+        found, latitude = Elements.of(state)
         assert found.semi_major_axis == pytest.approx(a, rel=1e-12)
         assert (found.eccentricity, found.inclination) == pytest.approx((e, i), abs=1e-12)
         off = [found.raan - raan, found.argument_of_perigee - perigee]
@@ -60,10 +60,10 @@ def test_near_circles_and_near_the_equator_the_elements_together_give_the_state_
 
 
 def test_what_is_undefined_is_zero():
-    circle, _ = elements_of(Elements(7e6, 0.5, 0.2).states(np.array(1.0)))
+    circle, _ = Elements.of(Elements(7e6, 0.5, 0.2).states(np.array(1.0)))
     assert circle.eccentricity == 0 and circle.argument_of_perigee == 0
     for i in (0.0, np.pi):
-        equatorial, _ = elements_of(Elements(7e6, i, 0.2, 0.1, 0.3).states(np.array(1.0)))
+        equatorial, _ = Elements.of(Elements(7e6, i, 0.2, 0.1, 0.3).states(np.array(1.0)))
         assert equatorial.raan == 0
         assert equatorial.inclination == i
 
@@ -71,6 +71,6 @@ def test_what_is_undefined_is_zero():
 def test_a_state_faster_than_escape_is_refused():
     fast = np.array([7e6, 0, 0, 0, 1.01 * np.sqrt(2 * MU_EARTH / 7e6), 0])
     with pytest.raises(InputError, match=r"has eccentricity 1\.04; expected one on a closed orbit"):
-        elements_of(fast)
+        Elements.of(fast)
     with pytest.raises(InputError, match="closed orbit"):
-        elements_of(np.array([7e6, 0, 0, 1e3, 0, 0]))  # straight up
+        Elements.of(np.array([7e6, 0, 0, 1e3, 0, 0]))  # straight up
