@@ -1,9 +1,13 @@
 """prolearn scenario new from inertial states: plans handed over and back by commands alone."""
 
 import json
+from datetime import datetime, timedelta, timezone
 
 import numpy as np
 import pytest
+
+from pipeline.scenario.document import document_of
+from prolearn import scenario_from_files
 
 WHERE = ("--epoch", "2026-03-01T12:00:00Z", "--inclination", "97.4", "--raan", "40")
 WHERE += ("--argument-of-latitude", "10")
@@ -49,6 +53,17 @@ def test_other_nodes_and_forces_are_as_they_are_asked_for(prolearn, handed_over,
     done = prolearn("scenario", "new", "-", *both, *more)
     assert done.returncode == 0, done.stderr
     made = json.loads(done.stdout)
+    called = scenario_from_files(
+        tmp_path / "oem",
+        str(tmp_path / "oem"),
+        epoch=datetime(2026, 3, 1, 13, 2, tzinfo=timezone(timedelta(hours=1))),
+        time_step=60.0,
+        nodes=6,
+        j2=False,
+        ballistic=0.01,
+        spread=0.2,
+    )
+    assert document_of(called) == made
     assert (made["time_step"], made["nodes"]) == (60.0, 6)
     orbit = made["orbit"]
     assert (orbit["j2"], orbit["ballistic"], orbit["spread"]) == (False, 0.01, 0.2)
