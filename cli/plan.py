@@ -113,8 +113,10 @@ def plan(
         not_over(path, target)
     asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
     if world:
-        if any(one.problem.orbit is not None for one in asked):
-            refuse(context, CONDITIONS, "and a scenario has an orbit of its own: leave it out.")
+        for path, one in zip(scenarios, asked, strict=True):
+            if one.problem.orbit is not None:
+                why = f"and {path} has an orbit of its own; expected one of the two: leave it out."
+                refuse(context, CONDITIONS, why)
         asked = [in_world(one, conditions.about(one.reference)) for one in asked]
     requirements = Requirements(planning.separation, passive_safety, risk.limit())
     chosen = planner_of(

@@ -23,7 +23,7 @@ def cells(row: Row) -> list[str]:
     return [
         number(row["fuel"]),
         number(row["delta_v"]),
-        MISSING if gap is None or not isfinite(gap) else f"{gap:.2%}".replace("-0.00", "0.00"),
+        MISSING if gap is None or not isfinite(gap) else f"{gap:z.2%}",
         *closest(row),
         number(1e3 * row["seconds"]),
     ]

@@ -23,6 +23,7 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import Separation
 
 CONVERGED = 1e-9  # largest change of a position in the last iteration, m
+ROUNDING = 1e-14  # or that as a share of the largest position, for craft hundreds of km away
 ITERATIONS = 40
 WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at once
 
@@ -155,11 +156,12 @@ def _window(
     """
     linear = _linear(arcs, start, controls)
     flown = linear
+    enough = max(CONVERGED, ROUNDING * float(np.abs(linear[..., :3]).max()))
     for _ in range(ITERATIONS):
         added, total = _added(arcs, _remainder(arcs, orbit, flown, ballistics))
         before, flown = flown, linear + added
         change = float(np.abs(flown - before)[..., :3].max())
-        if change <= CONVERGED:
+        if change <= enough:
             return flown, start + total
         if not np.isfinite(change):
             break

@@ -86,8 +86,7 @@ class Plan:
     def __repr__(self) -> str:
         """Who made it, its status, cost and closest approach; without the arrays."""
         found = self.certificate
-        gap = f", gap {found.optimality_gap:.2%}" if isfinite(found.optimality_gap) else ""
-        gap = gap.replace("-0.00%", "0.00%")
+        gap = f", gap {found.optimality_gap:z.2%}" if isfinite(found.optimality_gap) else ""
         said = [f"{self.scenario.n} craft by {self.planner}, {self.status}"]
         said.append(f"Δv {found.delta_v:.4g} m/s{gap}")
         if found.min_separation_pair is not None:

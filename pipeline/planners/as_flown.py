@@ -3,7 +3,8 @@
 The planner plans in the linear time-varying model about that orbit. Its controls are flown in all
 terms of gravity, J2 and drag; what is missed at the goal is of second order in the size of the
 swarm, and small changes of the burns make up for it, in two or three steps of Newton's method. So
-coasts stay coasts, and the active constraints of the linear programs stay active.
+coasts stay coasts, and the active constraints of the linear programs stay active. Where much is
+missed, as by differential drag, and where craft come too close, it plans again with that in view.
 """
 
 from collections.abc import Sequence
@@ -14,13 +15,16 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.expert.decoupled import decoupled_optima
+from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls, Formation
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.nonlinear import ends_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import COAST, fly, state_weight, transfer_maps
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
+from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
@@ -28,7 +32,8 @@ CORRECTIONS = 8  # steps at most; each leaves about the square of what was misse
 MET = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that no further step is worth, m and m/s
 LIMIT_SHARE = 1 - 1e-3  # of the thrust limit that is left to the planner; corrections have the rest
 WIDER = 1.5  # times what was missing that a planner is asked to add to the separation
-TRIES = 4  # separations that are asked for at most
+DEAR = 1e-3  # fuel, as a share of the bound, that corrections may cost before it is planned again
+TRIES = 4  # plans that are asked for at most
 
 PROOF = "{}, about the flight, to first order"
 
@@ -60,11 +65,11 @@ class AsFlown:
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, about the reference orbit."""
+        if not scenarios:
+            return []
         asked = [self._about(one) for one in scenarios]
-        return [
-            self._flown(scenario, plan)
-            for scenario, plan in zip(asked, self._plans(asked), strict=True)
-        ]
+        plans = self.planner.plan([_eased(one) for one in asked])
+        return [self._flown(one, plan) for one, plan in zip(asked, plans, strict=True)]
 
     def _about(self, scenario: Scenario) -> Scenario:
         orbit = self.orbit or scenario.problem.orbit
@@ -75,42 +80,78 @@ class AsFlown:
             )
         return replace(scenario, problem=scenario.problem.about(orbit))
 
-    def _plans(self, scenarios: Sequence[Scenario], wider: float = 0.0) -> list[Plan]:
-        """Linear plans with so much more separation, m, and a little less thrust."""
-        problem = scenarios[0].problem
-        limit, radius = problem.max_acceleration, problem.collision_radius
-        limit = None if limit is None else limit * LIMIT_SHARE
-        narrower = replace(problem, max_acceleration=limit, collision_radius=radius + wider)
-        return self.planner.plan([replace(one, problem=narrower) for one in scenarios])
-
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
-        """The plan as flown, planned again with more separation where craft come too close."""
-        started, wider, solves = perf_counter(), 0.0, 0
-        for _ in range(TRIES):
-            asked = replace(scenario, goal=linear.scenario.goal)
-            plan, solves = (
-                _corrected(asked, linear, self.requirements),
-                solves + linear.convex_solves,
-            )
-            if plan.status != UNSAFE or linear.status != SOLVED:
+        """The plan as flown, planned again where craft come too close, or burn too much."""
+        started, planning, wider = perf_counter(), linear.timing.get("plan", 0.0), 0.0
+        dear, solves = linear.certificate.optimality_gap + DEAR, linear.convex_solves
+        best = plan = _corrected(scenario, linear, self.requirements)
+        for tried in range(TRIES - 1):
+            is_dear = tried == 0 and plan.certificate.optimality_gap > dear
+            if linear.status != SOLVED or not (plan.status == UNSAFE or is_dear):
                 break
             wider += WIDER * _missing(plan)
-            (linear,) = self._plans([scenario], wider)
-        spent = perf_counter() - started
-        timing = {**plan.timing, "plan": plan.timing.get("plan", 0.0) + spent}
-        return replace(plan, convex_solves=solves, timing=timing)
+            linear = self._again(plan, linear, wider)
+            solves += linear.convex_solves
+            if linear.status == SOLVED:
+                plan = _corrected(scenario, linear, self.requirements)
+                best = min(best, plan, key=_rank)
+        spent = perf_counter() - started - best.timing["certificate"]
+        timing = {**best.timing, "plan": planning + spent}
+        return replace(best, convex_solves=solves, timing=timing)
+
+    def _again(self, plan: Plan, linear: Plan, wider: float) -> Plan:
+        """The linear plan with so much more separation, m, that leads to its goals in the flight.
+
+        As far as what linear motion leaves out is what it was, and that way is open to it. Who goes
+        where stays as it is.
+        """
+        scenario, planner = plan.scenario, self.planner
+        left_out = _left_out(scenario, plan.controls, plan.states[:, -1])
+        if isinstance(planner, GoalAssignment):
+            planner = planner.planner
+        solves = 0
+        for goal in (scenario.goal - left_out, scenario.goal):
+            (found,) = planner.plan([_eased(replace(scenario, goal=goal), wider)])
+            solves += found.convex_solves
+            if found.status == SOLVED:
+                break
+        kept = {name: getattr(linear, name) for name in ("scenario", "certificate", "assignment")}
+        return replace(found, convex_solves=solves, **kept)
+
+
+def _eased(scenario: Scenario, wider: float = 0.0) -> Scenario:
+    """The scenario with so much more separation, m, and a little less thrust."""
+    problem = scenario.problem
+    limit, radius = problem.max_acceleration, problem.collision_radius
+    limit = None if limit is None else limit * LIMIT_SHARE
+    eased = replace(problem, max_acceleration=limit, collision_radius=radius + wider)
+    return replace(scenario, problem=eased)
+
+
+def _rank(plan: Plan) -> tuple[bool, float]:
+    return plan.status != SOLVED, plan.certificate.fuel
+
+
+def _left_out(scenario: Scenario, controls: Controls, end: Formation) -> Formation:
+    """By how much a flight of controls ends elsewhere than linear motion, m and m/s."""
+    return end - fly(scenario.initial, controls, scenario.problem)[:, -1]
 
 
 def _missing(plan: Plan) -> float:
-    """By how much craft come too close in a flight, also adrift, m."""
+    """By how much craft come too close in a flight, m; nothing where something else is wrong."""
     found, radius = plan.certificate, plan.scenario.problem.collision_radius
-    drift = found.passive_safety
-    bounds = (found.min_separation_bound, None if drift is None else drift.min_separation_bound)
-    return max(radius - bound for bound in bounds if bound is not None) + 1e-3
+    least, drift = found.min_separation_bound, found.passive_safety
+    if plan.requirements.at_nodes:
+        i, j = pairs(plan.scenario.n)
+        least = norm(plan.states[i, :, :3] - plan.states[j, :, :3]).min(initial=np.inf)
+    bounds = [least, None if drift is None else drift.min_separation_bound]
+    close = [float(radius - one) for one in bounds if one is not None and one <= radius]
+    return max(close) + 1e-3 if close else 0.0
 
 
 def _corrected(scenario: Scenario, linear: Plan, requirements: Requirements) -> Plan:
     """The plan of a linear plan's controls, corrected until their flight meets the goals."""
+    scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     problem, initial, goal = scenario.problem, scenario.initial, scenario.goal
     controls, end = linear.controls, ends_in_world(initial, linear.controls, problem)
     for _ in range(CORRECTIONS):
@@ -121,20 +162,22 @@ def _corrected(scenario: Scenario, linear: Plan, requirements: Requirements) -> 
     made = _made(scenario, controls, end, linear)
     plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
     plan = replace(plan, assignment=linear.assignment)
-    if linear.status == SOLVED or plan.status == SOLVED:
+    if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
         return plan
     why = f"about this orbit the plan is {linear.status}: {linear.message}"
-    status = UNSOLVED if linear.status in (INFEASIBLE, UNSOLVED) else plan.status
-    return replace(plan, status=status, message=why)
+    return replace(plan, status=UNSOLVED, message=why)
 
 
 def _made(scenario: Scenario, controls: Controls, end: Formation, linear: Plan) -> Made:
     """Controls with the bound of the linear programs about the flight, with such an end."""
     problem, initial, found = scenario.problem, scenario.initial, linear.certificate
-    bound, proof = found.fuel_lower_bound, found.fuel_lower_bound_proof
-    if linear.assignment is None:
-        defect = end - fly(initial, controls, problem)[:, -1]
-        bound, proof = decoupled_optima(initial, scenario.goal - defect, problem).bound()
+    goal = scenario.goal - _left_out(scenario, controls, end)
+    bound, proof = decoupled_optima(initial, goal, problem).bound()
+    if linear.assignment is not None:  # the bound of all assignments changes as this one's
+        change = (
+            bound - decoupled_optima(initial, scenario.goal, _eased(scenario).problem).bound()[0]
+        )
+        bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     timing = {"plan": linear.timing.get("plan", 0.0)}
     return Made(controls, bound, PROOF.format(proof), linear.convex_solves, timing)
 
@@ -153,6 +196,7 @@ def _changed(controls: Controls, miss: Formation, problem: Problem) -> Controls:
     columns = (weight[:, None] * transfer_maps(problem).reach[-1]) * free.reshape(len(free), 1, -1)
     wanted = weight * miss
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-6), wanted)
+    added *= free.reshape(added.shape)  # where it is zero but for rounding
     left = np.abs(wanted - np.matvec(columns, added)).max(axis=1)
     unable = left > 1e-3 * np.abs(wanted).max(axis=1)
     if unable.any() and (optima := least_fuel(miss[unable], problem)) is not None:

@@ -206,7 +206,7 @@ class OrbitDocument(BaseModel):
     argument_of_latitude_deg: Number = Field(
         0.0, description="From the ascending node to the LVLH frame's origin, deg."
     )
-    j2: bool = Field(True, description="Whether the Earth is oblate.")
+    j2: bool = Field(True, strict=True, description="Whether the Earth is oblate.")
     ballistic: Positive | None = Field(
         None, description="Mean C_D A/m of the swarm, m²/kg; null for no drag."
     )
@@ -216,12 +216,20 @@ class OrbitDocument(BaseModel):
 
     @classmethod
     def of(cls, orbit: ReferenceOrbit) -> "OrbitDocument":
-        """The fields of an orbit at its epoch."""
+        """The fields of an orbit; InputError for one whose plan begins after its epoch."""
+        if orbit.start:
+            raise InputError(
+                f"the orbit's start is {orbit.start:g} s after its epoch; expected elements at the "
+                "first node: give those."
+            )
         return cls(**{name: getattr(orbit, name) for name in cls.model_fields})
 
     def orbit(self) -> ReferenceOrbit:
         """The orbit."""
-        return ReferenceOrbit(**self.model_dump())
+        try:
+            return ReferenceOrbit(**self.model_dump())
+        except InputError as error:
+            raise InputError(f"orbit: {error}") from error
 
 
 # Of both a reference and an orbit

@@ -94,7 +94,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
             )
         for case in () if allow_drift else _matched(end, states, problem).cases:
             raise InputError(
-                f"{case.text}; expected 0 within {_tolerance(problem)} (energy matching): "
+                f"{case.text}; expected {_wanted(problem)} (energy matching): "
                 f"set vy to {case.numbers['vy_wanted']:.9g}, or give --allow-drift."
             )
 
@@ -104,9 +104,10 @@ def drifts(scenario: Scenario) -> bool:
     return not all(_matched(*end).fine for end in _ends(scenario))
 
 
-def _tolerance(problem: Problem) -> str:
-    circle = problem.orbit is None
-    return f"{ENERGY_TOLERANCE:g} m/s" if circle else f"{_most_drift(problem):.2g} m"
+def _wanted(problem: Problem) -> str:
+    if problem.orbit is None:
+        return f"0 within {ENERGY_TOLERANCE:g} m/s"
+    return f"at most {_most_drift(problem):.2g} m more than that"
 
 
 def _most_drift(problem: Problem) -> float:
@@ -167,26 +168,32 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
 
 
 def _closed(end: str, states: Formation, problem: Problem) -> Diagnostic:
-    """Whether craft come back to where they were in an orbit of the reference."""
+    """Whether craft come back to where they were in an orbit of the reference.
+
+    As far as a velocity along-track decides: an oblate Earth leaves a drift that none stops.
+    """
     faster = np.eye(6)[4]
     flown = free_drift(np.vstack([states, faster]), problem)[0]
     moved = flown[:, -1, :3] - flown[:, 0, :3]
     moved, gained = moved[:-1], moved[-1]
+    change = -moved @ gained / (gained @ gained)  # of vy, after which the drift is least
+    wanted, stopped = states[:, 4] + change, np.abs(change) * np.linalg.norm(gained)
     drift = np.linalg.norm(moved, axis=1)
-    wanted = states[:, 4] - moved @ gained / (gained @ gained)
+    least = np.linalg.norm(moved + change[:, None] * gained, axis=1)
     cases = tuple(
         Case(
             (int(k),),
-            f"{end}[{k}] drifts {drift[k]:.4g} m an orbit, least with a vy of {wanted[k]:.9g}",
+            f"{end}[{k}] drifts {drift[k]:.4g} m an orbit, and {least[k]:.2g} m with a vy of "
+            f"{wanted[k]:.9g}",
             {"drift_per_orbit": float(drift[k]), "vy_wanted": float(wanted[k])},
         )
         for k in drift.argsort(kind="stable")[::-1]
-        if drift[k] > _most_drift(problem)
+        if stopped[k] > _most_drift(problem)
     )
     text = f"no craft drifts by more than {drift.max():.3g} m an orbit"
     if not cases:
         return Diagnostic(MATCHED, end, text)
-    text = f"craft that drift by more than {_most_drift(problem):.2g} m an orbit: {len(cases)}"
+    text = f"craft that drift more than they must: {len(cases)}"
     cure = 'give them that vy, or say "ends": "any" where they are meant to'
     return Diagnostic(MATCHED, end, text, cases, cure)
 

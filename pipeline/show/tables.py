@@ -48,7 +48,7 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
 def certificate_rows(plan: Plan, status: str) -> Rows:
     """The certificate: labels, and numbers with their units."""
     found = plan.certificate
-    gap = f"at most {100 * found.optimality_gap:.2f} %"
+    gap = f"at most {100 * found.optimality_gap:z.2f} %"
     if status == INFEASIBLE:  # no plan keeps to the thrust limit: no optimum to be far from
         gap = MISSING
     elif not math.isfinite(found.optimality_gap):

@@ -1,11 +1,14 @@
-"""Linear relative motion by other roads than the product's.
+"""Relative motion, linear and in all terms, by other roads than the product's.
 
-About a Keplerian orbit in closed form (Yamanaka and Ankersen 2002, "New state transition matrix for
-relative motion on an arbitrary elliptical orbit"); about any orbit by an integrator, from forces
-whose derivatives are complex steps. Axes are LVLH (x radial, y along-track, z cross-track).
+Linear about a Keplerian orbit in closed form (Yamanaka and Ankersen 2002, "New state transition
+matrix for relative motion on an arbitrary elliptical orbit"); about any orbit by an integrator,
+from forces whose derivatives are complex steps. Axes are LVLH (x radial, y along-track, z
+cross-track).
 """
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -98,7 +101,9 @@ def forced(a: float, e: float, begin: float, time: float) -> np.ndarray:
     return total
 
 
-def pull(state: np.ndarray, j2: bool, ballistic: float = 0.0, air: Air | None = None) -> np.ndarray:
+def pull(
+    state: np.ndarray, j2: bool, ballistic: float | np.ndarray = 0.0, air: Air | None = None
+) -> np.ndarray:
     """Acceleration at inertial states (..., 6), which may be complex, m/s²."""
     r = np.moveaxis(state[..., :3], -1, 0)
     far = _length(r)
@@ -192,3 +197,73 @@ def linear_flight(
         return np.stack(flown, axis=-3)
 
     return fly
+
+
+def flight(
+    begin: np.ndarray,
+    states: np.ndarray,
+    controls: np.ndarray,
+    grid: tuple[float, int],
+    force: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """Craft and their reference integrated together: LVLH states (n, intervals, parts + 1, 6).
+
+    At equal parts of all intervals, from the reference's inertial state and LVLH states (n, 6), by
+    controls (n, intervals, 3). The grid is the length of an interval, s, and the parts. ``force``
+    is the acceleration at the inertial states of the reference and the craft, (n + 1, 6).
+    """
+    (step, parts), origin, n = grid, begin, len(states)
+
+    def pulls(origin: np.ndarray, apart: np.ndarray) -> np.ndarray:
+        return force(np.concatenate([origin[None], origin + apart]))
+
+    def motion(_: float, flat: np.ndarray, push: np.ndarray) -> np.ndarray:
+        origin, apart = flat[:6], flat[6:].reshape(n, 6)
+        pulled = pulls(origin, apart)
+        moved = np.hstack([apart[:, 3:], pulled[1:] - pulled[0] + push @ axes(origin).T])
+        return np.concatenate([origin[3:], pulled[0], moved.ravel()])
+
+    begins = to_lvlh(origin, pulls(origin, 0 * states)[0])
+    apart, flown = np.linalg.solve(begins, states.T).T, []
+    times = np.linspace(0.0, step, parts + 1)
+    for k in range(controls.shape[1]):
+        start = np.concatenate([origin, apart.ravel()])
+        pushed = partial(motion, push=controls[:, k])
+        solved = solve_ivp(
+            pushed, (0.0, step), start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-10
+        )
+        both = [(one[:6], one[6:].reshape(n, 6)) for one in solved.y.T]
+        flown.append([b @ to_lvlh(o, pulls(o, b)[0]).T for o, b in both])
+        origin, apart = both[-1]
+    return np.array(flown).transpose(2, 0, 1, 3)
+
+
+def state_of(a: float, e: float, angles: np.ndarray) -> np.ndarray:
+    """Inertial state of osculating elements; inclination, node, perigee, argument of latitude."""
+    inclination, node, perigee, latitude = angles
+    anomaly, p = latitude - perigee, a * (1 - e**2)
+    far = p / (1 + e * np.cos(anomaly))
+    plane = far * np.array([np.cos(anomaly), np.sin(anomaly), 0.0])
+    speed = np.sqrt(MU / p) * np.array([-np.sin(anomaly), e + np.cos(anomaly), 0.0])
+    c, s = np.cos(inclination), np.sin(inclination)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    turn = _about_z(node) @ tilt @ _about_z(perigee)
+    return np.concatenate([turn @ plane, turn @ speed])
+
+
+def _about_z(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def file_flown(plan: dict[str, Any], parts: int, air: Air | None = None) -> np.ndarray:
+    """The flight of a plan file's fields in its world, as ``flight`` has it."""
+    world, asked = plan["world"], plan["scenario"]
+    names = ("inclination", "raan", "argument_of_perigee", "argument_of_latitude")
+    angles = np.deg2rad([world[f"{name}_deg"] for name in names])
+    begin = state_of(world["semi_major_axis"], world["eccentricity"], angles)
+    shares = np.concatenate([[0.0], np.linspace(-1, 1, len(asked["initial"]))])
+    held = (world["ballistic"] or 0.0) * (1 + world["spread"] * shares)
+    force = partial(pull, j2=world["j2"], ballistic=held, air=air)
+    states, controls = (np.array(one) for one in (asked["initial"], plan["controls"]))
+    return flight(begin, states, controls, (asked["time_step"], parts), force)

@@ -226,6 +226,15 @@ def test_arcs_of_one_motion_join():
     np.testing.assert_allclose(later, begin, atol=1e-7)
 
 
+def test_craft_hundreds_of_kilometres_away_are_flown_to_rounding():
+    """The farthest that scenarios may have them, a tenth of the orbit's radius away."""
+    world, push = world_of(3000.0, 1), 0.04 * PUSHES[0]
+    found = world.arc(2000 * RING, push, 0)[:, -1, -1]
+    assert np.abs(found[:, :3]).max() > 5e5
+    truth = by_runge_kutta(world, 2000 * RING, push, 0)
+    assert np.abs(found - truth)[:, :3].max() < 1e-5
+
+
 def test_craft_far_beyond_the_reference_are_refused():
     with pytest.raises(ProlearnError, match="did not converge"):
         world_of(5600.0, 1).arc(2e4 * RING, IDLE, 0)

@@ -1,0 +1,347 @@
+"""Plans as flown, flown again by integrators that the product does not know."""
+
+from dataclasses import replace
+from functools import cache, partial
+from time import perf_counter
+
+import brahe
+import numpy as np
+import pytest
+from by_brahe import flown_by_brahe
+from relative import flight, linear_flight, pull, to_lvlh
+from scipy.optimize import linprog
+
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import pairs
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import R_EARTH
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Requirements, RiskLimit, recheck
+from pipeline.planners.as_flown import LIMIT_SHARE, AsFlown
+from pipeline.planners.classical import Expert
+from pipeline.planners.goal_assignment import GoalAssignment
+from pipeline.planners.named import named_planner
+from pipeline.scenario import draw
+
+PARTS = 40
+"""Looks at each interval: every 3 s."""
+
+NODES = Requirements("nodes")
+
+PLANNERS = {
+    "expert": Expert(),
+    "refiner": named_planner("refiner"),
+    "decoupled-optimum": named_planner("decoupled-optimum"),
+    "goal assignment": GoalAssignment(Expert()),
+    "expert at nodes": Expert(requirements=NODES),
+    "refiner at nodes": named_planner("refiner", NODES),
+}
+
+
+def about(e, **changed):
+    """An orbit with its perigee 500 km above an oblate Earth, shortly before that."""
+    return ReferenceOrbit((R_EARTH + 500e3) / (1 - e), e, 51.6, 40.0, 30.0, 10.0, **changed)
+
+
+def swarm(family, e, size=1.0, n=10, **changed):
+    """Ten craft so many times as far apart as usual, and their collision radius too."""
+    drawn = draw(family, 1, n, 0, Problem(collision_radius=15.0))
+    problem = replace(Problem(), collision_radius=15.0 * size).about(about(e, **changed))
+    ends = {end: size * getattr(drawn, end) for end in ("initial", "goal")}
+    return replace(drawn, problem=problem, **ends)
+
+
+def limited(scenario, limit):
+    return replace(scenario, problem=replace(scenario.problem, max_acceleration=limit))
+
+
+DRAG = {"ballistic": 0.05, "spread": 0.8}
+
+SCENARIOS = {
+    "rings 0.001": swarm("rings", 0.001),
+    "rings 0.01": swarm("rings", 0.01),
+    "dense 0.01": swarm("dense", 0.01),
+    "rings 0.5": swarm("rings", 0.5),
+    "dense 0.8": swarm("dense", 0.8),
+    "ten times, 0.01": swarm("rings", 0.01, 10.0),
+    "ten times, 0.8": swarm("dense", 0.8, 10.0),
+    "drag": swarm("rings", 0.01, **DRAG),
+    "limit": limited(swarm("rings", 0.01), 1e-3),
+    "limit, 0.5": limited(swarm("dense", 0.5), 2.5e-3),
+    "one": swarm("rings", 0.8, n=1),
+}
+
+CASES = [
+    *(("expert", name) for name in SCENARIOS),
+    *(("refiner", name) for name in ("rings 0.001", "dense 0.8", "ten times, 0.01", "limit")),
+    *(("decoupled-optimum", name) for name in ("rings 0.5", "ten times, 0.8")),
+    *(("goal assignment", name) for name in ("dense 0.01", "ten times, 0.8", "limit, 0.5")),
+    *(("expert at nodes", name) for name in ("dense 0.01", "rings 0.5")),
+    ("refiner at nodes", "dense 0.8"),
+]
+
+
+@cache
+def planned(planner, name):
+    """The linear plan about the orbit, and the one as flown."""
+    scenario, chosen = SCENARIOS[name], PLANNERS[planner]
+    return *chosen.plan([scenario]), *AsFlown(chosen).plan([scenario])
+
+
+def again(plan):
+    """The states of the plan's controls every few seconds, by DOP853."""
+    problem, scenario = plan.scenario.problem, plan.scenario
+    orbit, n = problem.orbit, scenario.n
+    air, held = None, np.zeros(n)
+    if orbit.ballistic is not None:
+        air = orbit.air.base, orbit.air.density, orbit.air.scale
+        held = np.linspace(1 - orbit.spread, 1 + orbit.spread, n) * orbit.ballistic
+    every = np.concatenate([[orbit.ballistic or 0.0], held])
+    force = partial(pull, j2=orbit.j2, ballistic=every, air=air)
+    begin = orbit.states(np.zeros(1))[0]
+    grid = problem.time_step, PARTS
+    return flight(begin, scenario.initial, plan.controls, grid, force)
+
+
+@pytest.mark.parametrize(("planner", "name"), CASES, ids=map(" - ".join, CASES))
+def test_an_integrator_meets_every_goal_and_finds_the_least_separation(planner, name):
+    _, plan = planned(planner, name)
+    scenario, found = plan.scenario, plan.certificate
+    step, radius = scenario.problem.time_step, scenario.problem.collision_radius
+    flown = again(plan)
+    missed = np.abs(flown[:, -1, -1] - scenario.goal)
+    assert missed[:, :3].max() < 1e-5
+    assert missed[:, 3:].max() < 1e-8
+    off = np.abs(flown[:, :, -1] - plan.states[:, 1:])
+    assert off[..., :3].max() < 1e-6
+    assert off[..., 3:].max() < 1e-9
+    if scenario.n == 1:
+        assert found.min_separation_pair is None
+        return
+    i, j = pairs(scenario.n)
+    track = flown[:, :, :-1, :3].reshape(scenario.n, -1, 3)
+    apart = np.linalg.norm(track[i] - track[j], axis=-1)
+    pair, sample = np.unravel_index(apart.argmin(), apart.shape)
+    assert apart.min() >= found.min_separation_bound - 1e-6
+    assert apart.min() < found.min_separation + 0.01 * radius
+    assert found.min_separation - found.min_separation_bound < 1e-3
+    assert found.min_separation_pair == (i[pair], j[pair])
+    assert found.min_separation_time == pytest.approx(sample * step / PARTS, abs=step / PARTS)
+    at_nodes = planner.endswith("nodes")
+    if plan.status == SOLVED:
+        assert (apart[:, :: PARTS if at_nodes else 1] > radius).all()
+
+
+@pytest.mark.parametrize(("planner", "name"), CASES, ids=map(" - ".join, CASES))
+def test_it_is_the_linear_plan_with_other_burns(planner, name):
+    """Coasts are coasts, the fuel is nearly that of before, and its bound is below it."""
+    linear, plan = planned(planner, name)
+    found, before = plan.certificate, linear.certificate
+    expected = UNSAFE if planner == "decoupled-optimum" else SOLVED
+    assert plan.status == linear.status == expected
+    coasts, limit = linear.controls == 0, plan.scenario.problem.max_acceleration
+    if limit is not None:
+        assert np.abs(plan.controls).max() <= limit
+        (less,) = PLANNERS[planner].plan([limited(SCENARIOS[name], limit * LIMIT_SHARE)])
+        coasts = less.controls == 0
+    assert np.array_equal(plan.controls == 0, coasts)
+    assert found.fuel == pytest.approx(before.fuel, rel=1e-3)
+    assert found.fuel >= found.fuel_lower_bound * (1 - 1e-6)
+    assert found.fuel_lower_bound == pytest.approx(before.fuel_lower_bound, rel=1e-3)
+    assert found.fuel_lower_bound_proof.endswith(", about the flight, to first order")
+    assert plan.planner == linear.planner
+    assert plan.assignment == linear.assignment
+    assert plan.separation == linear.separation
+    assert (plan.as_flown, linear.as_flown) == (True, False)
+    shown = recheck(plan)
+    assert shown.safe == (expected == SOLVED)
+    assert len(shown.faults) == (0 if shown.safe else 1)
+
+
+@pytest.mark.parametrize("name", ["rings 0.01", "ten times, 0.8", "limit, 0.5"])
+def test_the_bound_is_that_of_linear_programs_by_highs_about_the_flight(name):
+    """The flight's end, and what a change of the controls does to it to first order."""
+    _, plan = planned("expert", name)
+    scenario, problem = plan.scenario, plan.scenario.problem
+    begin, n = problem.orbit.states(np.zeros(1))[0], scenario.n
+    many, intervals = 3 * problem.intervals, problem.intervals
+    linear = linear_flight(begin, problem.time_step, intervals, 1, partial(pull, j2=True))
+    units = np.eye(many).reshape(many, intervals, 3)
+    reach = linear(np.zeros((many, 6)), units)[:, -1, -1].T
+    weight = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+    least, end = 0.0, again(plan)[:, -1, -1]
+    for craft in range(n):
+        burned = plan.controls[craft].ravel()
+        change = weight * (scenario.goal[craft] - end[craft] + reach @ burned)
+        maps = weight[:, None] * reach / 1e4  # of controls in tenths of a mm/s²
+        limits = 0, problem.max_acceleration and 1e4 * problem.max_acceleration
+        found = linprog(
+            np.ones(2 * many), A_eq=np.hstack([maps, -maps]), b_eq=change, bounds=limits
+        )
+        least += found.fun / 1e4
+    assert plan.certificate.fuel_lower_bound == pytest.approx(least, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["rings 0.01", "ten times, 0.01"])
+def test_the_bound_is_what_the_decoupled_optimum_burns_as_flown(name):
+    _, plan = planned("expert", name)
+    (cheapest,) = AsFlown(PLANNERS["decoupled-optimum"]).plan([SCENARIOS[name]])
+    assert plan.certificate.fuel_lower_bound == pytest.approx(cheapest.certificate.fuel, rel=1e-6)
+
+
+def test_the_bound_of_assigned_goals_is_below_the_fuel_at_the_thrust_limit():
+    """Sails, of which the limit leaves the plan of least fuel a few parts in a million more."""
+    scenario = limited(swarm("rings", 0.8, ballistic=1.0, spread=0.9), 7e-4)
+    (plan,) = AsFlown(PLANNERS["goal assignment"]).plan([scenario])
+    assert plan.status == SOLVED
+    assert plan.certificate.optimality_gap == pytest.approx(0, abs=1e-3)
+    assert plan.certificate.fuel_lower_bound <= plan.certificate.fuel
+    assert recheck(plan).faults == ()
+
+
+@pytest.mark.parametrize(("name", "dragged"), [("rings 0.01", False), ("drag", True)])
+def test_brahe_meets_the_goals_as_well(name, dragged):
+    """Chief and deputy by its own forces and integrator."""
+    _, plan = planned("expert", name)
+    scenario, orbit = plan.scenario, plan.scenario.problem.orbit
+    chief, n = orbit.states(np.zeros(1))[0], scenario.n
+    mean, air = (DRAG["ballistic"], orbit.air) if dragged else (0.0, None)
+    held = mean * np.linspace(1 - DRAG["spread"], 1 + DRAG["spread"], n)
+    for craft in (0, 7):
+        frame = to_lvlh(chief, orbit.acceleration(chief[None], mean)[0])
+        start = np.concatenate([chief, chief + np.linalg.solve(frame, scenario.initial[craft])])
+        forces, step = (True, air), scenario.problem.time_step
+        end = flown_by_brahe(start, plan.controls[craft], forces, (mean, held[craft]), step)
+        relative = brahe.state_eci_to_rtn(end[:6], end[6:])
+        assert np.abs(relative[:3] - scenario.goal[craft, :3]).max() < 1e-5
+
+
+@pytest.mark.parametrize("planner", ["expert", "expert at nodes", "goal assignment"])
+def test_where_the_flight_comes_too_close_it_is_planned_anew_with_more_separation(planner):
+    """Craft tens of kilometres away, so that the flight uses the margin of 5 cm up."""
+    scenario = swarm("dense", 0.8, 100.0)
+    if planner == "goal assignment":
+        scenario = replace(scenario, initial=scenario.initial[:8], goal=scenario.goal[:8])
+    chosen = PLANNERS[planner]
+    (linear,) = chosen.plan([scenario])
+    started = perf_counter()
+    (plan,) = AsFlown(chosen).plan([scenario])
+    took = perf_counter() - started
+    assert (linear.status, plan.status) == (SOLVED, SOLVED)
+    assert 0.5 * took < plan.timing["plan"] + plan.timing["certificate"] < took
+    if planner != "goal assignment":
+        assert plan.convex_solves > linear.convex_solves, "it was planned again"
+    assert plan.certificate.fuel == pytest.approx(linear.certificate.fuel, rel=1e-3)
+    i, j = pairs(plan.scenario.n)
+    flown = again(plan)
+    looked = slice(PARTS, None, PARTS) if planner.endswith("nodes") else slice(None, None, 10)
+    apart = np.linalg.norm((flown[i] - flown[j])[:, :, looked, :3], axis=-1)
+    assert apart.min() > scenario.problem.collision_radius
+    assert apart.min() < 1.05 * scenario.problem.collision_radius
+    assert np.abs(flown[:, -1, -1] - plan.scenario.goal)[:, :3].max() < 1e-5
+
+
+@pytest.mark.parametrize("limit", [None, 1.2e-3], ids=["no limit", "limit"])
+@pytest.mark.parametrize("planner", ["expert", "refiner", "goal assignment"])
+def test_much_differential_drag_is_planned_for(planner, limit):
+    """Solar sails, which it moves by tens of metres, of which linear motion knows nothing."""
+    scenario = limited(swarm("rings", 0.01, ballistic=3.0, spread=0.9), limit)
+    (linear,) = PLANNERS[planner].plan([scenario])
+    (plan,) = AsFlown(PLANNERS[planner]).plan([scenario])
+    assert (linear.status, plan.status) == (SOLVED, SOLVED)
+    found = plan.certificate
+    unaware = again(replace(linear, scenario=plan.scenario))[:, -1, -1]
+    assert np.abs(unaware - linear.scenario.goal)[:, :3].max() > 20.0
+    assert -1e-9 <= found.optimality_gap < linear.certificate.optimality_gap + 0.01
+    assert limit is None or np.abs(plan.controls).max() <= limit
+    flown = again(plan)
+    assert np.abs(flown[:, -1, -1] - plan.scenario.goal)[:, :3].max() < 1e-5
+    assert np.abs(flown[:, :, -1] - plan.states[:, 1:])[..., :3].max() < 1e-6
+    i, j = pairs(plan.scenario.n)
+    assert np.linalg.norm((flown[i] - flown[j])[..., :3], axis=-1).min() > 15.0
+    assert sorted(map(tuple, plan.scenario.goal)) == sorted(map(tuple, scenario.goal))
+
+
+def test_goals_too_close_for_what_drag_moves_are_planned_for_as_they_are():
+    """In 50 minutes it moves craft by metres, and their goals are hardly further apart."""
+    drawn = draw("dense", 1, 4, 0, Problem(time_step=300.0))
+    orbit = about(0.01, ballistic=0.03, spread=0.8)
+    (plan,) = AsFlown(Expert()).plan([replace(drawn, problem=drawn.problem.about(orbit))])
+    assert plan.status == SOLVED
+    i, j = pairs(4)
+    flown = again(plan)
+    assert np.linalg.norm((flown[i] - flown[j])[..., :3], axis=-1).min() > 15.0
+    assert np.abs(flown[:, -1, -1] - drawn.goal)[:, :3].max() < 1e-5
+
+
+def test_where_more_separation_is_impossible_the_plan_says_which_pair_is_too_close():
+    """At the start a pair is hardly further apart than it may be."""
+    scenario = swarm("dense", 0.8, 100.0)
+    i, j = pairs(10)
+    first = np.linalg.norm((scenario.initial[i] - scenario.initial[j])[:, :3], axis=1).min()
+    problem = replace(scenario.problem, collision_radius=float(first) - 0.01)
+    (plan,) = AsFlown(Expert()).plan([replace(scenario, problem=problem)])
+    assert plan.status == UNSAFE
+    assert plan.message.startswith("craft ")
+    assert f"collision_radius is {problem.collision_radius:g} m" in plan.message
+    apart = np.linalg.norm((again(plan)[i] - again(plan)[j])[..., :3], axis=-1).min()
+    assert apart == pytest.approx(plan.certificate.min_separation, abs=1.0)
+    assert apart < problem.collision_radius
+
+
+def test_what_is_infeasible_about_the_orbit_is_unsolved_in_the_flight():
+    (plan,) = AsFlown(Expert()).plan([limited(swarm("rings", 0.01), 1e-6)])
+    (linear,) = Expert().plan([limited(swarm("rings", 0.01), 1e-6)])
+    assert (linear.status, plan.status) == (INFEASIBLE, UNSOLVED)
+    assert "about this orbit the plan is infeasible: craft 0 cannot reach its goal" in plan.message
+
+
+def test_scenarios_without_an_orbit_are_planned_about_the_one_that_is_given():
+    bare = replace(swarm("rings", 0.01), problem=Problem())
+    given = AsFlown(Expert(), about(0.01)).plan([bare, bare])
+    (own,) = AsFlown(Expert()).plan([swarm("rings", 0.01)])
+    for plan in given:
+        assert plan.scenario.problem == own.scenario.problem
+        assert np.array_equal(plan.controls, own.controls)
+    with pytest.raises(InputError, match=r"no reference orbit; expected one to plan as flown"):
+        AsFlown(Expert()).plan([bare])
+    assert AsFlown(Expert()).plan([]) == []
+
+
+def test_what_is_proven_in_linear_motion_alone_is_refused():
+    asked = Requirements(risk=RiskLimit(0.01, 0.2, 0.01))
+    with pytest.raises(InputError, match=r"a risk is asked for of a plan as flown.*leave --world"):
+        AsFlown(Expert(requirements=asked))
+
+
+@pytest.mark.parametrize("e", [0.01, 0.5])
+def test_craft_that_lose_their_thrust_come_as_close_as_the_certificate_says(e):
+    """Every craft flown on from every node without thrust, beside the others; seen every 5 s."""
+    scenario, orbits, parts = swarm("rings", e, n=4), 0.25, 24
+    plan = AsFlown(Expert(requirements=Requirements(passive_safety=orbits))).plan([scenario])[0]
+    problem, n, T = scenario.problem, scenario.n, scenario.problem.nodes
+    after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / problem.time_step))
+    whole = np.concatenate([plan.controls, np.zeros((n, after, 3))], axis=1)
+    lost = np.repeat(whole[:, None], T, axis=1)
+    for node in range(T):
+        lost[:, node, node:] = 0.0
+    every = np.concatenate([whole, lost.reshape(n * T, -1, 3)])
+    states = np.concatenate([scenario.initial, np.repeat(scenario.initial, T, axis=0)])
+    begin, grid = problem.orbit.states(np.zeros(1))[0], (problem.time_step, parts)
+    flown = flight(begin, states, every, grid, partial(pull, j2=True))[..., :3]
+    beside, adrift = flown[:n], flown[n:].reshape(n, T, *flown.shape[1:])
+    found = plan.certificate.passive_safety
+    least = {}
+    for i in range(n):
+        for node in range(T):
+            window = slice(node, node + after)
+            apart = np.linalg.norm(adrift[i, node, window] - beside[:, window], axis=-1)
+            apart[i] = np.inf
+            j = apart.min(axis=(1, 2)).argmin()
+            least[i, int(j), node] = apart[j].min()
+    closest = min(least, key=least.get)
+    assert plan.status == SOLVED and found.orbits == orbits
+    assert found.min_separation_bound - 1e-6 <= least[closest] <= found.min_separation + 0.02
+    assert (*found.pair, found.node) == closest or least[(*found.pair, found.node)] == (
+        pytest.approx(least[closest], abs=0.02)
+    )
