@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import brahe
 import numpy as np
 import pytest
+from by_brahe import flown_by_brahe
 
 import prolearn
 from pipeline.errors import InputError
@@ -151,6 +152,25 @@ def test_tables_in_every_form_give_the_relative_states_of_brahe(tmp_path):
         assert made.reference is None
     timed = scenario_from_inertial(forms[0], goal, problem, chief=chief, epoch=EPOCH, j2=False)
     assert timed.reference.epoch == EPOCH
+
+
+def test_with_j2_goals_are_relative_to_where_brahe_flies_the_reference(tmp_path):
+    both = np.concatenate([by_brahe(*CHIEF), by_brahe(*CRAFT[1])])
+    flown = {
+        time: flown_by_brahe(both, np.zeros((1, 3)), (True, None), (0.0, 0.0), time)
+        for time in (599.0, 600.0, 601.0)
+    }
+    seen = {
+        time: brahe.rotation_rtn_to_eci(two[:6]).T @ (two[6:9] - two[:3])
+        for time, two in flown.items()
+    }
+    chief = write_csv(tmp_path / "chief.csv", ELEMENTS, [CHIEF])
+    initial = write_csv(tmp_path / "a.csv", METRES, [both[6:].tolist()])
+    goal = write_csv(tmp_path / "b.csv", METRES, [flown[600.0][6:].tolist()])
+    made = scenario_from_inertial(initial, goal, Problem(time_step=60.0, nodes=11), chief=chief)
+    assert made.goal[0, :3] == pytest.approx(seen[600.0], abs=1e-4)
+    moving = (seen[601.0] - seen[599.0]) / 2  # as the turning frame sees it
+    assert made.goal[0, 3:] == pytest.approx(moving, abs=1e-5)
 
 
 def test_craft_that_do_not_drift_are_on_passive_ends(tmp_path):
