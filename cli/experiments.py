@@ -82,7 +82,9 @@ def flights(
 
     Plans of expert, networks and baselines are flown in the linear model and about an oblate
     Earth, without and with errors of thrust and navigation: as they are, made anew at every node,
-    and with margin. The expert makes a network's plans safe where they are not.
+    and with margin. The expert makes a network's plans safe where they are not. Beside these,
+    plans made as flown, also about eccentric orbits and, where the data have them, for n = 30, are
+    flown without errors.
 
     Examples:
 

@@ -24,7 +24,7 @@ from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError
 from pipeline.experiments.flights import run_flights
-from pipeline.experiments.paper import NETWORK_SIZE
+from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import (
     EvaluatedPlanner,
@@ -53,6 +53,8 @@ WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}
 """Swarm sizes of experiment 3 where none are given, by optimizer."""
 
 FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
+
+MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
 
 SHORTEST = 4
 """Nodes of the shortest transfer that is planned anew: with fewer, the goal leaves no choice."""
@@ -208,10 +210,17 @@ def transfer_times(
 def flights(
     settings: Flights, *, jobs: int = -1, resume: bool = False, progress: Progress = SILENT
 ) -> Done:
-    """Experiment 5: plans are flown, those of networks made safe first where they are not."""
+    """Experiment 5: plans are flown, those of networks made safe first where they are not.
+
+    Swarms of the paper's largest size fly beside those that were asked for, where the dataset has
+    any.
+    """
     workers = Workers(jobs)
     ground = held_out(settings, [settings.n], refiners_on)
-    scenarios = ground.scenarios[settings.n]
+    scenarios, larger = ground.scenarios[settings.n], []
+    if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
+        larger = scenarios_of(solved_rows(settings.data, LARGEST_SIZE, "test", COLUMNS))
+        larger = larger[: min(MOST_LARGER, settings.trials or MOST_LARGER)]
     baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
     shortest = replace(scenarios[0].problem, nodes=SHORTEST)
     for network in ground.networks:
@@ -226,10 +235,12 @@ def flights(
             [EvaluatedPlanner(Expert()), *baselines, *safe],
             scenarios,
             flights=settings.flights,
+            larger=larger,
             seed=settings.seed,
             workers=workers,
             progress=progress,
         )
 
     params = {"networks": listed(network.label for network in ground.networks)}
+    params["larger"] = f"{len(larger)} of n={LARGEST_SIZE}" if larger else ""
     return ground.run(FLIGHTS, params, run, resume=resume, progress=progress)

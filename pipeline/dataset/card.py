@@ -185,6 +185,8 @@ def preset_of(manifest: Manifest) -> str | None:
 
 def commands(manifest: Manifest, folder: str) -> Iterator[str]:
     """The command lines that make the same rows, but for settings that no option sets."""
+    if manifest.problem.orbit is not None:
+        yield "# about the reference orbit in _manifest.json, which no option of sample has yet"
     preset = preset_of(manifest)
     if preset:
         yield f"prolearn dataset --preset {preset} --out {folder}"

@@ -102,7 +102,7 @@ class Manifest:
     __pydantic_config__ = ConfigDict(extra="forbid")
 
     # As written: an integer stays one, since the metadata of shards repeats it to the letter.
-    problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem(**fields))]
+    problem: Annotated[Problem, WrapValidator(lambda fields, of: of(fields) and Problem.of(fields))]
     samples: Mapping[PositiveInt, Sample]  # how each swarm size is drawn
     # Record of how plans are made, or nothing before the first solve.
     solve: Annotated[Mapping[str, Any], AfterValidator(_checked_record)]

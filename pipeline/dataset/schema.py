@@ -94,7 +94,7 @@ def problem_of(table: pa.Table) -> Problem:
     about = {"orbit": None, **read_metadata(table)}  # where it is the default it is not written
     try:
         fields = {name: about[name] for name in Problem.__dataclass_fields__}
-        return TypeAdapter(Problem).validate_python(fields) and Problem(**fields)
+        return TypeAdapter(Problem).validate_python(fields) and Problem.of(fields)
     except (KeyError, ValidationError) as error:
         raise InputError("its metadata describe no problem") from error
 

@@ -1,6 +1,7 @@
 """Experiment 5: close approaches, errors at the goal and Δv of plans that are flown."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -10,35 +11,50 @@ from matplotlib.ticker import PercentFormatter
 
 from pipeline.experiments import averages, records
 from pipeline.experiments.averages import average
-from pipeline.experiments.records import LOOPS, NO_ERRORS, OPEN, TYPICAL, WITH_ERRORS, WORLDS
+from pipeline.experiments.records import (
+    AS_FLOWN,
+    LINEAR,
+    LOOPS,
+    NO_ERRORS,
+    OPEN,
+    ORBITS,
+    PLANNED,
+    TYPICAL,
+    WITH_ERRORS,
+    WORLDS,
+)
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
-from pipeline.figures.labels import called, error, number, ratio, share
+from pipeline.figures.labels import called, count, error, number, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.flight.trials import SIZE
 
 CONDITION = ["world", "errors", "loop"]  # columns that say how a plan was flown
+SWARM = ["planner", "recipe", "n"]  # columns that say whose plan it is
 
+MET = 1e-5  # largest distance from a goal that counts as none, m
 
 LOW, HIGH = "within_radius_low", "within_radius_high"
 WITHIN_RADIUS = average("Within r_col", "within_radius_share", share, "within_radius", wilson=True)
 WITHIN_SIZE = average("Within size", "within_size_share", share, "within_size", wilson=True)
 GOAL = average("Off goal, median (m)", "goal_error_median", error, "goal_error", "median")
 GOAL_HIGH = average("95 % (m)", "goal_error_high", error, "goal_error", lambda v: v.quantile(0.95))
+GOAL_MOST = average("Largest (m)", "goal_error_most", error, "goal_error", "max", "max")
 VELOCITY = average(
     "Velocity off, median (m/s)", "goal_velocity_median", number, "goal_velocity_error", "median"
 )
 DELTA_V = average("Δv / bound, av.", "delta_v_ratio", ratio, "delta_v_ratio")
 MOST_DELTA_V = average("Δv / bound, max.", "delta_v_most", ratio, "delta_v_ratio", "max", "max")
+OVER_LINEAR = average("Δv / linear plan's, av.", "over_linear_mean", ratio, "over_linear")
 NO_PLAN = average("No safe plan", "no_plan_share", share, "no_plan")
 MARGIN = average("Margin, av. (m)", "margin_mean", number, "margin")
 
 SHARES = (WITHIN_RADIUS, WITHIN_SIZE)
 AVERAGES = (
-    *(*SHARES, averages.SEPARATION, GOAL, GOAL_HIGH, VELOCITY),
-    *(DELTA_V, MOST_DELTA_V, NO_PLAN, MARGIN),
+    *(*SHARES, averages.SEPARATION, GOAL, GOAL_HIGH, GOAL_MOST, VELOCITY),
+    *(DELTA_V, MOST_DELTA_V, OVER_LINEAR, NO_PLAN, MARGIN),
 )
 
 CONDITIONS = [Column(name.capitalize(), name) for name in CONDITION]
@@ -49,17 +65,26 @@ COLUMNS = [
 ]
 """Columns of what else became of the flights about the usual low orbit."""
 
+PLANNED_COLUMNS = [
+    *(Column("n", "n", count), Column("Orbit", "world"), Column("Planned", "planned")),
+    *(Column("Planner", "name"), Column("Recipe", "recipe"), WITHIN_RADIUS),
+    *(averages.SEPARATION, GOAL, GOAL_MOST, OVER_LINEAR),
+]
+"""Columns of flights without errors, of plans for the linear model and as flown."""
+
 
 def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     """The verdict on all planners, the figure and both tables."""
     template = "pipeline/experiments/experiment5.md.jinja"
     if flights.empty:
         return Section(template, {"flown": None})
-    summary = summarize_flights(flights)
+    every = summarize_flights(flights)
+    summary, planned = in_loops(every), in_both_models(every)
     coordinated = summary[~summary["planner"].isin(list(labels.BASELINES))]
     values = {
-        "flown": {"n": int(flights["n"].iloc[0]), "each": int(flights["flight"].max()) + 1},
+        "flown": {"n": int(summary["n"].iloc[0]), "each": int(flights["flight"].max()) + 1},
         "trials": int(summary["trials"].max()),
+        "planned": None if planned.empty else planned_values(flights, planned, look),
         "most": share(1 - SAFE),
         "typical": TYPICAL,
         "size": SIZE,
@@ -69,6 +94,35 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         "conditions": conditions_table(summary),
     }
     return Section(template, values)
+
+
+def planned_values(
+    flights: pd.DataFrame, summary: pd.DataFrame, look: Mapping[str, Style]
+) -> dict[str, Any]:
+    """What the section says of plans as flown, beside those for the linear model."""
+    sizes = summary.groupby("n")["trials"].max()
+    *shapes, last = (f"{ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
+    return {
+        "claim": _claim(flights),
+        "trials": " and ".join(f"{trials:,} of n = {n}" for n, trials in sizes.items()),
+        "orbits": " and ".join(filter(None, (", ".join(shapes), last))),
+        "picture": Picture("experiment5-as-flown", planned_figure(summary, look)),
+        "table": Table("experiment5-as-flown", averages.named(summary), PLANNED_COLUMNS),
+    }
+
+
+def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
+    """Plans for the linear model, in the worlds in which they are also flown with errors."""
+    ways = (summary["planned"] == LINEAR) & summary["world"].isin(WORLDS)
+    return summary[ways & (summary["n"] == summary["n"].min())]
+
+
+def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
+    """Flights without errors in open loop of those whose plans were also made as flown."""
+    key = [*SWARM, "world"]
+    rows = rows[(rows["errors"] == NO_ERRORS) & (rows["loop"] == OPEN)]
+    both = rows.loc[rows["planned"] == AS_FLOWN, key].drop_duplicates()
+    return rows.merge(both, on=key)
 
 
 def within_table(summary: pd.DataFrame) -> Table:
@@ -88,19 +142,24 @@ def conditions_table(summary: pd.DataFrame) -> Table:
 def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     """Averages over the flights of each planner and recipe in each condition, in reading order.
 
-    Rows have columns planner, recipe, ``CONDITION``, seeds, trials (scenarios) and those of
+    Rows have columns ``SWARM``, planned, ``CONDITION``, seeds, trials (scenarios) and those of
     ``AVERAGES``. Intervals are ``clustered_interval``'s, since flights of one scenario are alike.
     """
-    group = ["planner", "recipe", *CONDITION]
+    group, plan = [*SWARM, "planned", *CONDITION], [*SWARM, "training_seed", "trial"]
     bound, unsafe = (flights[name].astype(float) for name in ("delta_v_bound", "unsafe_replans"))
     rows = flights.assign(
         recipe=flights["recipe"].fillna(""),
+        delta_v=flights["delta_v"].astype(float),
         within_radius=flights["within_radius"].astype(float),
         within_size=flights["within_size"].astype(float),
         delta_v_ratio=flights["delta_v"].astype(float) / bound.where(bound > averages.NO_FUEL),
         no_plan=(unsafe > 0).astype(float).where(unsafe.notna()),
     )
-    order = dict(zip(CONDITION, (WORLDS, records.ERRORS, LOOPS), strict=True))
+    linear = rows[(rows["planned"] == LINEAR) & (rows["errors"] == NO_ERRORS)]
+    linear = linear[linear["loop"] == OPEN].groupby(plan)[["delta_v"]].first()  # in any world
+    rows["over_linear"] = rows["delta_v"] / rows[plan].join(linear, on=plan)["delta_v"]
+    order = dict(zip(CONDITION, ((LINEAR, *ORBITS), records.ERRORS, LOOPS), strict=True))
+    order["planned"] = PLANNED
     summary = averages.averaged(rows, group, AVERAGES, order)
     for one in SHARES:
         found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).groupby(group)
@@ -113,59 +172,105 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     return summary
 
 
-WIDTH = 0.62  # of the room that the planners of one loop share, where loops are 1 apart
+WIDTH = 0.62  # of the room that planners share at one place, where places are 1 apart
 BOTTOM = 0.003  # least error at the goal that is shown, m; the linear world without errors has none
 
 
 @in_style
 def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     """A column of panels for each world; markers by planner and loop, hollow without errors."""
-    worlds = [world for world in WORLDS if world in set(summary["world"])]
-    figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
-    panels = figure.subplots(3, len(worlds), sharex=True, sharey="row", squeeze=False)
+    exact = summary["errors"] == NO_ERRORS
+    rows = summary.assign(at=summary["loop"].map(LOOPS.index), hollow=exact, ranged=~exact)
+    shown = {
+        f"{world} world" if world == LINEAR else f"nonlinear, {world}": rows[rows["world"] == world]
+        for world in WORLDS
+        if world in set(rows["world"])
+    }
     drawn = {
         WITHIN_RADIUS.title: (WITHIN_RADIUS.source, LOW, HIGH),
         "off goal, median to 95 % (m)": (GOAL.source, GOAL.source, GOAL_HIGH.source),
         DELTA_V.title: (DELTA_V.source,),
     }
+    figure, panels = _markers_figure(shown, drawn, look, ("with errors", "without errors"))
+    fit_scale(panels[1, 0], "y", [v for v in summary[GOAL_HIGH.source] if v > BOTTOM], log=True)
+    panels[1, 0].set_ylim(bottom=BOTTOM)
+    panels[2, 0].set_xticks(range(len(LOOPS)), LOOPS)
+    panels[2, 0].set_xlim(-0.5, len(LOOPS) - 0.5)
+    return figure
+
+
+@in_style
+def planned_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
+    """A column of panels for each n; markers by planner and orbit, hollow for linear plans."""
+    orbits = list(dict.fromkeys(summary["world"]))
+    linear = summary["planned"] == LINEAR
+    rows = summary.assign(at=summary["world"].map(orbits.index), hollow=linear, ranged=True)
+    shown = {f"n = {n}": some for n, some in rows.groupby("n")}
+    drawn = {
+        WITHIN_RADIUS.title: (WITHIN_RADIUS.source, LOW, HIGH),
+        "off goal, median to largest (m)": (GOAL.source, GOAL.source, GOAL_MOST.source),
+        OVER_LINEAR.title: (OVER_LINEAR.source,),
+    }
+    faces = ("planned as flown", "planned in the linear model")
+    figure, panels = _markers_figure(shown, drawn, look, faces)
+    fit_scale(panels[1, 0], "y", [*summary[GOAL.source], *summary[GOAL_MOST.source]], log=True)
+    low, high = panels[1, 0].get_ylim()
+    panels[1, 0].set_ylim(low / 3, 3 * high)
+    panels[2, 0].set_xticks(range(len(orbits)), orbits)
+    panels[2, 0].set_xlim(-0.5, len(orbits) - 0.5)
+    return figure
+
+
+def _markers_figure(
+    shown: Mapping[str, pd.DataFrame],
+    drawn: Mapping[str, tuple[str, ...]],
+    look: Mapping[str, Style],
+    faces: tuple[str, str],
+) -> tuple[Figure, Any]:
+    """Panels with a marker for each row of a summary, whose first line of panels has shares.
+
+    A column of them for the rows of each title, which say where ``at`` a marker stands, whether
+    it is ``hollow``, and whether it is ``ranged``; a line for each label, with sources as of
+    ``_markers``. Faces are what full and hollow markers mean.
+    """
+    figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
+    panels = figure.subplots(len(drawn), len(shown), sharex=True, sharey="row", squeeze=False)
     for line, (label, sources) in zip(panels, drawn.items(), strict=True):
         line[0].set_ylabel(label)
-        for ax, world in zip(line, worlds, strict=True):
-            _markers(ax, summary[summary["world"] == world], look, *sources)
+        for ax, rows in zip(line, shown.values(), strict=True):
+            _markers(ax, rows, look, *sources)
             ax.grid(visible=False, axis="x")
-    for ax, world in zip(panels[0], worlds, strict=True):
-        ax.set_title(f"{world} world" if world == WORLDS[0] else f"nonlinear, {world}")
-    near, goal, dear = panels[:, 0]
-    near.set_ylim(-0.03, max(0.1, 1.1 * float(summary[HIGH].max())))
-    near.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    fit_scale(goal, "y", [v for v in summary[GOAL_HIGH.source] if v > BOTTOM], log=True)
-    goal.set_ylim(bottom=BOTTOM)
-    dear.set_xticks(range(len(LOOPS)), LOOPS)
-    dear.set_xlim(-0.5, len(LOOPS) - 0.5)
-    handles = averages.planner_handles(summary["planner"], look)
+    for ax, title in zip(panels[0], shown, strict=True):
+        ax.set_title(title)
+    every = pd.concat(shown.values())
+    panels[0, 0].set_ylim(-0.03, max(0.1, 1.1 * float(every[HIGH].max())))
+    panels[0, 0].yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    handles = averages.planner_handles(every["planner"], look)
     for handle in handles:
         handle.set_linestyle("none")
     handles += [
         Line2D([], [], linestyle="none", marker="o", color=GREY, markerfacecolor=face, label=label)
-        for label, face in {"with errors": GREY, "without errors": "white"}.items()
+        for label, face in zip(faces, (GREY, "white"), strict=True)
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=5)
-    return figure
+    return figure, panels
 
 
 def _markers(
     ax: Axes, rows: pd.DataFrame, look: Mapping[str, Style], source: str, *ends: str
 ) -> None:
-    """A marker for each row at its loop, planners side by side; with errors also its interval."""
+    """A marker for each row, planners side by side; the range between two ends where asked for."""
     shown = list(dict.fromkeys(zip(rows["planner"], rows["recipe"], strict=True)))
     step = WIDTH / max(1, len(shown))
     for row in rows.to_dict("records"):
-        planner, hollow = str(row["planner"]), row["errors"] == NO_ERRORS
+        planner, hollow = str(row["planner"]), bool(row["hollow"])
         place = shown.index((planner, str(row["recipe"]))) - (len(shown) - 1) / 2
-        at = LOOPS.index(str(row["loop"])) + step * place
+        at = float(row["at"]) + step * place
         style = look[planner]
-        if ends and not hollow:
-            ax.vlines(at, *(row[end] for end in ends), color=style.colour, linewidth=0.9)
+        alpha = 0.6 if hollow else 1.0  # some markers have no face
+        if ends and row["ranged"]:
+            low, high = (row[end] for end in ends)
+            ax.vlines(at, low, high, color=style.colour, linewidth=0.9, alpha=alpha)
         ax.plot(
             at,
             float(row[source]),
@@ -174,7 +279,7 @@ def _markers(
             color=style.colour,
             markerfacecolor="white" if hollow else style.colour,
             markersize=4.2,
-            alpha=0.6 if hollow else 1.0,  # some markers have no face
+            alpha=alpha,
             zorder=3,
         )
 
@@ -198,7 +303,7 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
     """
     if flights.empty:
         return []
-    summary = summarize_flights(flights)
+    summary = in_loops(summarize_flights(flights))
     typical = summary[summary["world"] == TYPICAL]
     rough = typical[typical["errors"] == WITH_ERRORS]
     undisturbed = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
@@ -216,7 +321,51 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
         shares = f"{_shares(rows)}; without errors {_shares(undisturbed[same])}"
         numbers = f"{called(str(planner), str(recipe))}, within r_col: {shares}"
         found.append(Finding(question, decide(HOLDS, *holds), numbers, beside))
+    return [*found, *_as_flown_findings(flights)]
+
+
+HOLD_AS_FLOWN: Rules = (
+    ((True, True), "Yes, without errors"),
+    ((True, False), "Apart, but not at their goals"),
+    ((False, True), "At their goals, but not apart"),
+    ((False, False), "No"),
+)
+"""By whether no pair of any plan comes within r_col, and whether all goals are met."""
+
+
+def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
+    """Whether plans that were made as flown hold without errors, for each planner that makes any.
+
+    They do where no pair comes within the collision radius and no craft ends ``MET`` from its goal,
+    in any flight.
+    """
+    rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
+    found = []
+    for (planner, recipe), every in rows.groupby(["planner", "recipe"], sort=False):
+        flown = every[every["planned"] == AS_FLOWN]
+        apart, met = not flown["within_radius"].any(), flown["goal_error"].max() <= MET
+        who = labels.in_sentence(str(planner))
+        question = f"Do {who}'s plans hold outside the linear model if planned as flown?"
+        text = f"{called(str(planner), str(recipe))}: {_claim(every)}"
+        found.append(Finding(question, decide(HOLD_AS_FLOWN, bool(apart), bool(met)), text))
     return found
+
+
+def _claim(flights: pd.DataFrame) -> str:
+    """What planning as flown changes, in numbers."""
+    rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
+    said = {
+        planned: (int(some["within_radius"].sum()), len(some), some["goal_error"].max())
+        for planned, some in rows.groupby("planned")
+    }
+    (unsafe, of, miss), (unsafe_linear, of_linear, miss_linear) = said[AS_FLOWN], said[LINEAR]
+    close = f"{unsafe:,} of {of:,} plans have" if unsafe else f"none of {of:,} plans has"
+    goals = f"goals are missed by at most {number(miss)} m"
+    return (
+        f"planned as flown, {close} a pair within r_col, and {goals}; planned in the linear "
+        f"model, {share(unsafe_linear / of_linear)} have one, and goals are missed by up to "
+        f"{number(miss_linear)} m"
+    )
 
 
 def _shares(rows: pd.DataFrame) -> str:

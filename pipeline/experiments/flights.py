@@ -1,6 +1,6 @@
 """Runs of experiment 5: plans flown in other worlds, with errors, in open and closed loop."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice, product
@@ -10,15 +10,18 @@ import pandas as pd
 
 from pipeline.errors import check_range
 from pipeline.experiments import records
-from pipeline.experiments.records import LINEAR, MARGIN, NO_ERRORS
+from pipeline.experiments.records import AS_FLOWN, ECCENTRICITIES, LINEAR, MARGIN, NO_ERRORS, ORBITS
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.errors import COLD_GAS, Errors, check_seed
-from pipeline.flight.loops import flight_loops
+from pipeline.flight.loops import OPEN, Loop, flight_loops
 from pipeline.flight.trials import SIZE
-from pipeline.flight.world import LinearWorld, World
+from pipeline.flight.world import LinearWorld, NonlinearWorld, World
+from pipeline.orbit.reference import radius_at
 from pipeline.parallel.workers import Workers
+from pipeline.plan import Plan
+from pipeline.planners.as_flown import AsFlown
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
@@ -29,7 +32,10 @@ MOST_FLIGHTS = 10_000  # of one scenario, side by side
 
 @dataclass(frozen=True, eq=False)
 class ScenarioFlights:
-    """All flights of one scenario: its number, who plans, draws of errors and their root seed."""
+    """All flights of one scenario: its number, who plans, draws of errors and their root seed.
+
+    With no draws at all, flights are those without errors in open loop.
+    """
 
     trial: int
     scenario: Scenario
@@ -43,6 +49,7 @@ def run_flights(
     scenarios: Sequence[Scenario],
     *,
     flights: int,
+    larger: Sequence[Scenario] = (),
     seed: int = 0,
     workers: Workers | None = None,
     progress: Progress = SILENT,
@@ -50,9 +57,12 @@ def run_flights(
     """Plans of all planners flown in all worlds, with and without errors, in all loops.
 
     A planner plans anew for itself. Baselines know no separation, so none has a loop with margin.
+    Plans of others that are made as flown about each of ORBITS are flown there without errors in
+    open loop, beside those for the linear model.
 
     Scenarios are of one problem and one n. So many flights are draws of errors for each of them;
-    without errors one says all. The seed is the root of errors, and of where on their orbits
+    without errors one says all. Larger scenarios, of another n, have the flights without errors in
+    open loop, and no baselines. The seed is the root of errors, and of where on their orbits
     references begin. A row a flight, columns of Flight; the same for any number of workers, by
     default all cores of this machine. Progress is told of each scenario. InputError for no flights,
     or a seed that is none.
@@ -60,49 +70,64 @@ def run_flights(
     check_range("flights", flights, 1, MOST_FLIGHTS)
     check_seed(seed)
     asked = [ScenarioFlights(k, one, planners, flights, seed) for k, one in enumerate(scenarios)]
+    coordinated = [one for one in planners if one.planner.name not in BASELINES]
+    asked += [ScenarioFlights(k, one, coordinated, 0, seed) for k, one in enumerate(larger)]
     progress.expect(len(asked))
-    tables: dict[int, pd.DataFrame] = {}
+    tables: dict[tuple[int, int], pd.DataFrame] = {}
     with closing((workers or Workers()).work(_flown, asked, lambda _: b"", progress)) as results:
         for one, rows in results:
-            tables[one.trial] = rows
+            tables[one.scenario.n, one.trial] = rows
             progress.done()
-    return pd.concat([tables[k] for k in sorted(tables)], ignore_index=True)
+    return pd.concat([tables[key] for key in sorted(tables)], ignore_index=True)
 
 
-def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, World]:
-    """The worlds of a scenario, by name.
+def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearWorld]:
+    """The nonlinear worlds of a scenario, by name.
 
     Where the reference's perigee is, and where it is itself at the first node, is drawn uniformly
-    for each scenario, the same for all eccentricities; else conditions are the usual ones.
+    for each scenario, the same for all eccentricities; else conditions are the usual ones. Orbits
+    near a circle have the scenario's mean motion; others have their perigee at its altitude, since
+    with that mean motion they would meet the Earth.
     """
     perigee, latitude = np.random.default_rng([seed, trial]).uniform(0.0, 360.0, 2).tolist()
     usual = Conditions(argument_of_perigee_deg=perigee, argument_of_latitude_deg=latitude)
-    nonlinear = {
-        name: replace(usual, eccentricity=e).world(scenario.problem, scenario.n)
-        for name, e in records.ECCENTRICITIES.items()
-    }
-    return {LINEAR: LinearWorld(scenario.problem.dynamics), **nonlinear}
+    problem, found = scenario.problem, {}
+    orbit, radius = usual.orbit(problem), radius_at(problem.mean_motion)
+    for name, e in ORBITS.items():
+        size = radius if name in ECCENTRICITIES else radius / (1 - e)
+        about = problem.about(replace(orbit, semi_major_axis=size, eccentricity=e))
+        found[name] = NonlinearWorld.of(about, scenario.n)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A plan of some planner, the model it was made for, and how it is flown."""
+
+    plan: Plan
+    planned: str
+    world: str
+    errors: str
+    loop: Loop
 
 
 def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
     """The rows of a scenario; the flights of a loop in a world side by side."""
     scenario, problem, first = asked.scenario, asked.scenario.problem, asked.trial * asked.flights
-    worlds = worlds_of(scenario, asked.seed, asked.trial)
+    nonlinear = worlds_of(scenario, asked.seed, asked.trial)
+    worlds: dict[str, World] = {LINEAR: LinearWorld(problem.dynamics), **nonlinear}
     tables = []
     for one in asked.planners:
-        (plan,) = one.planner.plan([scenario])
-        every = flight_loops(scenario, plan.controls, COLD_GAS, one.planner)
-        loops = list(islice(every, 2) if one.planner.name in BASELINES else every)
-        for world, errors, loop in product(records.WORLDS, MAGNITUDES, loops):
-            if errors == NO_ERRORS and loop.name == MARGIN:
-                continue
-            count = 1 if errors == NO_ERRORS else asked.flights
+        for way in _ways(asked, one, nonlinear):
+            loop, count = way.loop, 1 if way.errors == NO_ERRORS else asked.flights
             draws = range(first, first + count)
-            flown = loop.fly(scenario, worlds[world], MAGNITUDES[errors], draws, asked.seed)
+            errors = MAGNITUDES[way.errors]
+            flown = loop.fly(scenario, worlds[way.world], errors, draws, asked.seed)
             unsafe = flown["unsafe_replans"].astype(float)
             rows = pd.DataFrame({name: flown[name] for name in MEASURED}).assign(
-                world=world,
-                errors=errors,
+                planned=way.planned,
+                world=way.world,
+                errors=way.errors,
                 loop=loop.name,
                 margin=loop.margin,
                 flight=range(count),
@@ -112,8 +137,27 @@ def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
                 planner=one.planner.name,
                 recipe=one.recipe,
                 training_seed=one.training_seed,
-                delta_v_bound=plan.certificate.fuel_lower_bound * problem.time_step,
+                delta_v_bound=way.plan.certificate.fuel_lower_bound * problem.time_step,
             )
             tables.append(rows)
     columns = list(records.TABLES["flights"])
     return pd.concat(tables).assign(n=scenario.n, trial=asked.trial)[columns]
+
+
+def _ways(
+    asked: ScenarioFlights, one: EvaluatedPlanner, worlds: Mapping[str, NonlinearWorld]
+) -> Iterator[_Way]:
+    """All ways to fly one planner's plans of a scenario."""
+    scenario, baseline = asked.scenario, one.planner.name in BASELINES
+    (plan,) = one.planner.plan([scenario])
+    if asked.flights:
+        every = flight_loops(scenario, plan.controls, COLD_GAS, one.planner)
+        loops = list(islice(every, 2) if baseline else every)
+        for world, errors, loop in product(records.WORLDS, MAGNITUDES, loops):
+            if errors != NO_ERRORS or loop.name != MARGIN:
+                yield _Way(plan, LINEAR, world, errors, loop)
+    for orbit, there in {} if baseline else worlds.items():
+        if not asked.flights or orbit not in ECCENTRICITIES:
+            yield _Way(plan, LINEAR, orbit, NO_ERRORS, Loop(OPEN, plan.controls))
+        (flown,) = AsFlown(one.planner, there.orbit).plan([scenario])
+        yield _Way(flown, AS_FLOWN, orbit, NO_ERRORS, Loop(OPEN, flown.controls))

@@ -60,7 +60,10 @@ VARIED = NODES, TIME_STEP = "nodes", "time_step"  # in experiment 4: T or Δt of
 LINEAR, TYPICAL = "linear", "e = 0.001"
 # Of the reference orbits of the nonlinear worlds: a usual low orbit's, and ten times that
 ECCENTRICITIES = {TYPICAL: 0.001, "e = 0.01": 0.01}
-WORLDS = (LINEAR, *ECCENTRICITIES)  # in which plans are flown
+WORLDS = (LINEAR, *ECCENTRICITIES)  # in which plans are flown with errors and replanned
+# Of those about which plans are made as flown, too: also of orbits that no circle stands for
+ORBITS = {**ECCENTRICITIES, "e = 0.1": 0.1, "e = 0.5": 0.5}
+PLANNED = LINEAR, AS_FLOWN = LINEAR, "as flown"  # the models that plans are made for
 ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"  # with which they are flown
 # As planned; planned anew at every node; anew, with more separation asked for than r_col
 LOOPS = OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
@@ -76,7 +79,8 @@ class Flight:
     n: int  # spacecraft
     trial: int  # number of the scenario
     flight: int  # draw of errors, the same for all planners, worlds and loops
-    world: str  # of WORLDS
+    planned: str  # of PLANNED
+    world: str  # LINEAR, or of ORBITS
     errors: str  # of ERRORS
     loop: str  # of LOOPS
     min_separation: float  # of any pair at any time, m

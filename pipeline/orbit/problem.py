@@ -1,5 +1,6 @@
 """The transfer problem: orbit, time grid and limits that all scenarios of a dataset share."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -91,6 +92,12 @@ class Problem:
         if self.orbit is None:
             return self
         return replace(self, orbit=self.orbit.later(node * self.time_step))
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> "Problem":
+        """The problem of such fields, as ``document`` gives them."""
+        orbit = document.get("orbit")
+        return cls(**{**document, "orbit": None if orbit is None else ReferenceOrbit(**orbit)})
 
     def document(self) -> dict[str, Any]:
         """The fields for files, without a reference orbit where it is the default."""

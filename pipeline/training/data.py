@@ -198,6 +198,11 @@ def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
         for examples in source.parts():
             _check_finite(examples, name, first)
             first += len(examples)
+    if train.problem.orbit is not None:
+        raise InputError(
+            "the training examples are about a reference orbit with eccentricity or perturbations; "
+            "expected a circle: the refiner plans about any orbit without being trained there."
+        )
     if (valid.n, valid.problem) != (train.n, train.problem):
         raise InputError(
             f"validation examples have n = {valid.n} and {valid.problem}; expected those of the "

@@ -154,7 +154,7 @@ def test_other_experiments_tell_their_averages(given, folder, command, by):
 
 def test_flights_tell_theirs(given, folder):
     told = strict(given("flights"))
-    by = ["planner", "world", "errors", "loop"]
+    by = ["planner", "n", "planned", "world", "errors", "loop"]
     means = trials_of(folder, told).groupby(by)["goal_error"].median()
     found = {tuple(row[name] for name in by): row["goal_error_median"] for row in told["averages"]}
     assert found == {key: pytest.approx(value) for key, value in means.items()}

@@ -4,15 +4,19 @@ import numpy as np
 import pandas as pd
 import pytest
 from judged import judged
+from relative import axes, pull, to_lvlh
+from scipy.integrate import solve_ivp
 
 from pipeline.errors import InputError
 from pipeline.experiments.flights import run_flights, worlds_of
 from pipeline.experiments.records import (
+    AS_FLOWN,
     LINEAR,
     LOOPS,
     MARGIN,
     NO_ERRORS,
     OPEN,
+    ORBITS,
     REPLANNED,
     TYPICAL,
     WITH_ERRORS,
@@ -22,6 +26,7 @@ from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, radius_at
 from pipeline.parallel.workers import Workers
+from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 
@@ -45,14 +50,15 @@ def table():
 
 
 def of(table, **keys):
-    """Rows with some values, in order of scenario and flight."""
-    for name, value in keys.items():
+    """Rows with some values, in order of scenario and flight; of linear plans by default."""
+    for name, value in ({"planned": LINEAR} | keys).items():
         table = table[table[name] == value]
     return table.sort_values(["trial", "flight"])
 
 
 def test_everyone_flies_in_every_world_and_baselines_know_no_margin(table):
-    counts = table.groupby(["planner", "world", "errors", "loop"]).size()
+    here = table[(table.planned == LINEAR) & table.world.isin(WORLDS)]
+    counts = here.groupby(["planner", "world", "errors", "loop"]).size()
     wanted = {
         (name, world, errors, loop): len(SCENARIOS) * (1 if errors == NO_ERRORS else FLIGHTS)
         for name in PLANNERS
@@ -62,6 +68,80 @@ def test_everyone_flies_in_every_world_and_baselines_know_no_margin(table):
         if loop != MARGIN or (errors == WITH_ERRORS and name != "decoupled optimum")
     }
     assert counts.to_dict() == wanted
+
+
+def test_plans_as_flown_and_linear_ones_of_those_who_keep_apart_fly_about_all_orbits(table):
+    both = table[(table.errors == NO_ERRORS) & (table.loop == OPEN) & (table.world != LINEAR)]
+    counts = both[both.planner == "expert"].groupby(["planned", "world"]).size()
+    planned = (LINEAR, AS_FLOWN)
+    assert counts.to_dict() == {(one, world): 1 for one in planned for world in ORBITS}
+    assert set(table.loc[table.planned == AS_FLOWN, "planner"]) == {"expert"}
+    assert set(table.loc[~table.world.isin(WORLDS), "errors"]) == {NO_ERRORS}
+
+
+def integrated(scenario, begin, controls):
+    """Ends, and the least separation every 5 s, of craft and reference by DOP853 one by one."""
+    problem, n = scenario.problem, scenario.n
+
+    def force(states):
+        return pull(states, j2=True)
+
+    def motion(_, flat, held):
+        state = flat.reshape(n + 1, 6)
+        thrust = np.concatenate([np.zeros((1, 3)), held @ axes(state[0]).T])
+        return np.concatenate([state[:, 3:], force(state) + thrust], axis=1).ravel()
+
+    away = np.linalg.solve(to_lvlh(begin, force(begin)), scenario.initial.T).T
+    state, least = np.concatenate([begin[None], begin + away]), np.inf
+    looks = np.linspace(0.0, problem.time_step, int(problem.time_step / 5) + 1)
+    for held in controls.swapaxes(0, 1):
+        solved = solve_ivp(
+            *(motion, (0.0, looks[-1]), state.ravel(), "DOP853", looks),
+            **{"args": (held,), "rtol": 1e-13, "atol": 1e-9},
+        )
+        track = solved.y.T.reshape(len(looks), n + 1, 6)
+        gaps = track[:, 1:, None, :3] - track[:, None, 1:, :3]
+        apart = np.linalg.norm(gaps, axis=-1)[:, ~np.eye(n, dtype=bool)]
+        least, state = min(least, apart.min()), track[-1]
+    return (to_lvlh(state[0], force(state[0])) @ (state[1:] - state[0]).T).T, least
+
+
+@pytest.mark.parametrize("world", ORBITS)
+def test_an_integrator_finds_plans_as_flown_at_their_goals_and_linear_ones_off_them(table, world):
+    (scenario,) = SCENARIOS
+    orbit = worlds_of(scenario, 0, 0)[world].orbit
+    begin = orbit.states(np.zeros(1))[0]
+    for planned, planner in {LINEAR: Expert(), AS_FLOWN: AsFlown(Expert(), orbit)}.items():
+        (plan,) = planner.plan([scenario])
+        end, least = integrated(scenario, begin, plan.controls)
+        off = np.linalg.norm((end - scenario.goal)[:, :3], axis=1).max()
+        keys = {"planner": "expert", "errors": NO_ERRORS, "loop": OPEN}
+        (row,) = of(table, world=world, planned=planned, **keys).itertuples()
+        assert row.goal_error == pytest.approx(off, abs=1e-5)
+        assert row.min_separation - 1e-3 <= least < row.min_separation + 0.5
+        assert row.delta_v == pytest.approx(np.abs(plan.controls).sum() * PROBLEM.time_step)
+        if planned == AS_FLOWN:
+            assert off < 1e-5
+            assert least > 15.0
+            assert row.delta_v >= row.delta_v_bound * (1 - 1e-6)
+        else:
+            assert off > 100 * ORBITS[world]
+
+
+def test_larger_swarms_fly_without_errors_alone_and_without_baselines():
+    entrants = [EvaluatedPlanner(planner) for planner in PLANNERS.values()]
+    small = draw("rings", 0, 3, 0, SHORT.problem)
+    table = run_flights(entrants, [SHORT], flights=1, larger=[small, small], workers=ALONE)
+    more = table[table.n == 3]
+    found = more.groupby(["planner", "planned", "world", "errors", "loop"]).size()
+    wanted = {
+        ("expert", planned, world, NO_ERRORS, OPEN): 2
+        for planned in (LINEAR, AS_FLOWN)
+        for world in ORBITS
+    }
+    assert found.to_dict() == wanted
+    assert set(more.trial) == {0, 1}
+    assert set(table.loc[table.n == 2, "errors"]) == {NO_ERRORS, WITH_ERRORS}
 
 
 def test_in_the_world_of_the_plan_without_errors_a_flight_is_what_the_judge_finds(table):
@@ -143,18 +223,17 @@ def test_the_seed_decides_and_the_number_of_workers_does_not():
     assert not np.allclose(alone.goal_error, flown(2, 1).goal_error)
 
 
-def test_references_begin_anywhere_on_orbits_of_the_size_of_the_problem_s():
+def test_references_begin_anywhere_on_orbits_as_large_or_as_low_as_the_problem_s():
     found = [worlds_of(SCENARIOS[0], 0, trial) for trial in range(40)]
-    size = radius_at(PROBLEM.mean_motion)
-    states = np.array(
-        [[w[name].orbit.states(np.zeros(1))[0] for name in WORLDS[1:]] for w in found]
-    )
-    position, velocity = np.linalg.norm(states.reshape(40, 2, 2, 3), axis=-1).transpose(2, 0, 1)
-    # vis-viva: all are as large as the circle, whatever their shape and wherever they are
-    np.testing.assert_allclose(1 / (2 / position - velocity**2 / MU_EARTH), size, rtol=1e-9)
-    radial = (position / size - 1) / [0.001, 0.01]
+    radius, e = radius_at(PROBLEM.mean_motion), np.array([0.001, 0.01, 0.1, 0.5])
+    states = np.array([[w[name].orbit.states(np.zeros(1))[0] for name in ORBITS] for w in found])
+    position, velocity = np.linalg.norm(states.reshape(40, 4, 2, 3), axis=-1).transpose(2, 0, 1)
+    # vis-viva: as large as the circle, or with the perigee at its height; wherever they are
+    sizes = np.broadcast_to(radius / (1 - np.array([0, 0, 0.1, 0.5])), (40, 4))
+    np.testing.assert_allclose(1 / (2 / position - velocity**2 / MU_EARTH), sizes, rtol=1e-9)
+    radial = (position / sizes - 1) / e
     assert (np.abs(radial) <= 1.01).all()
-    assert radial.min() < -0.8 and radial.max() > 0.8, "near perigee, and near apogee"
+    assert (radial.min(axis=0) < -0.8).all() and (radial.max(axis=0) > 0.8).all()
     latitude = np.degrees(np.arcsin(states[:, 0, 2] / position[:, 0]))
     assert latitude.min() < -60 and latitude.max() > 60
 
