@@ -14,7 +14,7 @@ from rich.table import Table
 from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
-from cli.settings import AsJson, Family, OrbitPlace, ProblemSettings, flag, option
+from cli.settings import AsJson, Family, InertialFiles, OrbitPlace, ProblemSettings, flag, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,6 +41,10 @@ MOST_CASES = 5  # faults of a kind that the table shows, the worst ones
 DRAWN = ("family", "n", "seed", "index", "split")
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
 """Options of a draw, and what goes with what."""
+NOT_INERTIAL = (
+    *(*DRAWN, "start", "to", "altitude", "inclination_deg", "raan_deg"),
+    *("argument_of_latitude_deg", "eccentricity", "argument_of_perigee_deg"),
+)
 
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
 REFERENCE = ("epoch", "inclination_deg", "raan_deg", "argument_of_latitude_deg")  # its fields
@@ -69,30 +73,46 @@ def new(
     to: Annotated[list[str] | None, option("Where they go, likewise.", metavar="RING")] = None,
     problem: ProblemSettings,
     place: OrbitPlace,
+    files: InertialFiles,
     force: Annotated[bool, flag("--force", "Replace a file that is there already.")] = False,
 ) -> None:
-    """Write a scenario file: a draw of a family, or rings of your own.
+    """Write a scenario file: a draw of a family, rings or inertial states of your own.
 
     A draw is a function of family, n, seed, split and index, the same as in datasets, and is
     written as raw states. Rings stay rings in the file, to be edited: size in m, tilt_deg, craft
     (equally spaced) from first_phase_deg, cross_phase_deg, offset in m along-track.
+
+    Inertial states of --initial and --goal become states relative to a reference orbit, that of
+    --chief or of the mean of the craft, whose osculating elements are the scenario's orbit. Files
+    are folders of orbit ephemeris messages, as `prolearn convert --to oem` writes them and read at
+    the times of the first and the last node, or tables of states or of osculating elements, whose
+    columns docs/files.md has.
 
     Examples:
 
         prolearn scenario new s.json --family tilt-split --n 8 --seed 3
         prolearn scenario new s.json --from craft=4,size=200 --to craft=4,size=90
         prolearn scenario new s.json --eccentricity 0.01 --inclination 51.6
+        prolearn scenario new s.json --initial now --goal then --chief chief.oem
+        prolearn scenario new s.json --initial a.csv --goal b.csv --nodes 21
     """
     from pipeline.scenario import draw
-    from pipeline.scenario.document import OrbitDocument, write_by_hand
+    from pipeline.scenario.document import OrbitDocument, write_by_hand, write_scenario
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
+    if files != InertialFiles():
+        refuse(context, NOT_INERTIAL, "with inertial states, which have an orbit; leave it out.")
+        made = files.scenario(problem.problem(), place.epoch, j2=not place.no_j2)
+        write_scenario(scenario, made)
+        _told(scenario, made)
+        return
     asked, content = problem.problem(), asdict(problem)
     if place.eccentricity is None:
-        refuse(context, OF_ORBITS, "without --eccentricity; expected both, such as 0.001.")
+        why = "without --eccentricity or --initial; expected one of them, such as 0.001."
+        refuse(context, OF_ORBITS, why)
     else:
         orbit = place.orbit(content.pop("altitude"))
         asked, content["orbit"] = asked.about(orbit), OrbitDocument.of(orbit).model_dump()
@@ -107,7 +127,10 @@ def new(
         content |= {"initial": draft.initial.tolist(), "goal": draft.goal.tolist()}
     if known := {name: value for name in REFERENCE if (value := getattr(place, name)) is not None}:
         content["reference"] = known
-    made = write_by_hand(scenario, content)
+    _told(scenario, write_by_hand(scenario, content))
+
+
+def _told(scenario: Path, made: "Scenario") -> None:
     if stdout_free(scenario, as_json=False):
         echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pipeline.orbit.reference import Reference
     from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.plan import RiskLimit
+    from pipeline.scenario import Scenario
 
 
 def option(text: str, *names: str, **more: Any) -> Any:
@@ -197,6 +198,63 @@ class ProblemSettings:
             )
         others = {name: value for name, value in vars(self).items() if name != "altitude"}
         return Problem(mean_motion_at(self.altitude), **others)
+
+
+def _states(text: str, *names: str, **more: Any) -> Any:
+    return option(text, *names, rich_help_panel="Inertial states of your own", **more)
+
+
+@dataclass(frozen=True)
+class InertialFiles:
+    """Files with the inertial states of craft at both ends, and the orbit that they are about."""
+
+    initial: Annotated[
+        Path | None,
+        _states("Inertial states at the first node: folder of OEM files, OEM, CSV or JSON."),
+    ] = None
+    goal: Annotated[Path | None, _states("Likewise at the last node.")] = None
+    chief: Annotated[
+        Path | None,
+        _states(
+            "Likewise of one craft at the first node, whose orbit is the reference; by default "
+            "the mean of --initial."
+        ),
+    ] = None
+    ballistic: Annotated[float | None, _states("Add drag: mean C_D A/m, m²/kg.", "--drag")] = None
+    spread: Annotated[
+        float | None,
+        _states("By what share the first has less, the last more.", "--drag-spread"),
+    ] = None
+
+    def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
+        """The scenario of the states on a time grid; InputError for files that do not fit."""
+        from pipeline.scenario.document import utc
+        from pipeline.scenario.inertial import scenario_from_inertial
+        from pipeline.scenario.state_files import read_inertial
+
+        if self.initial is None or self.goal is None:
+            raise InputError(
+                "--initial or --goal is missing; expected both where one of these, --chief or "
+                "--drag is given."
+            )
+        if self.spread is not None and self.ballistic is None:
+            raise InputError(
+                f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
+            )
+        try:
+            first = None if epoch is None else utc(epoch)
+        except ValueError as error:
+            raise InputError(f"--epoch is {epoch!r}: {error}.") from error
+        return scenario_from_inertial(
+            read_inertial(self.initial),
+            read_inertial(self.goal),
+            problem,
+            chief=None if self.chief is None else read_inertial(self.chief),
+            epoch=first,
+            j2=j2,
+            ballistic=self.ballistic,
+            spread=self.spread or 0.0,
+        )
 
 
 @dataclass(frozen=True)

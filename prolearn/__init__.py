@@ -36,7 +36,7 @@ from pipeline.tradeoff import Point
 from prolearn.flying import MonteCarlo, fly, monte_carlo
 from prolearn.learned import load_model, models, read_dataset
 from prolearn.planning import check, plan, plan_all, planner, tradeoff
-from prolearn.swarms import Ring, scenario
+from prolearn.swarms import Ring, scenario, scenario_from_files
 from prolearn.views import Page, Plot, convert, plot, show
 
 __all__ = [
@@ -79,6 +79,7 @@ __all__ = [
     "read_plan",
     "read_scenario",
     "scenario",
+    "scenario_from_files",
     "show",
     "tradeoff",
     "write_plan",

@@ -2,17 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 
 from pipeline.arrays import Array
+from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import OrbitDocument, scenario_from
+from pipeline.scenario.inertial import scenario_from_inertial
 from pipeline.scenario.scenario import Ends
+from pipeline.scenario.state_files import read_inertial
 
 
 class Ring(TypedDict):
@@ -85,6 +90,59 @@ def scenario(
         "goal": _end(goal),
     }
     return replace(scenario_from(fields, name), reference=reference)
+
+
+def scenario_from_files(
+    initial: Path | str,
+    goal: Path | str,
+    *,
+    chief: Path | str | None = None,
+    epoch: datetime | None = None,
+    time_step: float = Problem.time_step,
+    nodes: int = Problem.nodes,
+    collision_radius: float = Problem.collision_radius,
+    max_acceleration: float | None = None,
+    j2: bool = True,
+    ballistic: float | None = None,
+    spread: float = 0.0,
+    name: str = "",
+) -> Scenario:
+    """A scenario from files of inertial states, as `prolearn scenario new --initial` makes it.
+
+    A file is a folder of orbit ephemeris messages (OEM), one of these, or a table of states or of
+    osculating elements. docs/files.md says what they may have.
+
+    Args:
+        initial: where craft are at the first node.
+        goal: where they must be at the last node, in the same order.
+        chief: the one craft whose orbit is the reference; by default the mean of the craft.
+        epoch: of the first node, with its zone; by default the first with all ephemerides.
+        time_step: length of an interval of constant control, s.
+        nodes: time nodes, one more than intervals.
+        collision_radius: craft must be further apart at all times, m.
+        max_acceleration: limit on each component of the control, m/s², or None.
+        j2: whether the Earth is oblate.
+        ballistic: mean C_D A/m of the swarm, m²/kg, or None for no drag.
+        spread: by what share of it the first craft has less, and the last more.
+        name: in files and tables.
+
+    Raises:
+        InputError: naming the file, and what is wrong with it.
+    """
+    grid = Problem(Problem.mean_motion, time_step, nodes, collision_radius, max_acceleration)
+    if epoch is not None and epoch.tzinfo is None:
+        raise InputError(f"epoch is {epoch.isoformat()}; expected a time with its zone: give UTC.")
+    made = scenario_from_inertial(
+        read_inertial(Path(initial)),
+        read_inertial(Path(goal)),
+        grid,
+        chief=None if chief is None else read_inertial(Path(chief)),
+        epoch=None if epoch is None else epoch.astimezone(UTC),
+        j2=j2,
+        ballistic=ballistic,
+        spread=spread,
+    )
+    return replace(made, name=name)
 
 
 def _end(given: Any) -> Any:

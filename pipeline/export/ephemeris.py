@@ -89,9 +89,8 @@ def thrust_arcs(plan: Plan) -> Arcs:
     time = microseconds * 1e-6
     relative = _relative(plan, time - start)
     if problem.orbit is not None:
-        origin = problem.orbit.states(time.ravel()).reshape(*time.shape, 6)
-        pull = problem.orbit.acceleration(origin, problem.orbit.ballistic or 0.0)
-        states = origin + lvlh_frame(origin, pull).to_inertial(relative)
+        origin, frame = problem.orbit.frames(time)
+        states = origin + frame.to_inertial(relative)
         return Arcs(reference.epoch, microseconds.astype(int), states)
     i, raan, latitude = np.deg2rad(
         [reference.inclination_deg, reference.raan_deg, reference.argument_of_latitude_deg]

@@ -6,9 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.errors import InputError
 from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import MU_EARTH
+
+UNDEFINED = 1e-15  # sine of the inclination or eccentricity that rounding alone may be
 
 
 @dataclass(frozen=True)
@@ -23,19 +26,44 @@ class Elements:
 
     @classmethod
     def of(cls, state: Float[Array, "6"]) -> tuple["Elements", float]:
-        """Elements of an inertial state (m, m/s), with angles from 0 to 2π, and u = ω + ν, rad."""
+        """Elements of an inertial state, m and m/s, with angles from 0 to 2π, and u = ω + ν, rad.
+
+        The inverse of ``states``, from the angular momentum h, and e cos ν = p/r - 1,
+        e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Where the orbit is equatorial within
+        rounding there is no ascending node, and Ω is 0; where it is a circle within rounding there
+        is no perigee, and ω is 0. Near these Ω and ω are sensitive to the state, but u is counted
+        from the same node, and all elements together give the state back.
+
+        Raises:
+            InputError: for a state on no closed orbit.
+        """
         position, velocity = state[:3], state[3:]
-        momentum, r = np.cross(position, velocity), norm(position)
-        across = momentum / norm(momentum)
-        i, raan = np.arctan2(np.hypot(*across[:2]), across[2]), np.arctan2(across[0], -across[1])
-        node = np.array([np.cos(raan), np.sin(raan), 0.0])
-        ahead = np.cross(across, node)
-        pointed = np.cross(velocity, momentum) / MU_EARTH - position / r  # to the perigee
-        perigee, u = (np.arctan2(to @ ahead, to @ node) for to in (pointed, position))
-        e = float(norm(pointed))
-        a = float(momentum @ momentum) / MU_EARTH / (1 - e**2)
-        raan, perigee, u = (float(angle % (2 * np.pi)) for angle in (raan, perigee, u))
-        return cls(a, float(i), raan, e, perigee), u
+        momentum = np.cross(position, velocity)
+        h, r = float(norm(momentum)), float(norm(position))
+        parameter = h**2 / MU_EARTH
+        inward, rising = parameter / r - 1, float(position @ velocity) / r * h / MU_EARTH
+        eccentricity = float(np.hypot(inward, rising))
+        if not eccentricity < 1:
+            raise InputError(
+                f"the state {r / 1e3:.6g} km from the Earth's centre at "
+                f"{norm(velocity) / 1e3:.6g} km/s has eccentricity {eccentricity:.4g}; expected "
+                "one on a closed orbit."
+            )
+        normal = momentum / h
+        tilt = float(np.hypot(normal[0], normal[1]))
+        inclination, raan = np.arctan2(tilt, normal[2]), np.arctan2(normal[0], -normal[1])
+        node = np.array([-normal[1], normal[0], 0.0])
+        if tilt <= UNDEFINED:
+            inclination, raan = (0.0 if normal[2] > 0 else np.pi), 0.0
+            node = np.array([1.0, 0.0, 0.0])
+        latitude = np.arctan2(position @ np.cross(normal, node), position @ node)
+        perigee = latitude - np.arctan2(rising, inward)
+        if eccentricity <= UNDEFINED:
+            eccentricity, perigee = 0.0, 0.0
+        axis = parameter / (1 - eccentricity**2)
+        angles = (float(angle % (2 * np.pi)) for angle in (raan, perigee, latitude))
+        raan, perigee, u = angles
+        return cls(axis, float(inclination), raan, eccentricity, perigee), u
 
     def states(self, argument_of_latitude: Scalar) -> AnyState:
         """Inertial states at u = ω + ν (rad), m and m/s.

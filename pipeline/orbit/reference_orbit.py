@@ -20,7 +20,7 @@ from pipeline.orbit.forces import (
     oblateness,
     point_mass,
 )
-from pipeline.orbit.inertial import Elements
+from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.mean_elements import mean_states, osculating_states
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 
@@ -86,16 +86,8 @@ class ReferenceOrbit:
         mean = cls(**fields)
         if not mean.j2:
             return mean
-        elements, u = Elements.of(osculating_states(mean.begin[None])[0])
-        return replace(
-            mean,
-            semi_major_axis=elements.semi_major_axis,
-            eccentricity=elements.eccentricity,
-            inclination_deg=degrees(elements.inclination),
-            raan_deg=degrees(elements.raan),
-            argument_of_perigee_deg=degrees(elements.argument_of_perigee),
-            argument_of_latitude_deg=degrees(u),
-        )
+        state = osculating_states(mean.begin[None])[0]
+        return cls.through(state, ballistic=mean.ballistic, spread=mean.spread)
 
     @property
     def mean_elements(self) -> Elements:
@@ -109,6 +101,24 @@ class ReferenceOrbit:
         i, raan, perigee = map(radians, angles)
         elements = Elements(self.semi_major_axis, i, raan, self.eccentricity, perigee)
         return elements.states(np.array(radians(self.argument_of_latitude_deg)))
+
+    @classmethod
+    def through(
+        cls,
+        state: Float[Array, "6"],
+        *,
+        j2: bool = True,
+        ballistic: float | None = None,
+        spread: float = 0.0,
+    ) -> "ReferenceOrbit":
+        """The orbit of an inertial state, m and m/s, by its osculating elements, and of forces."""
+        found, latitude = Elements.of(state)
+        i, raan, perigee, u = (
+            degrees(angle)
+            for angle in (found.inclination, found.raan, found.argument_of_perigee, latitude)
+        )
+        shape = found.semi_major_axis, found.eccentricity
+        return cls(*shape, i, raan, perigee, u, j2=j2, ballistic=ballistic, spread=spread)
 
     @property
     def mean_motion(self) -> float:
@@ -162,6 +172,11 @@ class ReferenceOrbit:
         """Inertial states, m and m/s, at times from 0 on, s since the plan's start."""
         ascending, place = np.unique(self.start + times, return_inverse=True)
         return _states(self, tuple(ascending.tolist()))[place]
+
+    def frames(self, times: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch 6"], Frame]:
+        """Inertial states at such times and the LVLH frames there."""
+        origin = self.states(times.ravel()).reshape(*times.shape, 6)
+        return origin, lvlh_frame(origin, self.acceleration(origin, self.ballistic or 0.0))
 
 
 @lru_cache(maxsize=32)

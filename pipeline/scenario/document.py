@@ -53,7 +53,8 @@ def _number(given: Any) -> Any:
     return given
 
 
-def _utc(given: Any) -> datetime:
+def utc(given: Any) -> datetime:
+    """The UTC of an epoch as files have it; ValueError for one without a zone."""
     try:
         epoch = datetime.fromisoformat(given)
     except (TypeError, ValueError):
@@ -179,7 +180,7 @@ class ReferenceDocument(BaseModel):
 
     model_config = _strict()
 
-    epoch: Annotated[datetime, BeforeValidator(_utc)] = Field(
+    epoch: Annotated[datetime, BeforeValidator(utc)] = Field(
         description="Time of the first node by ISO 8601 with a zone, such as 2026-03-01T12:00:00Z."
     )
     inclination_deg: Number = Field(ge=0, le=180, description="Inclination, deg.")

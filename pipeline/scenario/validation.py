@@ -101,6 +101,11 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
             )
 
 
+def drifts(scenario: Scenario) -> bool:
+    """Whether a craft drifts at either end by more than energy matching allows."""
+    return not all(_matched(*end).fine for end in _ends(scenario))
+
+
 def _tolerance(problem: Problem) -> str:
     circle = problem.orbit is None
     return f"{ENERGY_TOLERANCE:g} m/s" if circle else f"{_most_drift(problem):.2g} m"

@@ -1,0 +1,234 @@
+"""Orbit ephemeris messages (OEM, CCSDS 502.0-B) in keyword = value notation, read as states."""
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import KroghInterpolator
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.forces import point_mass
+from pipeline.scenario.document import YEARS
+from pipeline.text import visible
+
+FIRST_LINE = "CCSDS_OEM_VERS"
+VERSIONS = ("1.0", "2.0", "3.0")  # which differ in what is not read here
+# Frames that differ by a constant turn of 0.02 arc seconds, which relative motion does not see
+FRAMES = ("EME2000", "ICRF", "GCRF")
+METHODS = ("LINEAR", "LAGRANGE", "HERMITE")
+HIGHEST_DEGREE = 25  # of interpolation; through equally spaced states a higher one loses digits
+LARGEST = 1e15  # number in a file, in any unit: beyond it something is wrong
+SAME = 1e-6  # s: a state so near is that of the time asked for, moved by its own velocity
+_EPOCH = re.compile(r"(\d{4}-(?:\d\d-\d\d|\d{3})T\d\d:\d\d:\d\d)(\.\d+)?Z?")
+_COVARIANCE = re.compile(r"^COVARIANCE_START$.*?^COVARIANCE_STOP$", re.DOTALL | re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """A time, UTC, finer than microseconds."""
+
+    second: datetime  # whole
+    fraction: float  # s
+
+    def since(self, time: datetime) -> float:
+        """Seconds since a time."""
+        return (self.second - time).total_seconds() + self.fraction
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """States between which an interpolation holds."""
+
+    base: datetime  # that times are counted from
+    times: Float[Array, "q"]  # ascending, s
+    states: Float[Array, "q 6"]  # m and m/s
+    window: tuple[float, float]  # times in which states may be asked for
+    method: str | None  # of METHODS, or None where the file states none
+    degree: int
+
+    def has(self, time: float) -> bool:
+        """Whether a time is in the window."""
+        return self.window[0] - SAME <= time <= self.window[1] + SAME
+
+    def state(self, time: float) -> Float[Array, "6"] | None:
+        """The state at a time, s since the base, or None where the states do not give it."""
+        near = int(np.abs(self.times - time).argmin())
+        off = time - self.times[near]
+        if abs(off) <= SAME:
+            state = self.states[near]
+            pull = point_mass(state[:3])
+            return state + off * np.concatenate([state[3:] + off / 2 * pull, pull])
+        points = (self.degree + 2) // 2 if self.method == "HERMITE" else self.degree + 1
+        if self.method is None or len(self.times) < points:
+            return None
+        first = int(np.searchsorted(self.times, time)) - points // 2
+        first = min(max(first, 0), len(self.times) - points)
+        chosen = slice(first, first + points)
+        return self._interpolated(chosen, time)
+
+    def _interpolated(self, chosen: slice, time: float) -> Float[Array, "6"]:
+        """By the polynomial through some of the states, in a time that is of order one."""
+        unit = self.times[chosen][-1] - self.times[chosen][0]
+        at, states = (self.times[chosen] - time) / unit, self.states[chosen]
+        if self.method != "HERMITE":
+            return np.asarray(KroghInterpolator(at, states)(0.0))
+        both = np.stack([states[:, :3], unit * states[:, 3:]], axis=1).reshape(-1, 3)
+        fitted = KroghInterpolator(np.repeat(at, 2), both)
+        return np.concatenate([fitted(0.0), fitted.derivative(0.0) / unit])
+
+
+@dataclass(frozen=True, eq=False)
+class Ephemeris:
+    """Inertial states of one craft over time."""
+
+    name: str  # of its file
+    frame: str
+    segments: tuple[Segment, ...]
+
+    @property
+    def start(self) -> datetime:
+        """The first time at which there is a state, UTC, within a microsecond."""
+        return min(one.base + timedelta(seconds=one.window[0]) for one in self.segments)
+
+    def state_at(self, epoch: datetime, seconds: float) -> Float[Array, "6"]:
+        """The state so many seconds after an epoch, m and m/s; InputError where there is none."""
+        asked = f"{(epoch + timedelta(seconds=seconds)):%Y-%m-%dT%H:%M:%S.%fZ}"
+        for segment in self.segments:
+            time = (epoch - segment.base).total_seconds() + seconds
+            if not segment.has(time):
+                continue
+            state = segment.state(time)
+            if state is None:
+                raise InputError(
+                    f"{self.name} has no state at {asked} and no INTERPOLATION with states enough "
+                    "for its degree; expected either."
+                )
+            return state
+        stop = max(one.base + timedelta(seconds=one.window[1]) for one in self.segments)
+        raise InputError(
+            f"{self.name} has states from {self.start:%Y-%m-%dT%H:%M:%S.%fZ} to "
+            f"{stop:%Y-%m-%dT%H:%M:%S.%fZ}; expected one at {asked}."
+        )
+
+
+def ephemeris_from(text: str, name: str) -> Ephemeris:
+    """The ephemeris of the text of a file; InputError, with its name, for what is not understood.
+
+    States are in km and km/s there. Comments, accelerations and covariances are passed over.
+    """
+    lines = (line.strip() for line in text.splitlines())
+    kept = "\n".join(line for line in lines if line and not line.startswith("COMMENT"))
+    header, *parts = re.split(r"^META_START$", _COVARIANCE.sub("", kept), flags=re.MULTILINE)
+    try:
+        _expect(_keywords(header), FIRST_LINE, VERSIONS)
+        metas, segments = zip(*map(_segment, parts), strict=True) if parts else ((), ())
+        for keyword in ("OBJECT_ID", "REF_FRAME"):
+            values = {meta.get(keyword) for meta in metas}
+            if len(values) != 1:
+                raise InputError(f"has {len(values)} of {keyword}; expected segments of one")
+    except InputError as error:
+        raise InputError(f"{name} {error}.") from error
+    return Ephemeris(name, metas[0]["REF_FRAME"], segments)
+
+
+def _keywords(text: str) -> dict[str, str]:
+    """The values of lines keyword = value."""
+    found = {}
+    for line in text.strip().splitlines():
+        keyword, equals, value = map(str.strip, line.partition("="))
+        if not equals or keyword in found:
+            raise InputError(f"has the line {_shown(line)}; expected keyword = value, each once")
+        found[keyword] = value
+    return found
+
+
+def _expect(keywords: dict[str, str], keyword: str, choices: tuple[str, ...]) -> None:
+    value = keywords.get(keyword)
+    if value not in choices:
+        given = f"{keyword} {_shown(value)}" if value else f"no {keyword}"
+        raise InputError(f"has {given}; expected {' or '.join(choices)}")
+
+
+def _segment(text: str) -> tuple[dict[str, str], Segment]:
+    """The keywords and the states of what follows META_START."""
+    head, stop, body = text.partition("\nMETA_STOP")
+    if not stop:
+        raise InputError("has META_START without META_STOP; expected both")
+    keywords = _keywords(head)
+    _expect(keywords, "CENTER_NAME", ("EARTH",))
+    _expect(keywords, "REF_FRAME", FRAMES)
+    _expect(keywords, "TIME_SYSTEM", ("UTC",))
+    rows = [_row(line) for line in body.strip().splitlines()]
+    if not rows:
+        raise InputError("has a segment without states; expected at least one")
+    base = rows[0][0].second
+    times = np.array([epoch.since(base) for epoch, _ in rows])
+    if (np.diff(times) <= 0).any():
+        late = int((np.diff(times) <= 0).argmax()) + 1
+        raise InputError(
+            f"has state {late} of a segment no later than the one before it; expected them in "
+            "order of time"
+        )
+    window = (
+        _time(keywords, "USEABLE_START_TIME", base, float(times[0])),
+        _time(keywords, "USEABLE_STOP_TIME", base, float(times[-1])),
+    )
+    states = 1e3 * np.array([state for _, state in rows])
+    return keywords, Segment(base, times, states, window, *_interpolation(keywords))
+
+
+def _time(keywords: dict[str, str], keyword: str, base: datetime, otherwise: float) -> float:
+    value = keywords.get(keyword)
+    return otherwise if value is None else _epoch(value).since(base)
+
+
+def _interpolation(keywords: dict[str, str]) -> tuple[str | None, int]:
+    """Method and degree."""
+    method = keywords.get("INTERPOLATION", "").upper()
+    if not method:
+        return None, 0
+    _expect({"INTERPOLATION": method}, "INTERPOLATION", METHODS)
+    degree = keywords.get("INTERPOLATION_DEGREE", "")
+    if not degree.isdecimal() or not 1 <= int(degree) <= HIGHEST_DEGREE:
+        given = _shown(degree) if degree else "missing"
+        raise InputError(f"has INTERPOLATION_DEGREE {given}; expected 1 to {HIGHEST_DEGREE}")
+    return method, int(degree)
+
+
+def _row(line: str) -> tuple[Epoch, list[float]]:
+    """Epoch and state of a line, km and km/s; accelerations may follow."""
+    first, *rest = line.split()
+    try:
+        numbers = [float(one) for one in rest]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (6, 9) or not all(abs(one) < LARGEST for one in numbers):
+        raise InputError(
+            f"has the line {_shown(line)}; expected an epoch and x y z vx vy vz in km and km/s"
+        )
+    return _epoch(first), numbers[:6]
+
+
+def _epoch(text: str) -> Epoch:
+    """A calendar date or the day of a year, and the time."""
+    found = _EPOCH.fullmatch(text)
+    try:
+        if found is None:
+            raise ValueError
+        form = "%Y-%m-%dT%H:%M:%S" if found[1].count("-") == 2 else "%Y-%jT%H:%M:%S"
+        second = datetime.strptime(found[1], form).replace(tzinfo=UTC)
+        if not YEARS[0] < second.year < YEARS[1]:
+            raise ValueError
+    except ValueError as error:
+        raise InputError(
+            f"has the time {_shown(text)}; expected UTC such as 2026-03-01T12:00:00.000, and no "
+            "leap second"
+        ) from error
+    return Epoch(second, float(found[2] or 0.0))
+
+
+def _shown(text: str) -> str:
+    return repr(visible(text if len(text) <= 60 else f"{text[:57]}..."))
