@@ -361,31 +361,39 @@ class RiskSettings:
         return RiskLimit(**given)
 
 
+def _condition(text: str, *names: str) -> Any:
+    return option(text, *names, rich_help_panel="Conditions of the flight")
+
+
 @dataclass(frozen=True)
 class FlightConditions:
     """Conditions of a flight, by mean elements; None leaves a value to the scenario."""
 
-    eccentricity: Annotated[float, option("Mean, of the reference orbit, up to 0.01.")] = 0.001
+    eccentricity: Annotated[float, _condition("Mean, of the reference orbit, up to 0.85.")] = 0.001
     inclination_deg: Annotated[
-        float | None, option("Mean, deg; by default the scenario's, else 97.4.", "--inclination")
+        float | None,
+        _condition("Mean, deg; by default the scenario's, else 97.4.", "--inclination"),
     ] = None
     raan_deg: Annotated[
-        float | None, option("Right ascension of its node, deg; the scenario's, else 0.", "--raan")
+        float | None,
+        _condition("Right ascension of its node, deg; the scenario's, else 0.", "--raan"),
     ] = None
     argument_of_perigee_deg: Annotated[
-        float, option("Mean, from the ascending node, deg.", "--argument-of-perigee")
+        float, _condition("Mean, from the ascending node, deg.", "--argument-of-perigee")
     ] = 90.0
     argument_of_latitude_deg: Annotated[
         float | None,
-        option("At the first node, deg; the scenario's, else 0.", "--argument-of-latitude"),
+        _condition("At the first node, deg; the scenario's, else 0.", "--argument-of-latitude"),
     ] = None
-    no_j2: Annotated[bool, flag("--no-j2", "Leave the Earth's oblateness out.")] = False
+    no_j2: Annotated[bool, _condition("Leave the Earth's oblateness out.", "--no-j2")] = False
     ballistic: Annotated[
-        float | None, option("Add drag: mean C_D A/m, m²/kg; a CubeSat's is 0.01.", "--drag")
+        float | None, _condition("Add drag: mean C_D A/m, m²/kg; a CubeSat's is 0.01.", "--drag")
     ] = None
     spread: Annotated[
         float | None,
-        option("By what share the first has less, the last more.  [default: 0.1]", "--drag-spread"),
+        _condition(
+            "By what share the first has less, the last more.  [default: 0.1]", "--drag-spread"
+        ),
     ] = None
 
     def about(self, reference: "Reference | None") -> "Conditions":

@@ -6,10 +6,8 @@ from pipeline.errors import InputError, check_range
 from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
-from pipeline.orbit.reference_orbit import MOST_BALLISTIC, ReferenceOrbit
+from pipeline.orbit.reference_orbit import MOST_BALLISTIC, MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.scenario import Scenario
-
-MOST_ECCENTRIC = 0.01  # for which plans for a circular orbit are flown, and separation is bounded
 
 
 @dataclass(frozen=True)

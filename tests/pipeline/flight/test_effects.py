@@ -79,7 +79,7 @@ def test_a_reference_orbit_of_the_scenario_is_taken():
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"eccentricity": 0.011}, "eccentricity is 0.011; expected a number from 0 to 0.01."),
+        ({"eccentricity": 0.86}, "eccentricity is 0.86; expected a number from 0 to 0.85."),
         ({"eccentricity": float("nan")}, "eccentricity is nan"),
         ({"inclination_deg": 181.0}, "inclination_deg is 181; expected a number from 0 to 180."),
         ({"argument_of_perigee_deg": float("inf")}, "argument_of_perigee_deg is inf"),
