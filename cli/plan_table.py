@@ -1,7 +1,7 @@
 """The table of plans: who made each, what it costs, how near the optimum, who comes closest."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -77,10 +77,15 @@ def print_plans(rows: Sequence[Row]) -> None:
 
 
 def orbit_said(of: Mapping[str, Any]) -> str:
-    """A reference orbit and its forces in a line, by their names."""
+    """A reference orbit, by its mean elements, and its forces in a line."""
+    from pipeline.orbit.reference_orbit import ReferenceOrbit
+
+    mean = ReferenceOrbit(**of).mean_elements
     held, j2 = of["ballistic"], "with" if of["j2"] else "without"
     pulled = f"drag of {held:g} m²/kg ± {of['spread']:.0%}" if held else "without drag"
-    orbit = f"eccentricity {of['eccentricity']:g}, inclination {of['inclination_deg']:g}°"
+    orbit = (
+        f"mean eccentricity {mean.eccentricity:.4g}, inclination {degrees(mean.inclination):.5g}°"
+    )
     return f"{orbit}, {j2} J2, {pulled}."
 
 

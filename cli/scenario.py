@@ -14,7 +14,15 @@ from rich.table import Table
 from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
-from cli.settings import AsJson, Family, InertialFiles, ProblemSettings, flag, option
+from cli.settings import (
+    AsJson,
+    Family,
+    InertialFiles,
+    OrbitPlace,
+    ProblemSettings,
+    flag,
+    option,
+)
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +49,13 @@ MOST_CASES = 5  # faults of a kind that the table shows, the worst ones
 DRAWN = ("family", "n", "seed", "index", "split")
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
 """Options of a draw, and what goes with what."""
-NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", "inclination", "raan", "argument_of_latitude")
+
+ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
+REFERENCE = ("epoch", *ANGLES)  # its fields
+SHAPE = ("eccentricity", "argument_of_perigee_deg")
+OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
+NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)
+"""What inertial states have no use for."""
 
 
 @app.command()
@@ -66,22 +80,8 @@ def new(
     ] = None,
     to: Annotated[list[str] | None, option("Where they go, likewise.", metavar="RING")] = None,
     problem: ProblemSettings,
-    epoch: Annotated[
-        str | None,
-        option(
-            "Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below the "
-            "file says where its orbit is."
-        ),
-    ] = None,
-    inclination: Annotated[float | None, option("Of the orbit, deg.")] = None,
-    raan: Annotated[float | None, option("Right ascension of its ascending node, deg.")] = None,
-    argument_of_latitude: Annotated[
-        float | None, option("Of the origin at the epoch, deg.")
-    ] = None,
+    place: OrbitPlace,
     files: InertialFiles,
-    no_j2: Annotated[
-        bool, flag("--no-j2", "Leave J2 out of the orbit of inertial states.")
-    ] = False,
     force: Annotated[bool, flag("--force", "Replace a file that is there already.")] = False,
 ) -> None:
     """Write a scenario file: a draw of a family, rings or inertial states of your own.
@@ -100,39 +100,39 @@ def new(
 
         prolearn scenario new s.json --family tilt-split --n 8 --seed 3
         prolearn scenario new s.json --from craft=4,size=200 --to craft=4,size=90
+        prolearn scenario new s.json --eccentricity 0.01 --inclination 51.6
         prolearn scenario new s.json --initial now --goal then --chief chief.oem
         prolearn scenario new s.json --initial a.csv --goal b.csv --nodes 21
     """
     from pipeline.scenario import draw
-    from pipeline.scenario.document import write_by_hand, write_scenario
+    from pipeline.scenario.document import OrbitDocument, write_by_hand, write_scenario
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
+    asked, content = problem.problem(), asdict(problem)
     if files != InertialFiles():
         refuse(context, NOT_INERTIAL, "with inertial states, which have an orbit; leave it out.")
-        made = files.scenario(problem.problem(), epoch, j2=not no_j2)
+        made = files.scenario(asked, place.epoch, j2=not place.no_j2)
         write_scenario(scenario, made)
         _told(scenario, made)
         return
-    refuse(context, ("no_j2",), "without --initial and --goal; expected all or none: leave it out.")
-    content: dict[str, Any] = asdict(problem)
+    if place.eccentricity is None:
+        refuse(context, OF_ORBITS, "without --eccentricity; expected both, such as 0.001.")
+    else:
+        orbit = place.orbit(content.pop("altitude"))
+        asked, content["orbit"] = asked.about(orbit), OrbitDocument.of(orbit).model_dump()
+        place = place.at(orbit)
     if start and to:
         refuse(context, DRAWN, f"with rings of your own; {EITHER}")
         content |= {"initial": _rings("--from", start), "goal": _rings("--to", to)}
     elif start or to:
         raise InputError(f"--from or --to alone is given; {EITHER}")
     else:
-        draft = draw(family, seed, n, index, problem.problem(), split)
+        draft = draw(family, seed, n, index, asked, split)
         content |= {"initial": draft.initial.tolist(), "goal": draft.goal.tolist()}
-    reference = {
-        "epoch": epoch,
-        "inclination_deg": inclination,
-        "raan_deg": raan,
-        "argument_of_latitude_deg": argument_of_latitude,
-    }
-    if known := {name: value for name, value in reference.items() if value is not None}:
+    if known := {name: value for name in REFERENCE if (value := getattr(place, name)) is not None}:
         content["reference"] = known
     _told(scenario, write_by_hand(scenario, content))
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pipeline.flight.conditions import Conditions
     from pipeline.orbit.problem import Problem
     from pipeline.orbit.reference import Reference
+    from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.plan import RiskLimit
     from pipeline.scenario import Scenario
 
@@ -257,6 +258,67 @@ class InertialFiles:
 
 
 @dataclass(frozen=True)
+class OrbitPlace:
+    """Where and when the orbit of a new scenario is, and its shape if it is no circle."""
+
+    epoch: Annotated[
+        str | None,
+        option(
+            "Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below the "
+            "file says where its orbit is."
+        ),
+    ] = None
+    inclination_deg: Annotated[
+        float | None,
+        option("Of the orbit, deg; 97.4 by default with --eccentricity.", "--inclination"),
+    ] = None
+    raan_deg: Annotated[
+        float | None, option("Right ascension of its ascending node, deg.", "--raan")
+    ] = None
+    argument_of_latitude_deg: Annotated[
+        float | None, option("Of the origin at the first node, deg.", "--argument-of-latitude")
+    ] = None
+    eccentricity: Annotated[
+        float | None,
+        option(
+            "An orbit with J2 instead of a circle, by mean elements; --altitude is then that of "
+            "its semi-major axis."
+        ),
+    ] = None
+    argument_of_perigee_deg: Annotated[
+        float, option("Of that orbit, deg.", "--argument-of-perigee")
+    ] = 90.0
+    no_j2: Annotated[bool, flag("--no-j2", "Leave J2 out of it.")] = False
+
+    def orbit(self, altitude: float) -> "ReferenceOrbit":
+        """The orbit of these mean elements, its semi-major axis so many m above the Earth."""
+        from pipeline.orbit.reference import R_EARTH
+        from pipeline.orbit.reference_orbit import ReferenceOrbit
+
+        inclination = 97.4 if self.inclination_deg is None else self.inclination_deg
+        return ReferenceOrbit.of_mean(
+            semi_major_axis=R_EARTH + altitude,
+            eccentricity=self.eccentricity or 0.0,
+            inclination_deg=inclination,
+            raan_deg=self.raan_deg or 0.0,
+            argument_of_perigee_deg=self.argument_of_perigee_deg,
+            argument_of_latitude_deg=self.argument_of_latitude_deg or 0.0,
+            j2=not self.no_j2,
+        )
+
+    def at(self, orbit: "ReferenceOrbit") -> "OrbitPlace":
+        """The same with the osculating angles of an orbit, which the file has, if at an epoch."""
+        if self.epoch is None:
+            return replace(self, inclination_deg=None, raan_deg=None, argument_of_latitude_deg=None)
+        return replace(
+            self,
+            inclination_deg=orbit.inclination_deg,
+            raan_deg=orbit.raan_deg,
+            argument_of_latitude_deg=orbit.argument_of_latitude_deg,
+        )
+
+
+@dataclass(frozen=True)
 class RiskSettings:
     """A chance constraint on separation, and the errors that it is about."""
 
@@ -301,17 +363,17 @@ class RiskSettings:
 
 @dataclass(frozen=True)
 class FlightConditions:
-    """Conditions in which a plan is flown; None leaves a value to the scenario."""
+    """Conditions of a flight, by mean elements; None leaves a value to the scenario."""
 
-    eccentricity: Annotated[float, option("Of the reference orbit, up to 0.01.")] = 0.001
+    eccentricity: Annotated[float, option("Mean, of the reference orbit, up to 0.01.")] = 0.001
     inclination_deg: Annotated[
-        float | None, option("Deg; by default the scenario's, else 97.4.", "--inclination")
+        float | None, option("Mean, deg; by default the scenario's, else 97.4.", "--inclination")
     ] = None
     raan_deg: Annotated[
         float | None, option("Right ascension of its node, deg; the scenario's, else 0.", "--raan")
     ] = None
     argument_of_perigee_deg: Annotated[
-        float, option("From the ascending node, deg.", "--argument-of-perigee")
+        float, option("Mean, from the ascending node, deg.", "--argument-of-perigee")
     ] = 90.0
     argument_of_latitude_deg: Annotated[
         float | None,

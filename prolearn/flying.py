@@ -25,8 +25,9 @@ def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
 
     Args:
         plan: whose controls are flown.
-        conditions: reference orbit and what perturbs it; by default a frozen, sun-synchronous
-            orbit, or that of the scenario's reference. A scenario with an orbit has its own.
+        conditions: reference orbit, by mean elements, and what perturbs it; by default a frozen,
+            sun-synchronous orbit, or that of the scenario's reference. A scenario with an orbit
+            has its own.
 
     Raises:
         InputError: where the controls lead too far away.

@@ -24,7 +24,8 @@ class Ring(TypedDict):
     """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself; a dictionary.
 
     x = (size/2) cos θ, y = offset - size sin θ, z = (size/2) tan(tilt) cos(θ + cross phase), with
-    the phase θ growing at the mean motion. Only the size is needed, and craft or phases.
+    the phase θ growing at the mean motion; about another orbit than a circle, the bounded motion
+    with the same mean relative orbital elements. Only the size is needed, and craft or phases.
 
     Attributes:
         size: half the ring's along-track extent, its radial one, m.

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice, product
 
 import numpy as np
@@ -19,6 +19,7 @@ from pipeline.flight.loops import OPEN, Loop, flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
 from pipeline.plan import Plan
 from pipeline.planners.as_flown import AsFlown
@@ -92,11 +93,12 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearW
     perigee, latitude = np.random.default_rng([seed, trial]).uniform(0.0, 360.0, 2).tolist()
     usual = Conditions(argument_of_perigee_deg=perigee, argument_of_latitude_deg=latitude)
     problem, found = scenario.problem, {}
-    orbit, radius = usual.orbit(problem), radius_at(problem.mean_motion)
+    radius = radius_at(problem.mean_motion)
     for name, e in ORBITS.items():
         size = radius if name in ECCENTRICITIES else radius / (1 - e)
-        about = problem.about(replace(orbit, semi_major_axis=size, eccentricity=e))
-        found[name] = NonlinearWorld.of(about, scenario.n)
+        shape = {"semi_major_axis": size, "eccentricity": e, "spread": 0.0}
+        orbit = ReferenceOrbit.of_mean(**vars(usual) | shape)
+        found[name] = NonlinearWorld.of(problem.about(orbit), scenario.n)
     return found
 
 

@@ -14,10 +14,10 @@ MOST_ECCENTRIC = 0.01  # for which plans for a circular orbit are flown, and sep
 
 @dataclass(frozen=True)
 class Conditions:
-    """Osculating elements of the reference orbit at the first node, and what perturbs it.
+    """Mean elements of the reference orbit at the first node, and what perturbs it.
 
-    Its semi-major axis follows from the problem's mean motion. The default is a frozen,
-    sun-synchronous orbit.
+    Its mean semi-major axis follows from the problem's mean motion. The default is a
+    sun-synchronous orbit with the mean eccentricity and perigee of a frozen one.
     """
 
     eccentricity: float = 0.001  # from 0 to MOST_ECCENTRIC
@@ -63,7 +63,7 @@ class Conditions:
     def orbit(self, problem: Problem) -> ReferenceOrbit:
         """The reference orbit of these conditions, of a problem's mean motion."""
         fields = vars(self) | ({} if self.ballistic else {"spread": 0.0})
-        return ReferenceOrbit(radius_at(problem.mean_motion), **fields)
+        return ReferenceOrbit.of_mean(semi_major_axis=radius_at(problem.mean_motion), **fields)
 
 
 def conditions_of(scenario: Scenario, given: Conditions | None = None) -> Conditions:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import degrees, pi, radians, sqrt
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from pipeline.orbit.forces import (
     point_mass,
 )
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
+from pipeline.orbit.mean_elements import mean_states, osculating_states
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 
 MOST_ECCENTRIC = 0.85
@@ -92,6 +94,33 @@ class ReferenceOrbit:
         shape = found.semi_major_axis, found.eccentricity
         return cls(*shape, i, raan, perigee, u, j2=j2, ballistic=ballistic, spread=spread)
 
+    @classmethod
+    def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
+        """The orbit whose mean elements at the epoch are those given, u = ω + ν among them.
+
+        Mean elements are osculating ones without their short-period variations by J2
+        (``pipeline.orbit.mean_elements``); without J2 they are the same.
+        """
+        mean = cls(**fields)
+        if not mean.j2:
+            return mean
+        state = osculating_states(mean.begin[None])[0]
+        made = cls.through(state, ballistic=mean.ballistic, spread=mean.spread)
+        return replace(made, start=mean.start)
+
+    @property
+    def mean_elements(self) -> Elements:
+        """Mean elements at the epoch; angles in rad."""
+        return Elements.of(mean_states(self.begin[None])[0] if self.j2 else self.begin)[0]
+
+    @property
+    def begin(self) -> Float[Array, "6"]:
+        """Inertial state at the epoch, m and m/s."""
+        angles = self.inclination_deg, self.raan_deg, self.argument_of_perigee_deg
+        i, raan, perigee = map(radians, angles)
+        elements = Elements(self.semi_major_axis, i, raan, self.eccentricity, perigee)
+        return elements.states(np.array(radians(self.argument_of_latitude_deg)))
+
     @property
     def mean_motion(self) -> float:
         """Of the osculating orbit, rad/s."""
@@ -153,10 +182,7 @@ class ReferenceOrbit:
 
 @lru_cache(maxsize=32)
 def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 6"]:
-    angles = orbit.inclination_deg, orbit.raan_deg, orbit.argument_of_perigee_deg
-    i, raan, perigee = map(radians, angles)
-    elements = Elements(orbit.semi_major_axis, i, raan, orbit.eccentricity, perigee)
-    begin = elements.states(np.array(radians(orbit.argument_of_latitude_deg)))
+    begin = orbit.begin
     if times[-1] == 0:
         return np.repeat(begin[None], len(times), axis=0)
     held = orbit.ballistic or 0.0

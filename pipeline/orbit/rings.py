@@ -1,4 +1,4 @@
-"""Passive relative orbits (PROs): closed motions about the reference orbit without thrust."""
+"""Passive relative orbits (PROs): bounded motions about the reference orbit without thrust."""
 
 import numpy as np
 from jaxtyping import Float

@@ -27,7 +27,7 @@ from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
-from pipeline.orbit.rings import pro_states
+from pipeline.orbit.relative_elements import ring_states
 from pipeline.scenario.scenario import MOST_CRAFT, Ends, Scenario
 from pipeline.scenario.validation import check
 
@@ -78,7 +78,8 @@ class RingDocument(BaseModel):
     """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself.
 
     x = (size/2) cos θ, y = offset - size sin θ, z = (size/2) tan(tilt) cos(θ + cross phase), with
-    the phase θ growing at the mean motion.
+    the phase θ growing at the mean motion. About an orbit that is no circle, or has J2: the bounded
+    motion with the same mean relative orbital elements.
     """
 
     model_config = _strict(craft="integer", phases_deg="array")
@@ -121,10 +122,10 @@ class RingDocument(BaseModel):
         n = self.craft or 1
         return np.deg2rad(self.first_phase_deg) + 2 * np.pi * np.arange(n) / n
 
-    def states(self, mean_motion: float) -> Formation:
-        """LVLH states of its craft in m and m/s, mean motion in rad/s."""
+    def states(self, problem: Problem) -> Formation:
+        """LVLH states of its craft at the problem's first node, m and m/s."""
         tilt, cross = np.deg2rad([self.tilt_deg, self.cross_phase_deg]).tolist()
-        return pro_states(self.size, tilt, self.phase, cross, mean_motion, self.offset)
+        return ring_states(problem, self.size, tilt, self.phase, cross, self.offset)
 
 
 class RingsDocument(BaseModel):
@@ -164,10 +165,10 @@ End = Annotated[
 ]
 
 
-def _end_states(end: list[list[float]] | RingsDocument, mean_motion: float) -> Formation:
-    """The states of an end in m and m/s, whichever form it has; mean motion in rad/s."""
+def _end_states(end: list[list[float]] | RingsDocument, problem: Problem) -> Formation:
+    """The states of an end in m and m/s, whichever form it has, at the problem's first node."""
     if isinstance(end, RingsDocument):
-        return np.concatenate([ring.states(mean_motion) for ring in end.rings])
+        return np.concatenate([ring.states(problem) for ring in end.rings])
     return np.array(end, dtype=float)
 
 
@@ -306,7 +307,8 @@ class ScenarioDocument(BaseModel):
         else:
             mean_motion = self.mean_motion or mean_motion_at(self.altitude or 0.0)
             problem = Problem(mean_motion, *grid, *limits)
-        initial, goal = (_end_states(end, problem.mean_motion) for end in (self.initial, self.goal))
+        initial = _end_states(self.initial, problem)
+        goal = _end_states(self.goal, problem.starting_at(problem.intervals))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         return Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
 

@@ -7,7 +7,7 @@ drawn again from the same stream.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +18,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.approaches import close_approaches, pairs
 from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.rings import pro_states
+from pipeline.orbit.relative_elements import ring_states
 from pipeline.orbit.separation import drift_separations
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
@@ -78,6 +78,11 @@ class _Draw:
     problem: Problem
 
     @property
+    def goal(self) -> "_Draw":
+        """The same where the reference is at the last node."""
+        return replace(self, problem=self.problem.starting_at(self.problem.intervals))
+
+    @property
     def growth(self) -> float:
         """Factor of ring sizes."""
         return max(1.0, self.n / DENSITY_N)
@@ -101,10 +106,10 @@ class _Draw:
 
     def rings(self) -> Formation:
         """One or two random rings, with equal probability."""
-        e, rings = self.problem.mean_motion, []
+        rings = []
         for count in self.sizes(int(self.rng.integers(1, 3))):
             a, tilt, cross = self.ring_shape()
-            rings.append(pro_states(a, tilt, self.slots(count), cross, e))
+            rings.append(ring_states(self.problem, a, tilt, self.slots(count), cross))
         return np.concatenate(rings)
 
     def is_safe(self, states: Formation, added: Marked | None = None) -> bool:
@@ -115,15 +120,17 @@ class _Draw:
         found = close_approaches(*free_drift(states, self.problem), within=radius, moved=added)
         return len(found.first) == 0
 
-    def ends(
-        self,
-        initial: Callable[[], Formation],
-        goal: Callable[[], Formation],
-        safe: Callable[[Formation], bool] | None = None,
-    ) -> Ends:
+    def ends(self, initial: "Make", goal: "Make", safe: "Safe | None" = None) -> Ends:
         """Two formations, the goal's slots in random order."""
-        start = _redraw(initial, safe or self.is_safe)
-        return start, self.rng.permutation(_redraw(goal, safe or self.is_safe))
+        start, end = (
+            _redraw(partial(make, draw), partial(safe or _Draw.is_safe, draw))
+            for make, draw in ((initial, self), (goal, self.goal))
+        )
+        return start, self.rng.permutation(end)
+
+
+Make = Callable[[_Draw], Formation]
+Safe = Callable[[_Draw, Formation], bool]
 
 
 def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) -> Formation:
@@ -139,14 +146,14 @@ def _redraw(make: Callable[[], Formation], safe: Callable[[Formation], bool]) ->
 
 def _rings(draw: _Draw) -> Ends:
     """One or two random rings at each end, goal slots in random order (the default)."""
-    return draw.ends(draw.rings, draw.rings)
+    return draw.ends(_Draw.rings, _Draw.rings)
 
 
 def _dense(draw: _Draw) -> Ends:
     """Rings as small as passive safety lets them be, goal slots in random order."""
     radius = draw.problem.collision_radius
 
-    def formation() -> Formation:
+    def formation(draw: _Draw) -> Formation:
         states = draw.rings()
         if draw.n == 1:  # of the size of the collision radius
             return states * radius / np.abs(states[:, :3]).max()
@@ -154,7 +161,7 @@ def _dense(draw: _Draw) -> Ends:
         apart = float(drift_separations(states[None], draw.problem)[0])
         return states * DENSE * radius / max(apart, 1e-9)
 
-    def safe(states: Formation) -> bool:
+    def safe(draw: _Draw, states: Formation) -> bool:
         most = CROWDED * radius * np.sqrt(draw.n)
         return bool(np.abs(states[:, :3]).max() <= most) and draw.is_safe(states)
 
@@ -163,16 +170,16 @@ def _dense(draw: _Draw) -> Ends:
 
 def _split(draw: _Draw, sizes: tuple[float, float], tilts: tuple[float, float]) -> Ends:
     """The paper's Figure 1: a flat 200 m ring to two rings of half the craft each."""
-    e, growth = draw.problem.mean_motion, draw.growth
+    growth = draw.growth
 
-    def ring() -> Formation:
-        return pro_states(200.0 * growth, 0.0, draw.slots(draw.n), 0.0, e)
+    def ring(draw: _Draw) -> Formation:
+        return ring_states(draw.problem, 200.0 * growth, 0.0, draw.slots(draw.n))
 
-    def halves() -> Formation:
-        cross = draw.angle()
+    def halves(draw: _Draw) -> Formation:
+        cross, about = draw.angle(), draw.problem
         both = zip(draw.sizes(2), sizes, tilts, strict=True)
         return np.concatenate(
-            [pro_states(a * growth, tilt, draw.slots(m), cross, e) for m, a, tilt in both]
+            [ring_states(about, a * growth, tilt, draw.slots(m), cross) for m, a, tilt in both]
         )
 
     return draw.ends(ring, halves)
@@ -190,25 +197,26 @@ def _tilt_split(draw: _Draw) -> Ends:
 
 def _independent(draw: _Draw) -> Ends:
     """Each craft on a random PRO of its own, with an along-track offset of its own."""
-    rng, e, growth = draw.rng, draw.problem.mean_motion, draw.growth
+    rng, growth = draw.rng, draw.growth
 
-    def craft() -> Formation:
+    def craft(draw: _Draw) -> Formation:
         a = growth * rng.uniform(*SEMI_MAJOR_AXIS)
         offset = growth * rng.uniform(-SEMI_MAJOR_AXIS[1], SEMI_MAJOR_AXIS[1])
         tilt, phase = rng.uniform(-TILT, TILT), np.array([draw.angle()])
-        return pro_states(a, tilt, phase, draw.angle(), e, offset)
+        return ring_states(draw.problem, a, tilt, phase, draw.angle(), offset)
 
-    def formation() -> Formation:
-        placed = craft()
+    def formation(draw: _Draw) -> Formation:
+        placed = craft(draw)
         while len(placed) < draw.n:
-            placed = np.concatenate([placed, _redraw(craft, partial(clear_of, placed))])
+            one = _redraw(partial(craft, draw), partial(clear_of, draw, placed))
+            placed = np.concatenate([placed, one])
         return placed
 
-    def clear_of(placed: Formation, one: Float[Array, "1 6"]) -> bool:
+    def clear_of(draw: _Draw, placed: Formation, one: Float[Array, "1 6"]) -> bool:
         added = np.arange(len(placed) + 1) == len(placed)
         return draw.is_safe(np.concatenate([placed, one]), added)
 
-    return formation(), formation()
+    return formation(draw), formation(draw.goal)
 
 
 def _rotation(draw: _Draw) -> Ends:
@@ -217,11 +225,12 @@ def _rotation(draw: _Draw) -> Ends:
 
     def ends() -> Formation:
         a, tilt, cross = draw.ring_shape()
-        phases = np.concatenate([draw.slots(n), draw.slots(n)])
-        return pro_states(a, tilt, phases, cross, draw.problem.mean_motion)
+        both = [(one, one.slots(n)) for one in (draw, draw.goal)]
+        rings = [ring_states(one.problem, a, tilt, slots, cross) for one, slots in both]
+        return np.concatenate(rings)
 
     def safe(both: Formation) -> bool:
-        return draw.is_safe(both[:n]) and draw.is_safe(both[n:])
+        return draw.is_safe(both[:n]) and draw.goal.is_safe(both[n:])
 
     initial, goal = np.split(_redraw(ends, safe), 2)
     if rng.random() < 0.5:

@@ -151,7 +151,10 @@ def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
         return []
     drag = "" if orbit.ballistic is None else f", drag of {orbit.ballistic:g} m²/kg"
     return [
-        ("Eccentricity and inclination", f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°"),
+        (
+            "Osculating eccentricity and inclination",
+            f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°",
+        ),
         ("Forces", f"{'an oblate Earth (J2)' if orbit.j2 else 'two bodies'}{drag}"),
     ]
 

@@ -4,8 +4,10 @@ import json
 
 import numpy as np
 
+from pipeline.flight.conditions import Conditions
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import mean_motion_at
+from pipeline.orbit.reference import R_EARTH, mean_motion_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.scenario import draw
 from pipeline.scenario.document import read_scenario, write_scenario
 
@@ -45,6 +47,39 @@ def test_rings_of_ones_own_are_written_checked_and_planned(prolearn, tmp_path):
     kept = json.loads((tmp_path / "p.json").read_text())["scenario"]
     assert np.shape(kept["goal"]) == (4, 6)
     assert kept["reference"]["raan_deg"] == 40.0
+
+
+def test_rings_about_an_eccentric_orbit_are_written_checked_and_planned(prolearn, tmp_path):
+    """By mean elements, as plan's conditions; at an epoch the reference has the same angles."""
+    ends = ("--from", "craft=4,size=200,tilt_deg=20", "--to", "craft=4,size=90")
+    where = ("--eccentricity", "0.01", "--inclination", "51.6", "--raan", "40")
+    epoch = ("--epoch", "2026-03-01T12:00:00Z")
+    done = prolearn("scenario", "new", "s.json", *ends, *where, *epoch)
+    assert done.returncode == 0, done.stderr
+    written = json.loads((tmp_path / "s.json").read_text())
+    assert "rings" in written["goal"] and "altitude" not in written
+    made = read_scenario(tmp_path / "s.json")
+    conditions = Conditions(0.01, 51.6, 40.0).orbit(Problem())
+    np.testing.assert_allclose(made.problem.orbit.begin, conditions.begin, rtol=1e-9, atol=1e-6)
+    assert made.reference.raan_deg == made.problem.orbit.raan_deg
+    checked = prolearn("scenario", "check", "s.json")
+    assert checked.returncode == 0, checked.stdout
+    assert "no craft drifts along-track by more than 0.000 m" in " ".join(checked.stdout.split())
+    planned = prolearn("plan", "s.json", "--world", "--out", "p.json")
+    assert planned.returncode == 0, planned.stderr
+    assert "mean eccentricity 0.01, inclination 51.6" in planned.stdout
+
+
+def test_a_draw_about_an_orbit_has_no_epoch_of_its_own(prolearn, tmp_path):
+    about = ("--eccentricity", "0", "--inclination", "51.6", "--no-j2")
+    assert prolearn("scenario", "new", "s.json", "--family", "dense", *about).returncode == 0
+    made = read_scenario(tmp_path / "s.json")
+    assert made.reference is None
+    wanted = ReferenceOrbit(R_EARTH + 500e3, 0.0, 51.6, 0.0, 90.0, 0.0, j2=False)
+    assert made.problem.orbit == wanted
+    refused = prolearn("scenario", "new", "t.json", "--argument-of-perigee", "20")
+    assert refused.returncode == 2
+    assert "--argument-of-perigee is given without --eccentricity" in refused.stderr
 
 
 def faulty(path):

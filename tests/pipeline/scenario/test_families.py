@@ -1,13 +1,18 @@
 """Families of scenarios: what each looks like, that it is safe, and that it is repeatable."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from relative import linear_maps, pull
 
 from pipeline.errors import InputError
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.relative_elements import secular_drift
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.scenario import FAMILIES, check, draw
 
@@ -33,6 +38,26 @@ def test_both_formations_are_energy_matched_and_stay_apart_for_a_whole_orbit(fam
         assert energy_mismatch(end, E) == pytest.approx(0, abs=1e-12)
         if n > 1:
             assert least_distance_over_an_orbit(end) > PROBLEM.collision_radius
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_about_an_eccentric_orbit_under_j2_both_formations_are_bounded_and_stay_apart(family):
+    """Looked at every 5 s of an orbit, by linear motion from complex-step derivatives."""
+    orbit = ReferenceOrbit.of_mean(
+        semi_major_axis=7.3e6, eccentricity=0.05, inclination_deg=51.6, argument_of_perigee_deg=40.0
+    )
+    scenario = draw(family, 3, 8, 7, PROBLEM.about(orbit))
+    check(scenario)
+    problem = scenario.problem
+    ends = (scenario.initial, problem), (scenario.goal, problem.starting_at(problem.intervals))
+    for end, about in ends:
+        assert np.abs(secular_drift(end, about)).max() < 0.05
+        begin = about.orbit.states(np.zeros(1))[0]
+        times = np.arange(5.0, 2 * np.pi / problem.mean_motion, 5.0)
+        maps, _, _ = linear_maps(begin, times, partial(pull, j2=True))
+        i, j = np.triu_indices(len(end), 1)
+        drift = np.einsum("qij,pj->qpi", maps[:, :3], end[i] - end[j])
+        assert np.linalg.norm(drift, axis=-1).min() > problem.collision_radius
 
 
 @given(seed=st.integers(0, 10**9), n=st.integers(2, 12), index=st.integers(0, 10**6))

@@ -8,9 +8,11 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.relative_elements import ring_states, secular_drift
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.named import named_planner
-from pipeline.scenario.document import read_scenario, write_by_hand
+from pipeline.scenario.document import OrbitDocument, read_scenario, write_by_hand
 
 E = mean_motion_at(500e3)
 
@@ -64,6 +66,26 @@ def test_a_plan_holds_raw_states_and_the_reference_orbit_of_a_scenario_of_rings(
     assert again.reference == made.reference
     assert (again.goal == made.goal).all()
     assert again.problem == Problem()
+
+
+def test_rings_about_an_orbit_are_bounded_at_both_ends(tmp_path):
+    """The goal's about the reference where it is at the last node."""
+    orbit = ReferenceOrbit.of_mean(
+        semi_major_axis=6.9e6, eccentricity=0.005, inclination_deg=51.6, raan_deg=5.0
+    )
+    fields = {"altitude": None, "orbit": OrbitDocument.of(orbit).model_dump()}
+    ring = {"craft": 3, "size": 250, "tilt_deg": 30, "first_phase_deg": 20}
+    made = written(tmp_path / "s.json", [ring], [ring], **fields)
+    problem = made.problem
+    shape = 250.0, np.radians(30), np.radians([20.0, 140.0, 260.0])
+    np.testing.assert_allclose(made.initial, ring_states(problem, *shape), atol=1e-9)
+    later = problem.starting_at(problem.intervals)
+    np.testing.assert_allclose(made.goal, ring_states(later, *shape), atol=1e-9)
+    assert np.abs(made.goal - made.initial).max() > 0.1
+    for states, about in ((made.initial, problem), (made.goal, later)):
+        assert np.abs(secular_drift(states, about)).max() < 1e-3
+    read = read_scenario(tmp_path / "s.json")
+    np.testing.assert_array_equal(read.goal, made.goal)
 
 
 RING = {"craft": 2, "size": 100}

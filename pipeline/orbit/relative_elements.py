@@ -1,0 +1,125 @@
+"""Bounded relative orbits about any reference orbit, by mean relative orbital elements.
+
+Quasi-nonsingular relative orbital elements are differences of mean elements: in semi-major axis
+δa, mean longitude δλ, the vector of eccentricity (δex, δey) and the direction of the orbital plane
+(δix, δiy), all as shares of the semi-major axis (D'Amico 2010, "Autonomous formation flying in low
+Earth orbit"; Koenig, Guffanti and D'Amico 2017, "New state transition matrices for spacecraft
+relative motion in perturbed orbits"). Here their axes are the LVLH axes of the mean reference.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.arrays import Formation
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.inertial import Frame, lvlh_frame
+from pipeline.orbit.mean_elements import (
+    Each,
+    PlanarElements,
+    mean_states,
+    osculating_states,
+    secular_rates,
+)
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import MU_EARTH
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.rings import pro_states
+
+LIKE = 0.1  # share by which semi-major axes may differ, and eccentricities are below 1
+NEWTON = 4  # steps for δa; each leaves about the square of what it misses
+
+
+def ring_states(
+    problem: Problem,
+    semi_major_axis: float | Float[Array, "#n"],
+    tilt: float | Float[Array, "#n"],
+    phase: Float[Array, "n"],
+    cross_phase: float | Float[Array, "#n"] = 0.0,
+    offset: float | Float[Array, "#n"] = 0.0,
+) -> Formation:
+    """LVLH states (m, m/s) at the first node of craft on a ring, as ``pro_states`` has it.
+
+    About a circle without perturbations they are those of ``pro_states``. About another orbit
+    they have the same relative elements, with which the ring is bounded: δe = a/2 at θ behind the
+    mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that along-track positions do not
+    drift on average over revolutions. The motion is then the ring's only as far as the orbit is
+    near to a circle.
+    """
+    orbit = problem.orbit
+    ring = semi_major_axis, tilt, phase, cross_phase
+    if orbit is None or (orbit.eccentricity == 0 and not orbit.j2):
+        return pro_states(*ring, problem.mean_motion, offset)
+    origin, mean, frame = _reference(orbit)
+    chief = PlanarElements.of(mean)
+    size = chief.semi_major_axis
+    behind = chief.longitude - phase
+    e, i = semi_major_axis / 2 / size, semi_major_axis / 2 / size * np.tan(tilt)
+    across = behind - cross_phase - np.pi / 2
+    columns = (
+        *(0.0, -e * np.cos(behind), -e * np.sin(behind), offset / size),
+        *(i * np.cos(across), i * np.sin(across)),
+    )
+    by = np.stack(np.broadcast_arrays(*columns), axis=-1)
+    each = np.zeros(len(by), dtype=int)  # the reference, once for every craft
+    same = PlanarElements(
+        chief.axes[each], size[each], chief.eccentricity[each], chief.longitude[each]
+    )
+    craft = same.changed(by)
+    for _ in range(NEWTON):
+        ahead = _relative_rate(orbit, craft.states(), mean)
+        longer = ahead / (1.5 * craft.mean_motion * np.sqrt(1 - chief.eccentricity_squared))
+        craft = replace(craft, semi_major_axis=craft.semi_major_axis + longer)
+    states = craft.states()
+    return frame.from_inertial((osculating_states(states) if orbit.j2 else states) - origin)
+
+
+def secular_drift(states: Formation, problem: Problem) -> Each:
+    """Along-track drift of LVLH states at the first node, m a revolution of a reference orbit.
+
+    By Kepler and to first order in J2, of positions averaged over revolutions. Of craft on quite
+    another orbit than the reference's, by their energy alone.
+    """
+    orbit = problem.orbit
+    assert orbit is not None
+    origin, chief, frame = _reference(orbit)
+    craft = origin + frame.to_inertial(states)
+    reference = PlanarElements.of(chief)
+    size, n = reference.semi_major_axis, reference.mean_motion
+    r, v, h = norm(craft[:, :3]), norm(craft[:, 3:]), norm(np.cross(craft[:, :3], craft[:, 3:]))
+    share = size * (2 / r - v**2 / MU_EARTH)  # of the reference's semi-major axis in the craft's
+    square = 1 - h**2 * share / (MU_EARTH * size)  # of the eccentricity
+    like = (np.abs(share - 1) < LIKE) & (square < (1 - LIKE) ** 2)
+    drift = 3 * np.pi * size * (share - 1) * np.sqrt(1 - reference.eccentricity_squared)
+    drift[like] = 2 * np.pi / n * _relative_rate(orbit, _mean(orbit, craft[like]), chief)
+    return drift
+
+
+@lru_cache(maxsize=32)
+def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], Float[Array, "1 6"], Frame]:
+    """Inertial state of the reference at the first node, its mean state, and the LVLH frame."""
+    origin = orbit.states(np.zeros(1))
+    frame = lvlh_frame(origin, orbit.acceleration(origin, orbit.ballistic or 0.0))
+    return origin, _mean(orbit, origin), frame
+
+
+def _mean(orbit: ReferenceOrbit, osculating: Formation) -> Formation:
+    return mean_states(osculating) if orbit.j2 else osculating
+
+
+def _relative_rate(orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]) -> Each:
+    """Secular rate of the along-track position, averaged over a revolution, m/s.
+
+    Of mean states about a mean reference. A turn of the orbit in its plane, Δω + ΔΩ cos i, moves
+    a craft by that times r, of which the average is a (1 + e²/2); ΔM by a²√(1-e²)/r, on average
+    a √(1-e²).
+    """
+    rates = zip(*(secular_rates(states, j2=orbit.j2) for states in (mean, reference)), strict=True)
+    perigee, anomaly, node = (craft - its for craft, its in rates)
+    chief = PlanarElements.of(reference)
+    square, cos = chief.eccentricity_squared, chief.axes[:, 2, 2]
+    turned = (1 + square / 2) * (perigee + cos * node)
+    return chief.semi_major_axis * (turned + np.sqrt(1 - square) * anomaly)
