@@ -14,7 +14,15 @@ from rich.table import Table
 from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
-from cli.settings import AsJson, Family, InertialFiles, OrbitPlace, ProblemSettings, flag, option
+from cli.settings import (
+    AsJson,
+    Family,
+    InertialFiles,
+    OrbitPlace,
+    ProblemSettings,
+    flag,
+    option,
+)
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,13 +49,13 @@ MOST_CASES = 5  # faults of a kind that the table shows, the worst ones
 DRAWN = ("family", "n", "seed", "index", "split")
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
 """Options of a draw, and what goes with what."""
-NOT_INERTIAL = (
-    *(*DRAWN, "start", "to", "altitude", "inclination_deg", "raan_deg"),
-    *("argument_of_latitude_deg", "eccentricity", "argument_of_perigee_deg"),
-)
 
+ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
+REFERENCE = ("epoch", *ANGLES)  # its fields
+SHAPE = ("eccentricity", "argument_of_perigee_deg")
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
-REFERENCE = ("epoch", "inclination_deg", "raan_deg", "argument_of_latitude_deg")  # its fields
+NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)
+"""What inertial states have no use for."""
 
 
 @app.command()
@@ -103,13 +111,13 @@ def new(
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
+    asked, content = problem.problem(), asdict(problem)
     if files != InertialFiles():
         refuse(context, NOT_INERTIAL, "with inertial states, which have an orbit; leave it out.")
-        made = files.scenario(problem.problem(), place.epoch, j2=not place.no_j2)
+        made = files.scenario(asked, place.epoch, j2=not place.no_j2)
         write_scenario(scenario, made)
         _told(scenario, made)
         return
-    asked, content = problem.problem(), asdict(problem)
     if place.eccentricity is None:
         why = "without --eccentricity or --initial; expected one of them, such as 0.001."
         refuse(context, OF_ORBITS, why)

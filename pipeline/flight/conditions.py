@@ -8,6 +8,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.reference_orbit import MOST_BALLISTIC, MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.scenario import Scenario
+from pipeline.scenario.document import ANGLES
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,17 @@ def conditions_of(scenario: Scenario, given: Conditions | None = None) -> Condit
 
 
 def in_world(scenario: Scenario, conditions: Conditions) -> Scenario:
-    """The scenario about its own reference orbit, or that of the conditions without one."""
-    problem = scenario.problem
+    """The scenario about its own reference orbit, or that of the conditions without one.
+
+    What says where the orbit is then has its osculating angles, as in files with an orbit.
+    """
+    problem, reference = scenario.problem, scenario.reference
     if problem.orbit is not None:
         return scenario
-    return replace(scenario, problem=problem.about(conditions.orbit(problem)))
+    orbit = conditions.orbit(problem)
+    if reference is not None:
+        reference = Reference(reference.epoch, *(getattr(orbit, name) for name in ANGLES))
+    return replace(scenario, problem=problem.about(orbit), reference=reference)
 
 
 def world_of(scenario: Scenario, conditions: Conditions | None) -> NonlinearWorld:

@@ -77,32 +77,6 @@ class ReferenceOrbit:
         check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)
 
     @classmethod
-    def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
-        """The orbit whose mean elements at the epoch are those given, u = ω + ν among them.
-
-        Mean elements are osculating ones without their short-period variations by J2
-        (``pipeline.orbit.mean_elements``); without J2 they are the same.
-        """
-        mean = cls(**fields)
-        if not mean.j2:
-            return mean
-        state = osculating_states(mean.begin[None])[0]
-        return cls.through(state, ballistic=mean.ballistic, spread=mean.spread)
-
-    @property
-    def mean_elements(self) -> Elements:
-        """Mean elements at the epoch; angles in rad."""
-        return Elements.of(mean_states(self.begin[None])[0] if self.j2 else self.begin)[0]
-
-    @property
-    def begin(self) -> Float[Array, "6"]:
-        """Inertial state at the epoch, m and m/s."""
-        angles = self.inclination_deg, self.raan_deg, self.argument_of_perigee_deg
-        i, raan, perigee = map(radians, angles)
-        elements = Elements(self.semi_major_axis, i, raan, self.eccentricity, perigee)
-        return elements.states(np.array(radians(self.argument_of_latitude_deg)))
-
-    @classmethod
     def through(
         cls,
         state: Float[Array, "6"],
@@ -119,6 +93,33 @@ class ReferenceOrbit:
         )
         shape = found.semi_major_axis, found.eccentricity
         return cls(*shape, i, raan, perigee, u, j2=j2, ballistic=ballistic, spread=spread)
+
+    @classmethod
+    def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
+        """The orbit whose mean elements at the epoch are those given, u = ω + ν among them.
+
+        Mean elements are osculating ones without their short-period variations by J2
+        (``pipeline.orbit.mean_elements``); without J2 they are the same.
+        """
+        mean = cls(**fields)
+        if not mean.j2:
+            return mean
+        state = osculating_states(mean.begin[None])[0]
+        made = cls.through(state, ballistic=mean.ballistic, spread=mean.spread)
+        return replace(made, start=mean.start)
+
+    @property
+    def mean_elements(self) -> Elements:
+        """Mean elements at the epoch; angles in rad."""
+        return Elements.of(mean_states(self.begin[None])[0] if self.j2 else self.begin)[0]
+
+    @property
+    def begin(self) -> Float[Array, "6"]:
+        """Inertial state at the epoch, m and m/s."""
+        angles = self.inclination_deg, self.raan_deg, self.argument_of_perigee_deg
+        i, raan, perigee = map(radians, angles)
+        elements = Elements(self.semi_major_axis, i, raan, self.eccentricity, perigee)
+        return elements.states(np.array(radians(self.argument_of_latitude_deg)))
 
     @property
     def mean_motion(self) -> float:

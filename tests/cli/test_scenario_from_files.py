@@ -76,8 +76,9 @@ def test_what_does_not_go_together_is_refused_in_a_sentence(prolearn, handed_ove
     for options, word in (
         (("--initial", "oem"), "--initial or --goal is missing"),
         (("--chief", "chief.csv"), "--initial or --goal is missing"),
-        (("--no-j2",), "--no-j2 is given without"),
+        (("--no-j2",), "without --eccentricity"),
         ((*both, "--altitude", "5e5"), "--altitude is given with inertial states"),
+        ((*both, "--eccentricity", "0.1"), "--eccentricity is given with inertial states"),
         ((*both, "--seed", "1"), "--seed is given with inertial states"),
         ((*both, "--from", "craft=1,size=9"), "--from is given with inertial states"),
         ((*both, "--drag-spread", "0.1"), "--drag-spread is 0.1 without --drag"),

@@ -8,13 +8,14 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
-from pipeline.flight.conditions import Conditions
+from pipeline.flight.conditions import Conditions, in_world
 from pipeline.flight.effects import effects, fly_controls
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario import Scenario, draw
+from pipeline.scenario.document import read_scenario, write_scenario
 
 SCENARIO = draw("rings", 0, 5, 0, Problem())
 CONTROLS = solve(SCENARIO).controls
@@ -99,3 +100,17 @@ def test_controls_that_lead_far_away_are_refused():
         controls[3, 0, 1] = push
         with pytest.raises(InputError, match="the controls lead craft 3 "):
             effects(SCENARIO, controls, ALL)
+
+
+def test_a_scenario_with_a_reference_is_read_again_once_it_is_about_the_orbit_of_conditions(
+    tmp_path,
+):
+    where = Reference(datetime(2026, 3, 1, tzinfo=UTC), 51.6, 40.0, 70.0)
+    scenario = replace(draw("rings", 0, 2, 0, Problem()), reference=where)
+    world = in_world(scenario, Conditions(eccentricity=0.005).about(where))
+    write_scenario(tmp_path / "s.json", world)
+    read = read_scenario(tmp_path / "s.json")
+    assert read.problem == world.problem
+    assert read.reference.epoch == where.epoch
+    assert read.reference.inclination_deg == pytest.approx(51.6, abs=0.02)  # osculating
+    assert read.reference.raan_deg == read.problem.orbit.raan_deg
