@@ -65,7 +65,10 @@ def test_the_file_alone_is_flown_to_its_goals(prolearn, tmp_path, options, world
     assert (done.returncode, done.stderr) == (0, "")
     document = flown(tmp_path / "p.json")
     assert document["world"] == document["scenario"]["orbit"]
-    assert document["world"] | world == document["world"]
+    for name, value in world.items():  # mean elements, from which osculating ones differ by J2
+        near = 2e-3 if name == "eccentricity" else 0.02
+        expected = pytest.approx(value, abs=near) if isinstance(value, float) else value
+        assert document["world"][name] == expected
     assert document["status"] == "solved"
     assert ("assignment" in document) == ("optimal" in options)
     assert document["certificate"]["fuel_lower_bound_proof"].endswith("to first order")
@@ -75,7 +78,8 @@ def test_nodes_and_drag_are_as_asked_for(prolearn, tmp_path):
     asked = ("--separation", "nodes", "--drag", "0.05", "--drag-spread", "0.5")
     done = prolearn("plan", "s.json", "--world", *asked, "--out", "p.json")
     assert done.returncode == 0, done.stderr
-    layer = atmosphere_near((R_EARTH + 500e3) * (1 - 0.001) - R_EARTH)
+    about = json.loads((tmp_path / "p.json").read_text())["world"]
+    layer = atmosphere_near(about["semi_major_axis"] * (1 - about["eccentricity"]) - R_EARTH)
     document = flown(tmp_path / "p.json", (layer.base, layer.density, layer.scale), at_nodes=True)
     assert (document["world"]["ballistic"], document["world"]["spread"]) == (0.05, 0.5)
     assert document["separation"] == "nodes"
@@ -94,8 +98,9 @@ def test_a_scenarios_own_orbit_or_reference_is_the_world(prolearn, tmp_path):
         worlds.append(document["world"])
     assert read_plan(tmp_path / "plans" / "own.plan.json").scenario.problem.orbit == OWN
     assert worlds[0]["eccentricity"] == 0.3
-    assert worlds[1]["inclination_deg"] == 97.4
-    assert [worlds[2][f"{name}_deg"] for name in ("inclination", "raan")] == [51.6, 40.0]
+    assert worlds[1]["inclination_deg"] == pytest.approx(97.4, abs=0.02)
+    angles = [worlds[2][f"{name}_deg"] for name in ("inclination", "raan")]
+    assert angles == pytest.approx([51.6, 40.0], abs=0.05)
 
 
 def test_the_table_is_that_of_any_plan_and_no_model_error_is_told(prolearn):
@@ -113,7 +118,7 @@ def test_the_table_is_that_of_any_plan_and_no_model_error_is_told(prolearn):
         (("s.json", "--drag", "0.01"), "--drag is given without --world; expected"),
         (("s.json", "--no-j2"), "--no-j2 is given without --world; expected"),
         (("s.json", "--world", "--drag-spread", "0.1"), "--drag-spread is 0.1 without --drag"),
-        (("s.json", "--world", "--eccentricity", "0.1"), "eccentricity is 0.1; expected a number"),
+        (("s.json", "--world", "--eccentricity", "0.1"), "a perigee -187814 m above the Earth"),
         (
             ("s.json", "--world", "--risk", "0.01", "--navigation-sigma", "0.2"),
             "a risk is asked for of a plan as flown",
@@ -146,7 +151,7 @@ def test_ends_that_drift_about_the_orbit_are_refused_unless_they_may(prolearn, t
     done = prolearn("plan", "own.json", "--world", "--out", "p.json")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert re.search(
-        r"own\.json: initial\[\d\] drifts [\d.]+ m an orbit, and .* set vy to", done.stderr
+        r"own\.json: initial\[\d\] drifts [+-][\d.]+ m along-track .* set vy to", done.stderr
     )
     assert prolearn("scenario", "check", "own.json").returncode == 1
     allowed = prolearn("plan", "own.json", "--world", "--allow-drift", "--out", "p.json")
@@ -155,7 +160,7 @@ def test_ends_that_drift_about_the_orbit_are_refused_unless_they_may(prolearn, t
     (drifting,) = [
         one for one in found["findings"] if one["rule"] == "energy-matched" and one["end"] == "goal"
     ]
-    assert drifting["cases"][0]["numbers"]["drift_per_orbit"] > 1.0
+    assert abs(drifting["cases"][0]["numbers"]["drift_per_orbit"]) > 1.0
 
 
 def test_a_plan_that_is_unsafe_in_the_flight_exits_with_1_and_names_the_pair(prolearn, tmp_path):
