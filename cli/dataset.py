@@ -1,10 +1,11 @@
 """Commands that make and check datasets: sample, solve, dataset, card, verify."""
 
+import json
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.options import given_options, with_settings
+from cli.options import given_options, refuse, with_settings
 from cli.output import beside, echo, print_json
 from cli.progress import progress
 from cli.settings import (
@@ -21,6 +22,7 @@ from pipeline.errors import InputError
 from pipeline.urls import public_url
 
 if TYPE_CHECKING:
+    from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.parallel.workers import Workers
 
 Out = Annotated[str, option("Dataset folder or URL.")]
@@ -29,6 +31,7 @@ Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.")]
 
 @with_settings
 def sample(
+    context: typer.Context,
     out: Out,
     *,
     n: Annotated[int, option("Spacecraft in each scenario.")] = 10,
@@ -37,15 +40,20 @@ def sample(
     family: Family = "rings",
     shares: Annotated[str, option("Shares of the train, valid and test split.")] = "0.8,0.1,0.1",
     problem: ProblemSettings,
+    orbit: Annotated[
+        str | None,
+        option("Instead of --altitude: an orbit's fields as in scenario.json.", metavar="JSON"),
+    ] = None,
     jobs: Jobs = -1,
 ) -> None:
     """Draw scenarios into a dataset folder.
 
     Scenario k of a split depends on seed, n, split and k alone. Several sizes may share a folder.
 
-    Example:
+    Examples:
 
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
+        prolearn sample --orbit '{"semi_major_axis": 8e6, "eccentricity": 0.1}' --out data/e
     """
     from pipeline.dataset.samples import Sample
     from pipeline.dataset.sampling import sample as run
@@ -57,10 +65,29 @@ def sample(
             f"--shares is {shares!r}; expected three numbers such as 0.8,0.1,0.1."
         ) from error
     one = Sample(family=family, seed=seed, count=count, shares=(train, valid, test))
+    asked = problem.problem()
+    if orbit is not None:
+        refuse(context, ("altitude",), "beside --orbit, which has a size; leave one of them out.")
+        asked = asked.about(_orbit(orbit))
     with progress("sampling") as shown:
-        run(out, {n: one}, problem.problem(), jobs=jobs, progress=shown)
+        run(out, {n: one}, asked, jobs=jobs, progress=shown)
     where = public_url(out)
     echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
+
+
+def _orbit(text: str) -> "ReferenceOrbit":
+    """The reference orbit of JSON text."""
+    from pipeline.documents import document_from
+    from pipeline.scenario.document import OrbitDocument
+
+    try:
+        fields = json.loads(text)
+    except ValueError as error:
+        raise InputError(
+            f"--orbit is no JSON ({error}); expected an object such as "
+            '{"semi_major_axis": 8e6, "eccentricity": 0.1}.'
+        ) from error
+    return document_from(fields, OrbitDocument).orbit()
 
 
 @with_settings

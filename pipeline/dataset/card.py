@@ -21,6 +21,7 @@ from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
 from pipeline.plan import AT_ALL_TIMES, SOLVED
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
+from pipeline.scenario.document import OrbitDocument
 from pipeline.scenario.families import FAMILIES
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.templates import template
@@ -78,7 +79,7 @@ def _card(folder: Folder, licence: str, progress: Progress) -> str:
         one_size=f'load_dataset({quoted}, "n{min(manifest.samples)}")',
         licence=licence,
         problem=manifest.problem,
-        altitude=altitude_of(manifest.problem.mean_motion) / 1e3,
+        orbit=_orbit(manifest.problem),
         at_nodes=requirements_of(manifest.solve).at_nodes,
         sizes=sorted(manifest.samples),
         mebibytes=sum(file.stored for file in files) / 2**20,
@@ -185,8 +186,6 @@ def preset_of(manifest: Manifest) -> str | None:
 
 def commands(manifest: Manifest, folder: str) -> Iterator[str]:
     """The command lines that make the same rows, but for settings that no option sets."""
-    if manifest.problem.orbit is not None:
-        yield "# about the reference orbit in _manifest.json, which no option of sample has yet"
     preset = preset_of(manifest)
     if preset:
         yield f"prolearn dataset --preset {preset} --out {folder}"
@@ -202,10 +201,27 @@ def commands(manifest: Manifest, folder: str) -> Iterator[str]:
 def _options(sample: Sample, problem: Problem) -> Iterator[str]:
     yield f"--count {sample.count} --seed {sample.seed} --family {shlex.quote(sample.family)}"
     yield f"--shares {','.join(map(str, sample.shares))}"
-    yield f"--altitude {altitude_of(problem.mean_motion)} --time-step {problem.time_step}"
-    yield f"--nodes {problem.nodes} --collision-radius {problem.collision_radius}"
+    if problem.orbit is None:
+        yield f"--altitude {altitude_of(problem.mean_motion)}"
+    else:
+        yield f"--orbit {shlex.quote(json.dumps(OrbitDocument.of(problem.orbit).model_dump()))}"
+    yield f"--time-step {problem.time_step} --nodes {problem.nodes}"
+    yield f"--collision-radius {problem.collision_radius}"
     if problem.max_acceleration is not None:
         yield f"--max-acceleration {problem.max_acceleration}"
+
+
+def _orbit(problem: Problem) -> str:
+    """The reference orbit in words."""
+    orbit = problem.orbit
+    if orbit is None:
+        altitude = altitude_of(problem.mean_motion) / 1e3
+        return (
+            f"circular about the Earth, {altitude:.6g} km high (mean motion "
+            f"{problem.mean_motion:.9g} rad/s)"
+        )
+    named = OrbitDocument.of(orbit).model_dump(exclude_none=True)
+    return "by osculating elements, " + ", ".join(f"{k} {v}" for k, v in named.items())
 
 
 def altitude_of(mean_motion: float) -> float:

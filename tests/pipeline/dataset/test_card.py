@@ -27,6 +27,7 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
 from pipeline.plan import Requirements
 
@@ -173,9 +174,13 @@ def test_the_card_describes_every_column_as_the_documentation_does(carded):
         assert not unit or listed or pa.types.is_float64(kind)
 
 
-def test_the_commands_in_the_card_make_the_same_rows(tmp_path, monkeypatch):
+CIRCLE = Problem(mean_motion_at(612_345.6), 90.0, 9, 12.5, 0.02)
+ECCENTRIC = CIRCLE.about(ReferenceOrbit(8.1e6 / 3 * 3.1, 0.123, 51.6, raan_deg=1 / 3))
+
+
+@pytest.mark.parametrize("problem", [CIRCLE, ECCENTRIC], ids=["a circle", "e 0.123"])
+def test_the_commands_in_the_card_make_the_same_rows(tmp_path, monkeypatch, problem):
     monkeypatch.chdir(tmp_path)
-    problem = Problem(mean_motion_at(612_345.6), 90.0, 9, 12.5, 0.02)
     one = Sample(family="tilt-split", seed=7, count=4, shares=(0.5, 0.25, 0.25), shard_rows=3)
     sample("data/first", {2: one, 5: replace(one, count=2, seed=8)}, problem, jobs=1)
     solve("data/first", Settings(), Requirements("nodes"), workers=ONE)
