@@ -4,13 +4,14 @@
 
 Planners take turns on the same scenarios, planned in batches, so that the machine's noise falls on
 all alike; times are CPU times of one core, certificates included but where it says "answers".
-Prints that table and one of other time grids, which are the figures of the packaged refiner's card
-too, and writes fallback.json.
+Prints that table and those of other time grids and orbits, which are the figures of the packaged
+refiner's card too, and writes fallback.json.
 """
 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from time import process_time
 from typing import Annotated
@@ -27,6 +28,8 @@ from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import load
 from pipeline.networks.refiner.packaged import FOLDER, packaged
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import radius_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.plan import SOLVED, Plan
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import ONE_SOLVE, FallbackPlanner, NetworkPlanner
@@ -41,6 +44,10 @@ TURNS = 3
 GRIDS = [replace(Problem(), nodes=T) for T in (6, 8, 11, 16, 21)]
 GRIDS += [replace(Problem(), time_step=step) for step in (60.0, 90.0, 180.0, 240.0)]
 """Other time grids."""
+
+ECCENTRICITIES = (0.0, 0.01, 0.1, 0.5)
+SWARMS = (("rings", 10, 200), ("rings", 30, 100), ("dense", 10, 200), ("dense", 30, 100))
+"""Of orbits that the network was not trained about, and what is planned about each."""
 
 Plans = Callable[[Sequence[Scenario]], list[Plan]]
 
@@ -62,7 +69,10 @@ def main(
     show("From the network to the expert", rows)
     grids = [_grid(flown, grid) for grid in track(GRIDS, "other time grids")]
     show("100 validation scenarios of other time grids, n = 10", grids)
-    write_json(out / "fallback.json", {"reference": rows, "grids": grids})
+    both = list(product(SWARMS, ECCENTRICITIES))
+    orbits = [_orbit(flown, *swarm, e) for swarm, e in track(both, "other orbits")]
+    show("About other orbits, with J2", orbits)
+    write_json(out / "fallback.json", {"reference": rows, "grids": grids, "orbits": orbits})
 
 
 def _compared(
@@ -140,6 +150,23 @@ def _grid(flown: NetworkPlanner, problem: Problem) -> Row:
         "time_step_s": problem.time_step,
         **quality(plans),
         "expert": quality(expert)["fuel/bound"],
+    }
+
+
+def _orbit(flown: NetworkPlanner, family: str, n: int, count: int, e: float) -> Row:
+    """Plans of test scenarios about orbits whose perigee is as high, from anywhere on them."""
+    size, rng, scenarios = radius_at(Problem().mean_motion) / (1 - e), np.random.default_rng(0), []
+    for k in range(count):
+        orbit = ReferenceOrbit(size, e, 97.4, 0.0, 90.0, float(rng.uniform(0.0, 360.0)))
+        drawn = draw(family, 0, n, k, Problem(), "test")
+        scenarios.append(replace(drawn, problem=drawn.problem.about(orbit)))
+    plans = [plan for one in scenarios for plan in flown.plan([one])]
+    after = [plan for one in scenarios for plan in FallbackPlanner(flown).plan([one])]
+    return {
+        **{"family": family, "n": n, "e": e, "scenarios": count},
+        **quality(plans),
+        "safe after": f"{np.mean([plan.status == SOLVED for plan in after]):.1%}",
+        "fuel/bound after": quality(after)["fuel/bound"],
     }
 
 
