@@ -84,7 +84,7 @@ def test_a_craft_alone_is_safe(prolearn, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--eccentricity", "0.02"), "eccentricity is 0.02; expected a number from 0 to 0.01"),
+        (("--eccentricity", "0.9"), "eccentricity is 0.9; expected a number from 0 to 0.85"),
         (("--eccentricity", "-0.001"), "eccentricity is -0.001"),
         (("--inclination", "nan"), "inclination_deg is nan"),
         (("--drag", "-1"), "ballistic is -1; expected a positive C_D A/m"),
