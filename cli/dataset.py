@@ -53,7 +53,7 @@ def sample(
     Examples:
 
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
-        prolearn sample --orbit '{"semi_major_axis": 8e6, "eccentricity": 0.1}' --out data/e
+        prolearn sample --orbit '{"semi_major_axis": 8e6}' --out data/e
     """
     from pipeline.dataset.samples import Sample
     from pipeline.dataset.sampling import sample as run

@@ -16,7 +16,14 @@ import pyarrow.parquet as pq
 from pipeline.errors import InputError, ProlearnError
 from pipeline.progress import SILENT, Progress
 from pipeline.scratch import scratch_folder
-from pipeline.storage.shards import Size, decode, digest_of, encode, text_bytes
+from pipeline.storage.shards import (
+    Size,
+    decode,
+    digest_of,
+    encode,
+    sound_metadata,
+    text_bytes,
+)
 from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.running import FAILURES, recorded_run
@@ -233,7 +240,7 @@ def table_from(content: bytes) -> pd.DataFrame:
 def _check_size(content: bytes) -> None:
     """Refuse a table that is small as a file and too large in memory."""
     with pq.ParquetFile(pa.BufferReader(content)) as file:
-        schema, metadata = file.schema_arrow, file.metadata
+        schema, metadata = file.schema_arrow, sound_metadata(file, MOST_CELLS)
     for field in schema:
         if not any(fits(field.type) for fits in KINDS):
             raise InputError(f"its column {field.name[:40]!r} is of type {field.type}")

@@ -47,10 +47,10 @@ def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> 
     """The table in a shard's bytes; InputError where they are damaged or hold too much."""
     try:
         with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
-            _refuse_larger(file.metadata, most)
+            _refuse_larger(sound_metadata(file, most.rows), most)
             _refuse_long_texts(content, file.schema_arrow, most)
             _refuse_contradiction(file)
-            return file.read(columns=None if columns is None else list(columns))
+            return file.read(columns=None if columns is None else list(columns), use_threads=False)
     except InputError:
         raise
     except Exception as error:  # Arrow raises of all kinds where a footer is damaged
@@ -93,12 +93,26 @@ def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
     return (table.schema.metadata or {}).get(METADATA_KEY) == meta[METADATA_KEY]
 
 
+def sound_metadata(file: pq.ParquetFile, most_rows: int) -> pq.FileMetaData:
+    """The metadata of a file whose columns a reader has met; InputError for more rows.
+
+    pyarrow 25 ends the process where a column's statistics are asked for and contradict each other,
+    unless a reader meets them first, which raises.
+    """
+    metadata = file.metadata
+    rows, groups = metadata.num_rows, metadata.num_row_groups
+    if max(rows, groups) > most_rows:
+        raise InputError(f"holds {rows} rows in {groups} groups; expected at most {most_rows} rows")
+    file.scan_contents()
+    return metadata
+
+
 def text_bytes(content: bytes, schema: pa.Schema) -> int:
     """Size in memory of all texts of a file, which may hold one text once for millions of rows."""
     text = (pa.types.is_string, pa.types.is_large_string)
     names = [field.name for field in schema if any(fits(field.type) for fits in text)]
     with pq.ParquetFile(pa.BufferReader(content), read_dictionary=names) as file:
-        columns = file.read(columns=names).columns
+        columns = file.read(columns=names, use_threads=False).columns
     parts = [chunk for column in columns for chunk in column.chunks]
     sizes = [pc.sum(pc.take(pc.binary_length(k.dictionary), k.indices)).as_py() for k in parts]
     return sum(size or 0 for size in sizes)

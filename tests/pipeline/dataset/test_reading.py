@@ -32,6 +32,22 @@ def test_any_flipped_bit_of_a_shard_is_refused_in_a_sentence(solved):
             examples(solved, 3, "train")
 
 
+def test_statistics_that_contradict_each_other_do_not_end_the_process(solved):
+    """Every list of whole numbers of a footer, such as a histogram of levels, as one longer."""
+    whole = (solved / SHARD).read_bytes()
+    begin = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    lists = [k for k in range(begin, len(whole) - 8) if whole[k] in (0x16, 0x26, 0x36)]
+    refused = 0
+    for place in lists:
+        damaged = bytearray(whole)
+        damaged[place] += 0x10
+        try:
+            decode(bytes(damaged), Size(rows=1000, values=10**6))
+        except InputError:
+            refused += 1
+    assert refused > 10
+
+
 def test_a_collision_radius_that_a_bit_has_changed_is_refused(solved):
     """In the footer of a shard, as JSON: 15.0 becomes 14.0."""
     for path in solved.glob("n=3/*.parquet"):
