@@ -240,21 +240,28 @@ def table_from(content: bytes) -> pd.DataFrame:
 def _check_size(content: bytes) -> None:
     """Refuse a table that is small as a file and too large in memory."""
     with pq.ParquetFile(pa.BufferReader(content)) as file:
-        schema, metadata = file.schema_arrow, sound_metadata(file, MOST_CELLS)
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+        if rows > MOST_CELLS:
+            raise _too_large(rows, 8 * rows)
+        metadata = sound_metadata(file, MOST_CELLS)
     for field in schema:
         if not any(fits(field.type) for fits in KINDS):
             raise InputError(f"its column {field.name[:40]!r} is of type {field.type}")
     groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
     chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
-    cells = max(metadata.num_rows, sum(chunk.num_values for chunk in chunks))
+    cells = max(rows, sum(chunk.num_values for chunk in chunks))
     size = sum(chunk.total_uncompressed_size for chunk in chunks)
     if cells <= MOST_CELLS and size <= MOST_BYTES:
         size = text_bytes(content, schema)
     if cells > MOST_CELLS or size > MOST_BYTES:
-        raise InputError(
-            f"it has {cells} cells and takes {size / 1e9:.3g} GB in memory; at most {MOST_CELLS} "
-            f"and {MOST_BYTES / 1e9:g} GB are read"
-        )
+        raise _too_large(cells, size)
+
+
+def _too_large(cells: int, size: int) -> InputError:
+    return InputError(
+        f"it has {cells} cells and takes {size / 1e9:.3g} GB in memory; at most {MOST_CELLS} "
+        f"and {MOST_BYTES / 1e9:g} GB are read"
+    )
 
 
 def _finished(
