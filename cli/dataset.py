@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.parallel.workers import Workers
 
+AN_ORBIT = 'expected an object such as {"semi_major_axis": 8e6, "eccentricity": 0.1}.'
 Out = Annotated[str, option("Dataset folder or URL.")]
 Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.")]
 
@@ -83,10 +84,9 @@ def _orbit(text: str) -> "ReferenceOrbit":
     try:
         fields = json.loads(text)
     except ValueError as error:
-        raise InputError(
-            f"--orbit is no JSON ({error}); expected an object such as "
-            '{"semi_major_axis": 8e6, "eccentricity": 0.1}.'
-        ) from error
+        raise InputError(f"--orbit is no JSON ({error}); {AN_ORBIT}") from error
+    if not isinstance(fields, dict):
+        raise InputError(f"--orbit is {text[:40]!r}; {AN_ORBIT}")
     return document_from(fields, OrbitDocument).orbit()
 
 

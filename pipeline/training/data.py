@@ -84,9 +84,11 @@ def sources(
     InputError where there is no dataset, the size is not in it, it is not solved, or no instance of
     a split that is needed is.
     """
+    manifest = read_manifest(data)
+    refuse_orbit(manifest.problem)  # before the draws below, which take minutes
     if recipe.draws:
         valid = examples_within(data, n, "valid", memory)
-        family = read_manifest(data).samples[n].family
+        family = manifest.samples[n].family
         return fresh_draws(family, seed, n, valid.problem, recipe.draws), valid
     learn = examples_within(data, n, "train", memory)
     valid = examples_within(data, n, "valid", memory)
@@ -189,6 +191,15 @@ def batches(source: ExampleSource, preparation: Preparation) -> Batches:
     return preparation.of(source)
 
 
+def refuse_orbit(problem: Problem) -> None:
+    """Refuse training data about another orbit than a circle with an InputError."""
+    if problem.orbit is not None:
+        raise InputError(
+            "the training examples are about a reference orbit with eccentricity or perturbations; "
+            "expected a circle: the refiner plans about any orbit without being trained there."
+        )
+
+
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
     """Refuse examples that are empty, not finite, or of different n or problems (InputError)."""
     for name, source in (("training", train), ("validation", valid)):
@@ -198,11 +209,7 @@ def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
         for examples in source.parts():
             _check_finite(examples, name, first)
             first += len(examples)
-    if train.problem.orbit is not None:
-        raise InputError(
-            "the training examples are about a reference orbit with eccentricity or perturbations; "
-            "expected a circle: the refiner plans about any orbit without being trained there."
-        )
+    refuse_orbit(train.problem)
     if (valid.n, valid.problem) != (train.n, train.problem):
         raise InputError(
             f"validation examples have n = {valid.n} and {valid.problem}; expected those of the "
