@@ -81,7 +81,7 @@ def fly(
         refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
     with within_memory():
         made = read_plan(plan)
-    about = conditions.about(made.scenario.reference)
+    about = conditions.about(made.scenario)
     if made.scenario.problem.orbit is not None:
         refuse(context, CONDITIONS, "and the plan has an orbit of its own: leave it out.")
     if settings.trials is None:

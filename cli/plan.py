@@ -117,7 +117,7 @@ def plan(
             if one.problem.orbit is not None:
                 why = f"and {path} has an orbit of its own; expected one of the two: leave it out."
                 refuse(context, CONDITIONS, why)
-        asked = [in_world(one, conditions.about(one.reference)) for one in asked]
+        asked = [in_world(one, conditions.about(one)) for one in asked]
     requirements = Requirements(planning.separation, passive_safety, risk.limit())
     chosen = planner_of(
         planning.planner, requirements, planning.effort, raw=raw, assignment=planning.assignment

@@ -16,7 +16,6 @@ from pipeline.errors import InputError
 if TYPE_CHECKING:
     from pipeline.flight.conditions import Conditions
     from pipeline.orbit.problem import Problem
-    from pipeline.orbit.reference import Reference
     from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.plan import RiskLimit
     from pipeline.scenario import Scenario
@@ -396,17 +395,16 @@ class FlightConditions:
         ),
     ] = None
 
-    def about(self, reference: "Reference | None") -> "Conditions":
+    def about(self, scenario: "Scenario") -> "Conditions":
         """The conditions, and where the options say nothing the scenario's reference orbit."""
-        from pipeline.flight.conditions import Conditions
+        from pipeline.flight.conditions import conditions_of
 
         if self.spread is not None and self.ballistic is None:
             raise InputError(
                 f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
             )
-        there = Conditions() if reference is None else Conditions().about(reference)
         given = {k: v for k, v in vars(self).items() if v is not None and k != "no_j2"}
-        return replace(there, **given, j2=not self.no_j2)
+        return replace(conditions_of(scenario), **given, j2=not self.no_j2)
 
 
 def _trial(text: str, *names: str, **more: Any) -> Any:

@@ -267,7 +267,7 @@ def _too_large(cells: int, size: int) -> InputError:
 def _finished(
     store: Store, experiment: str, having: Mapping[str, str] | None = None
 ) -> Iterator[Run]:
-    """Finished runs with some parameters, the newest first; those without a number come last."""
+    """Finished runs with given parameters, newest first; runs without a number come last."""
     wanted, others = (having or {}).items(), []
     for found in _runs(store, experiment, filter_string="attributes.status = 'FINISHED'"):
         run = _run_of(store, found)

@@ -70,7 +70,7 @@ PLANNED_COLUMNS = [
     *(Column("Planner", "name"), Column("Recipe", "recipe"), WITHIN_RADIUS),
     *(averages.SEPARATION, GOAL, GOAL_MOST, OVER_LINEAR),
 ]
-"""Columns of flights without errors, of plans for the linear model and as flown."""
+"""Columns of the table of flights without errors: linear plans beside plans as flown."""
 
 
 def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, product
 
 import numpy as np
@@ -19,7 +19,6 @@ from pipeline.flight.loops import OPEN, Loop, flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
-from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
 from pipeline.plan import Plan
 from pipeline.planners.as_flown import AsFlown
@@ -96,8 +95,7 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearW
     radius = radius_at(problem.mean_motion)
     for name, e in ORBITS.items():
         size = radius if name in ECCENTRICITIES else radius / (1 - e)
-        shape = {"semi_major_axis": size, "eccentricity": e, "spread": 0.0}
-        orbit = ReferenceOrbit.of_mean(**vars(usual) | shape)
+        orbit = replace(usual, eccentricity=e).sized(size)
         found[name] = NonlinearWorld.of(problem.about(orbit), scenario.n)
     return found
 

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-from pipeline.errors import InputError, check_range
 from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
-from pipeline.orbit.reference_orbit import MOST_BALLISTIC, MOST_ECCENTRIC, ReferenceOrbit
+from pipeline.orbit.reference_orbit import ReferenceOrbit, check_elements
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import ANGLES
 
@@ -31,16 +30,7 @@ class Conditions:
     spread: float = 0.1
 
     def __post_init__(self) -> None:
-        check_range("eccentricity", self.eccentricity, 0.0, MOST_ECCENTRIC)
-        check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
-        for angle in ("raan_deg", "argument_of_perigee_deg", "argument_of_latitude_deg"):
-            check_range(angle, getattr(self, angle), -360.0, 360.0)
-        check_range("spread", self.spread, 0.0, 1.0)
-        if self.ballistic is not None and not 0 < self.ballistic <= MOST_BALLISTIC:
-            raise InputError(
-                f"ballistic is {self.ballistic:g}; expected a positive C_D A/m in m²/kg, such as "
-                f"0.01, of at most {MOST_BALLISTIC:g}."
-            )
+        check_elements(self)
 
     def about(self, reference: Reference) -> "Conditions":
         """The same with the orientation and phase of a scenario's reference orbit."""
@@ -61,8 +51,12 @@ class Conditions:
 
     def orbit(self, problem: Problem) -> ReferenceOrbit:
         """The reference orbit of these conditions, of a problem's mean motion."""
+        return self.sized(radius_at(problem.mean_motion))
+
+    def sized(self, semi_major_axis: float) -> ReferenceOrbit:
+        """The reference orbit of these conditions, of a mean semi-major axis, m."""
         fields = vars(self) | ({} if self.ballistic else {"spread": 0.0})
-        return ReferenceOrbit.of_mean(semi_major_axis=radius_at(problem.mean_motion), **fields)
+        return ReferenceOrbit.of_mean(semi_major_axis=semi_major_axis, **fields)
 
 
 def conditions_of(scenario: Scenario, given: Conditions | None = None) -> Conditions:
@@ -87,7 +81,5 @@ def in_world(scenario: Scenario, conditions: Conditions) -> Scenario:
 
 def world_of(scenario: Scenario, conditions: Conditions | None) -> NonlinearWorld:
     """The world about a scenario's own reference orbit, or that of the conditions without one."""
-    problem = scenario.problem
-    if problem.orbit is not None:
-        return NonlinearWorld.of(problem, scenario.n)
-    return (conditions or Conditions()).world(problem, scenario.n)
+    problem = in_world(scenario, conditions or Conditions()).problem
+    return NonlinearWorld.of(problem, scenario.n)

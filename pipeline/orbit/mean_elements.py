@@ -63,7 +63,7 @@ class PlanarElements:
         return np.vecdot(self.eccentricity, self.eccentricity)
 
     def eccentric_longitude(self) -> Each:
-        """That of the perigee and the eccentric anomaly, rad, by Kepler's equation."""
+        """Longitude of the perigee and the eccentric anomaly, rad, by Kepler's equation."""
         x, y = np.moveaxis(self.eccentricity, -1, 0)
         found = self.longitude + x * np.sin(self.longitude) - y * np.cos(self.longitude)
         for _ in range(ITERATIONS):

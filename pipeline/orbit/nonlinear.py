@@ -49,11 +49,12 @@ def flown_arcs(
     """
     arcs, orbit, count = dynamics.arcs, dynamics.orbit, controls.shape[1]
     pieces = arcs.maps.shape[1]
-    at_once = max(1, int(WINDOW / (orbit.fastest * 2 * arcs.half)))
+    at_once = max(1, int(WINDOW / (orbit.fastest * 2 * arcs.half)))  # pieces
+    together = max(1, at_once // pieces)  # intervals
     found = np.empty((len(initial), count, pieces, POINTS, 6))
     state = initial
-    for k in range(0, count, max(1, at_once // pieces)):
-        flown = slice(k, min(k + max(1, at_once // pieces), count))
+    for k in range(0, count, together):
+        flown = slice(k, min(k + together, count))
         for m in range(0, pieces, at_once):
             part = slice(m, m + at_once)
             window = arcs.window(slice(first + flown.start, first + flown.stop), part)
@@ -185,9 +186,9 @@ def _linear(
 def _added(
     arcs: Arcs, acceleration: Float[Array, "n K M q 3"]
 ) -> tuple[Float[Array, "n K M q 6"], Float[Array, "n 6"]]:
-    """What accelerations at all points add to the states there, by variation of constants.
+    """Changes of the states at all points by accelerations there, by variation of constants.
 
-    And to the state at the start of the first interval, in all of it.
+    And of the state at the start of the first interval that leads to the end.
     """
     integral = arcs.half * (INTEGRAL @ np.matvec(arcs.back, acceleration))
     ends = np.cumsum(integral[:, :, :, -1], axis=2)  # of pieces, since the interval's start

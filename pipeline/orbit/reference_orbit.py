@@ -31,6 +31,20 @@ TOLERANCE = 1e-9  # of a step along the reference, m; of velocities, in m/s, a t
 RELATIVE = 2.3e-14  # tolerance: the least that scipy accepts
 
 
+def check_elements(of: Any) -> None:
+    """Refuse elements and drag out of range: fields of these names, of an orbit or conditions."""
+    check_range("eccentricity", of.eccentricity, 0.0, MOST_ECCENTRIC)
+    check_range("inclination_deg", of.inclination_deg, 0.0, 180.0)
+    for angle in ("raan_deg", "argument_of_perigee_deg", "argument_of_latitude_deg"):
+        check_range(angle, getattr(of, angle), -360.0, 360.0)
+    check_range("spread", of.spread, 0.0, 1.0)
+    if of.ballistic is not None and not 0 < of.ballistic <= MOST_BALLISTIC:
+        raise InputError(
+            f"ballistic is {of.ballistic:g}; expected a positive C_D A/m in m²/kg, such as 0.01, "
+            f"of at most {MOST_BALLISTIC:g}."
+        )
+
+
 @dataclass(frozen=True)
 class ReferenceOrbit:
     """Osculating elements of the reference at an epoch, what perturbs it, and when a plan begins.
@@ -55,22 +69,13 @@ class ReferenceOrbit:
 
     def __post_init__(self) -> None:
         """Refuse orbits that are none, or hit the Earth."""
-        check_range("eccentricity", self.eccentricity, 0.0, MOST_ECCENTRIC)
-        check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
-        for angle in ("raan_deg", "argument_of_perigee_deg", "argument_of_latitude_deg"):
-            check_range(angle, getattr(self, angle), -360.0, 360.0)
-        check_range("spread", self.spread, 0.0, 1.0)
+        check_elements(self)
         perigee = self.semi_major_axis * (1 - self.eccentricity) - R_EARTH
         if not LOWEST <= perigee <= HIGHEST:
             raise InputError(
                 f"semi_major_axis is {self.semi_major_axis:g} m and eccentricity "
                 f"{self.eccentricity:g}, a perigee {perigee:g} m above the Earth; expected one "
                 f"from {LOWEST:g} to {HIGHEST:g} m."
-            )
-        if self.ballistic is not None and not 0 < self.ballistic <= MOST_BALLISTIC:
-            raise InputError(
-                f"ballistic is {self.ballistic:g}; expected a positive C_D A/m in m²/kg, such as "
-                f"0.01, of at most {MOST_BALLISTIC:g}."
             )
         if self.ballistic is not None:
             atmosphere_near(perigee)  # refuses what is below all layers

@@ -138,7 +138,7 @@ def _left_out(scenario: Scenario, controls: Controls, end: Formation) -> Formati
 
 
 def _missing(plan: Plan) -> float:
-    """By how much craft come too close in a flight, m; nothing where something else is wrong."""
+    """Shortfall of the least separation in a flight, m; 0 where the plan fails otherwise."""
     found, radius = plan.certificate, plan.scenario.problem.collision_radius
     least, drift = found.min_separation_bound, found.passive_safety
     if plan.requirements.at_nodes:

@@ -60,7 +60,7 @@ PACKET = 1 << 17  # bytes, above what an environment takes
 
 
 def main(path: str) -> None:
-    """Serve until stdin ends; then end, with all that was started and the socket's folder."""
+    """Serve requests until stdin is closed, then stop all processes and remove the socket."""
     import_everything()
     do_first()
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:

@@ -277,7 +277,7 @@ def problem_data(
     radius: Float[Any, "b"],
     device: Any = None,
 ) -> ProblemData:
-    """Planning problems from m and m/s; ``device`` is torch's, where gradients are wanted."""
+    """Planning problems from states in m and m/s, as tensors on a torch ``device`` if given."""
     grid, n = grid_of(problem), initial.shape[1]
     begin, end = (in_units(plain(ends), plain(radius), problem) for ends in (initial, goal))
     own = decoupled_optima(begin, end, grid, problem)

@@ -215,7 +215,7 @@ def test_a_craft_that_is_one_of_many_is_flown_as_well():
 
 
 def test_arcs_of_one_motion_join():
-    """A minute and another are two minutes; a plan that begins later meets the same reference."""
+    """Two arcs of a minute end as one of two minutes does; also where a plan begins later."""
     half, whole = world_of(60.0, 20), world_of(120.0, 10)
     begin = whole.arc(RING, PUSHES[0], 3)
     np.testing.assert_allclose(begin[:, 0, 0], RING, atol=1e-9)
