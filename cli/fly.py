@@ -210,8 +210,8 @@ def _verdict(report: Mapping[str, Any]) -> str:
         wrong = drift["min_separation_bound"] <= radius
         safe = safe or (wrong and (report["min_separation_bound"] or 0.0) > radius)
         miss = (
-            f"{'Not passively safe: ' if wrong else ''}Adrift for {drift['orbits']:g} orbits from "
-            f"node {node}, craft {i} comes within {apart:.2f} m of craft {j}. {miss}"
+            f"{'Not passively safe: ' if wrong else ''}Adrift for "
+            f"{drift['orbits']:g} orbit{'s' * (drift['orbits'] != 1)} from node {node}, craft {i} comes within {apart:.2f} m of craft {j}. {miss}"
         )
     if safe and (pair is None or report["separation"] != "nodes"):
         return f"{miss}. No pair comes within {radius:g} m."
