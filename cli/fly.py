@@ -209,9 +209,10 @@ def _verdict(report: Mapping[str, Any]) -> str:
         (i, j), apart, node = drift["pair"], drift["min_separation"], drift["node"]
         wrong = drift["min_separation_bound"] <= radius
         safe = safe or (wrong and (report["min_separation_bound"] or 0.0) > radius)
+        orbits = f"{drift['orbits']:g} orbit{'s' * (drift['orbits'] != 1)}"
         miss = (
-            f"{'Not passively safe: ' if wrong else ''}Adrift for "
-            f"{drift['orbits']:g} orbit{'s' * (drift['orbits'] != 1)} from node {node}, craft {i} comes within {apart:.2f} m of craft {j}. {miss}"
+            f"{'Not passively safe: ' if wrong else ''}Adrift for {orbits} from node {node}, "
+            f"craft {i} comes within {apart:.2f} m of craft {j}. {miss}"
         )
     if safe and (pair is None or report["separation"] != "nodes"):
         return f"{miss}. No pair comes within {radius:g} m."
