@@ -11,6 +11,7 @@ from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import ALONG_AXES, Thrust
 
 # Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds
 RANGES = {
@@ -41,6 +42,7 @@ class Problem:
         max_acceleration: limit on each component of the control, m/s², or None.
         orbit: reference orbit about which motion is linearized; by default a circle without
             perturbations, which needs no more than its mean motion.
+        thrust: thrusters, and what is asked of burns.
     """
 
     mean_motion: float = mean_motion_at(500e3)
@@ -49,6 +51,7 @@ class Problem:
     collision_radius: float = 15.0
     max_acceleration: float | None = None
     orbit: ReferenceOrbit | None = None
+    thrust: Thrust = ALONG_AXES
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
@@ -96,13 +99,17 @@ class Problem:
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> "Problem":
         """The problem of such fields, as ``document`` gives them."""
-        orbit = document.get("orbit")
-        return cls(**{**document, "orbit": None if orbit is None else ReferenceOrbit(**orbit)})
+        kinds = {"orbit": ReferenceOrbit, "thrust": Thrust}
+        made = {name: kind(**document[name]) for name, kind in kinds.items() if document.get(name)}
+        return cls(**{**document, **made})
 
     def document(self) -> dict[str, Any]:
-        """The fields for files, without a reference orbit where it is the default."""
+        """The fields for files, without a reference orbit and thrust where they are the default."""
         fields = asdict(self)
-        return fields if fields.pop("orbit") is None else asdict(self)
+        for name in ("orbit", "thrust"):
+            if getattr(self, name) == getattr(Problem, name):
+                del fields[name]
+        return fields
 
     @property
     def intervals(self) -> int:

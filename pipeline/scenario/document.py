@@ -1,7 +1,7 @@
 """scenario.json (schema prolearn.scenario/1): read with an answer to every mistake, and written."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +16,7 @@ from pydantic import (
     Field,
     FiniteFloat,
     Tag,
+    TypeAdapter,
     model_validator,
 )
 
@@ -28,7 +29,9 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.orbit.relative_elements import ring_states
+from pipeline.orbit.thrust import Objective, Thrust
 from pipeline.scenario.scenario import MOST_CRAFT, Ends, Scenario
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.validation import check
 
 SCHEMA = "prolearn.scenario/1"
@@ -233,6 +236,39 @@ class OrbitDocument(BaseModel):
             raise InputError(f"orbit: {error}") from error
 
 
+NoBurn = Annotated[
+    tuple[tuple[Number, Number], ...],
+    Field(description="Stretches of time, from and to, s since the first node, without burns."),
+]
+
+
+class SpacecraftDocument(BaseModel):
+    """One craft, as far as it is not like the others."""
+
+    model_config = _strict()
+
+    name: str = Field("", description="In files for simulators.")
+    mass: Positive | None = Field(None, description="With propellant, at the first node, kg.")
+    max_acceleration: Positive | None = Field(
+        None, description="Its own limit on each component of the control, or thruster, m/s²."
+    )
+    max_acceleration_norm: Positive | None = Field(
+        None, description="Its own limit on the norm of the control, m/s²."
+    )
+    delta_v: Positive | None = Field(None, description="What it may burn in all, m/s.")
+    no_burn: NoBurn = ()
+
+    @classmethod
+    def of(cls, craft: Spacecraft) -> dict[str, Any]:
+        """The fields of a craft, without those that are as of all."""
+        given = TypeAdapter(Spacecraft).dump_python(craft, mode="json", exclude_defaults=True)
+        return cls(**given).model_dump(exclude_unset=True)
+
+    def craft(self) -> Spacecraft:
+        """The craft."""
+        return Spacecraft(**self.model_dump())
+
+
 # Of both a reference and an orbit
 ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 
@@ -268,7 +304,30 @@ class ScenarioDocument(BaseModel):
         Problem.collision_radius, description="Craft must be further apart at all times, m."
     )
     max_acceleration: Positive | None = Field(
-        None, description="Limit on each component of the control, m/s²; null for none."
+        None,
+        description="Limit on each component of the control, or on each thruster where thrust has "
+        "directions, m/s²; null for none.",
+    )
+    thrust: Literal["components", "norm"] | tuple[tuple[Number, Number, Number], ...] = Field(
+        "components",
+        description="components: thrusters along the three axes; norm: one that is pointed; or "
+        "unit vectors, LVLH, of the accelerations that thrusters give.",
+    )
+    max_acceleration_norm: Positive | None = Field(
+        None, description="Limit on the norm of the control, m/s²; null for none."
+    )
+    min_delta_v: Positive | None = Field(
+        None,
+        description="Smallest impulse bit: least Δv of a thruster's burn in an interval, m/s.",
+    )
+    no_burn: NoBurn = ()
+    objective: Objective = Field(
+        "total",
+        description="What is least: total, the fuel of all craft; fair, the largest share that a "
+        "craft burns of its delta_v.",
+    )
+    craft: list[SpacecraftDocument] = Field(
+        [], description="What each craft has of its own; empty where all are alike."
     )
     initial: End = Field(description="Where each craft is at the first node.")
     goal: End = Field(description="Where each craft must be at the last node, in the same order.")
@@ -301,16 +360,22 @@ class ScenarioDocument(BaseModel):
     def scenario(self, name: str) -> Scenario:
         """The scenario that the fields describe."""
         grid, limits = (self.time_step, self.nodes), (self.collision_radius, self.max_acceleration)
-        if self.orbit is not None:
-            orbit = self.orbit.orbit()
-            problem = Problem(orbit.mean_motion, *grid, *limits, orbit)
+        orbit = None if self.orbit is None else self.orbit.orbit()
+        if orbit is not None:
+            mean_motion = orbit.mean_motion
         else:
             mean_motion = self.mean_motion or mean_motion_at(self.altitude or 0.0)
-            problem = Problem(mean_motion, *grid, *limits)
+        problem = Problem(mean_motion, *grid, *limits, orbit, self._thrust())
         initial = _end_states(self.initial, problem)
         goal = _end_states(self.goal, problem.starting_at(problem.intervals))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
-        return Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
+        craft = tuple(one.craft() for one in self.craft)
+        made = Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
+        return replace(made, craft=craft)
+
+    def _thrust(self) -> Thrust:
+        limits = self.max_acceleration_norm, self.min_delta_v
+        return Thrust(self.thrust, *limits, self.no_burn, self.objective)
 
     def scenario_of(self, path: Path) -> Scenario:
         """The scenario, whose InputErrors name the file."""
@@ -339,6 +404,9 @@ def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
 def document_of(scenario: Scenario) -> dict[str, Any]:
     """The fields of a scenario file, with raw states at both ends."""
     problem = scenario.problem.document()
+    if thrust := problem.pop("thrust", None):
+        given = {"thrust": thrust.pop("model"), **thrust}
+        problem |= {name: one for name, one in given.items() if one not in (None, ())}
     if scenario.problem.orbit is not None:  # of which the mean motion follows
         del problem["mean_motion"]
         problem["orbit"] = OrbitDocument.of(scenario.problem.orbit).model_dump()
@@ -350,6 +418,8 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
     }
     if scenario.ends != "passive":
         fields["ends"] = scenario.ends
+    if scenario.craft:
+        fields["craft"] = [SpacecraftDocument.of(one) for one in scenario.craft]
     if scenario.reference is None:
         return fields
     epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")

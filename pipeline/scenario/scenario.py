@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,8 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
+from pipeline.orbit.thrust import ALONG_AXES, Limits
+from pipeline.scenario.spacecraft import Spacecraft, check_craft, limits_of
 
 # Craft, few enough for a list of all pairs, and craft times nodes
 MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
@@ -34,6 +37,7 @@ class Scenario:
         name: in files and tables.
         reference: epoch and attitude of the reference orbit, or None; not used in planning.
         ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
+        craft: of each craft what it has of its own; empty where all are alike.
     """
 
     problem: Problem
@@ -43,6 +47,7 @@ class Scenario:
     name: str = ""
     reference: Reference | None = None
     ends: Ends = "passive"
+    craft: tuple[Spacecraft, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
@@ -85,6 +90,8 @@ class Scenario:
                 "one of each for every spacecraft."
             )
 
+        check_craft(self.craft, self.n)
+
     def __repr__(self) -> str:
         """Name, size and time grid; without the arrays."""
         grid = f"{self.problem.intervals} intervals of {self.problem.time_step:g} s"
@@ -94,6 +101,12 @@ class Scenario:
     def n(self) -> int:
         """Number of spacecraft."""
         return len(self.initial)
+
+    @cached_property
+    def limits(self) -> Limits | None:
+        """What the thrusters of each craft can do; None where max_acceleration is all of it."""
+        plain = self.problem.thrust == ALONG_AXES and not any(one.limited for one in self.craft)
+        return None if plain else limits_of(self.craft, self.n, self.problem)
 
     def taking(self, slots: Sequence[int]) -> "Scenario":
         """The scenario in which each craft goes to the goal of that number here."""

@@ -1,0 +1,144 @@
+"""Thrust: what a control costs, how large it may be, and when it may be."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import ConvexHull, QhullError
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError, check_range
+from pipeline.orbit.arrays import Rows
+
+COMPONENTS, NORM = "components", "norm"
+ALL_WAYS = 1e-3  # least radius of the ball inside the hull of directions that reach all ways
+MOST_DIRECTIONS = 64
+LENGTH = 1e-6  # by how much the length of a direction may differ from one
+
+Windows = tuple[tuple[float, float], ...]  # from and to, s since the first node
+Objective = Literal["total", "fair"]
+Direction = tuple[float, float, float]
+
+
+def check_windows(no_burn: Windows) -> None:
+    """Refuse stretches of time that end before they begin, with an InputError."""
+    for begin, end in no_burn:
+        if not 0 <= begin < end:
+            raise InputError(
+                f"no_burn has {begin:g} to {end:g} s; expected 0 or more, and then a later time, "
+                "in s since the first node."
+            )
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """Thrusters, and what is asked of burns; the same for all craft of a problem.
+
+    Attributes:
+        model: components, thrusters along the three axes, whose thrusts add up to ‖u‖₁; norm, one
+            thruster that is pointed, ‖u‖₂; or directions, unit vectors in LVLH of the accelerations
+            that thrusters give, of which each control is a sum.
+        max_acceleration_norm: limit on ‖u‖₂, m/s², or None.
+        min_delta_v: smallest impulse bit: least Δv of a burn that is not zero, of a thruster over
+            an interval, m/s, or None.
+        no_burn: stretches of time from and to, s since the first node, in which no craft burns; so
+            it does in no interval that is part of one.
+        objective: what is least: the fuel of all, or the largest share that a craft burns of what
+            it has left.
+    """
+
+    model: Literal["components", "norm"] | tuple[Direction, ...] = "components"
+    max_acceleration_norm: float | None = None
+    min_delta_v: float | None = None
+    no_burn: Windows = ()
+    objective: Objective = "total"
+
+    def __post_init__(self) -> None:
+        """Refuse values out of range and directions that do not push all ways."""
+        # Lists, as files have them, become tuples, which can be hashed.
+        object.__setattr__(self, "no_burn", tuple(map(tuple, self.no_burn)))
+        if not isinstance(self.model, str):
+            object.__setattr__(self, "model", tuple(map(tuple, self.model)))
+            check_directions(self.model)
+        elif self.model not in (COMPONENTS, NORM):
+            raise InputError(
+                f"thrust is {self.model!r}; expected components, norm or a list of directions."
+            )
+        for name in ("max_acceleration_norm", "min_delta_v"):
+            if (value := getattr(self, name)) is not None:
+                check_range(name, value, 1e-12, 1e6)
+        check_windows(self.no_burn)
+
+    @property
+    def directions(self) -> Float[Array, "K 3"] | None:
+        """Unit vectors of thrusters; None of one that is pointed."""
+        if self.model == COMPONENTS:
+            return np.concatenate([np.eye(3), -np.eye(3)])
+        return None if self.model == NORM else np.array(self.model)
+
+
+ALONG_AXES = Thrust()  # without limits of its own
+
+
+def check_directions(directions: tuple[Direction, ...]) -> None:
+    """Refuse thrusters that do not push all ways, or are no unit vectors, with an InputError."""
+    given = np.array(directions, dtype=float)
+    if not 4 <= len(given) <= MOST_DIRECTIONS:
+        raise InputError(
+            f"thrust has {len(given)} directions; expected 4 to {MOST_DIRECTIONS}, or components "
+            "or norm."
+        )
+    length = np.linalg.norm(given, axis=1)
+    k = int(np.abs(length - 1).argmax())
+    if not abs(length[k] - 1) <= LENGTH:
+        raise InputError(
+            f"thrust[{k}] has length {length[k]:.9g}; expected a direction of length 1."
+        )
+    try:
+        # Distances of the facets from the origin; all positive where it is inside.
+        least = -float(ConvexHull(given).equations[:, 3].max())
+    except QhullError:
+        least = 0.0
+    if least < ALL_WAYS:
+        raise InputError(
+            "thrust has directions that do not push all ways; expected thrusters whose hull has "
+            "the origin inside: add one opposite to the others."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Limits(Rows):
+    """What the thrusters of each of n craft can do."""
+
+    component: Float[Array, "n"]  # largest component of a control, or thrust of a thruster, m/s²
+    norm: Float[Array, "n"]  # largest ‖u‖₂, m/s²
+    delta_v: Float[Array, "n"]  # what is left in all, m/s
+    burns: Bool[Array, "n intervals"]  # intervals in which it may burn
+
+
+def blocked(windows: Windows, time_step: float, intervals: int) -> Bool[Array, "intervals"]:
+    """Intervals that overlap a stretch of time in which there must be no burn."""
+    starts = time_step * np.arange(intervals)
+    found = np.zeros(intervals, dtype=bool)
+    for begin, end in windows:
+        found |= (starts < end) & (starts + time_step > begin)
+    return found
+
+
+@lru_cache(maxsize=32)
+def _gauge(directions: tuple[Direction, ...]) -> Float[Array, "F 3"]:
+    """Normals of the hull's facets, scaled so that the gauge of u is the largest of normal · u."""
+    planes = ConvexHull(np.array(directions)).equations
+    return np.asarray(planes[:, :3] / -planes[:, 3:])
+
+
+def cost(controls: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
+    """What each control costs, m/s²: the least sum of the thrusters' thrusts that give it."""
+    if thrust.model == COMPONENTS:
+        return np.asarray(np.abs(controls).sum(axis=-1))
+    if thrust.model == NORM:
+        return np.asarray(np.linalg.norm(controls, axis=-1))
+    assert not isinstance(thrust.model, str)
+    return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))

@@ -1,0 +1,70 @@
+"""Craft of a swarm that are not all alike: mass, thrust, and what they have left to burn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import InputError, check_range
+from pipeline.orbit.problem import RANGES, Problem
+from pipeline.orbit.thrust import Limits, Windows, blocked, check_windows
+
+
+@dataclass(frozen=True)
+class Spacecraft:
+    """One craft, as far as it is not like the others.
+
+    Attributes:
+        name: in files for simulators.
+        mass: with propellant, at the first node, kg, or None; not used in planning.
+        max_acceleration: limit on each component of its control, or on each thruster, m/s², or that
+            of the problem.
+        max_acceleration_norm: limit on ‖u‖₂, m/s², or that of the problem.
+        delta_v: what it may burn in all, m/s, or None for no limit.
+        no_burn: stretches of time in which it must not burn, besides those of the problem.
+    """
+
+    name: str = ""
+    mass: float | None = None
+    max_acceleration: float | None = None
+    max_acceleration_norm: float | None = None
+    delta_v: float | None = None
+    no_burn: Windows = ()
+
+    def __post_init__(self) -> None:
+        """Refuse values out of range."""
+        for name in ("mass", "max_acceleration", "max_acceleration_norm", "delta_v"):
+            if (value := getattr(self, name)) is not None:
+                check_range(name, value, *RANGES["max_acceleration"])
+        check_windows(self.no_burn)
+
+    @property
+    def limited(self) -> bool:
+        """Whether what it may burn is not that of every craft."""
+        own = self.max_acceleration, self.max_acceleration_norm, self.delta_v, self.no_burn or None
+        return any(one is not None for one in own)
+
+
+def limits_of(craft: Sequence[Spacecraft], n: int, problem: Problem) -> Limits:
+    """What the thrusters of n craft can do; no craft are named where all are alike."""
+    thrust = problem.thrust
+    both = problem.max_acceleration, thrust.max_acceleration_norm
+    component, norm = (np.full(n, np.inf if one is None else one) for one in both)
+    delta_v = np.full(n, np.inf)
+    grid = problem.time_step, problem.intervals
+    burns = np.tile(~blocked(thrust.no_burn, *grid), (n, 1))
+    for k, one in enumerate(craft):
+        given = one.max_acceleration, one.max_acceleration_norm, one.delta_v
+        for limit, value in zip((component, norm, delta_v), given, strict=True):
+            if value is not None:
+                limit[k] = value
+        burns[k] &= ~blocked(one.no_burn, *grid)
+    return Limits(component, norm, delta_v, burns)
+
+
+def check_craft(craft: Sequence[Spacecraft], n: int) -> None:
+    """Refuse a list of craft that is not of all craft with an InputError."""
+    if craft and len(craft) != n:
+        raise InputError(
+            f"craft has {len(craft)} entries and there are {n} spacecraft; expected one of each."
+        )
