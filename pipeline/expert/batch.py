@@ -8,10 +8,10 @@ from jaxtyping import Shaped
 
 from pipeline.arrays import Array
 from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
-from pipeline.orbit.approaches import pairs, side_by_side
 from pipeline.orbit.arrays import Formation
+from pipeline.orbit.participants import Participants
 from pipeline.orbit.separation import swarm_node_collisions
-from pipeline.scenario import Scenario, shared_problem
+from pipeline.scenario import Scenario, participants, shared_problem
 
 
 class Batch:
@@ -19,7 +19,7 @@ class Batch:
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
         self.scenarios, self.problem = scenarios, shared_problem(scenarios)
-        self.swarms = side_by_side(tuple(scenario.n for scenario in scenarios))
+        self.swarms = participants(scenarios)
         self.initial: Formation = np.concatenate([scenario.initial for scenario in scenarios])
         self.goal: Formation = np.concatenate([scenario.goal for scenario in scenarios])
         # Change of final state that the controls of each craft must bring about, m and m/s.
@@ -34,6 +34,11 @@ class Batch:
     def optima(self) -> DecoupledOptima:
         """Decoupled optimum of every craft."""
         return decoupled_optima(self.initial, self.goal, self.problem)
+
+    @property
+    def unlike(self) -> bool:
+        """Whether sizes of participants differ from the collision radius."""
+        return isinstance(self.swarms, Participants)
 
     def part(self, which: Sequence[int]) -> "Batch":
         """Some of the scenarios; their decoupled optima are not computed again."""
@@ -52,7 +57,9 @@ class Batch:
         one of its ends, where no control can move it.
         """
         ends = np.stack([self.initial, self.goal], axis=1)
-        close = swarm_node_collisions(ends, self.problem.collision_radius, self.swarms)
+        last = self.problem.intervals
+        within = self.problem.collision_radius, self.swarms, slice(None, None, last)
+        close = swarm_node_collisions(ends, *within)
         impossible = self.split(self.optima.impossible)
         limited = self.problem.max_acceleration is not None
         given = "within max_acceleration" if limited else "with any thrust, however large"
@@ -68,13 +75,18 @@ class Batch:
 
 def _too_close(scenario: Scenario) -> str:
     """Which pair is too close at an end."""
-    near = []
-    i, j = pairs(scenario.n)
-    for end, states in (("start", scenario.initial), ("goal", scenario.goal)):
-        apart = np.linalg.norm(states[i, :3] - states[j, :3], axis=1)
-        near.append((float(apart.min()), int(apart.argmin()), end))
-    distance, pair, end = min(near)
+    near, last = [], scenario.problem.intervals
+    swarms = participants([scenario])
+    i, j = swarms.pairs
+    for end, states, node in (("start", scenario.initial, 0), ("goal", scenario.goal, last)):
+        there = swarms.beside(states[:, None], slice(node, node + 1))
+        gap = there[i, 0, :3] - there[j, 0, :3]
+        apart = swarms.apart(gap, i, j)
+        k = int(apart.argmin())
+        near.append((float(apart[k]), float(np.linalg.norm(gap[k])), k, end))
+    _, distance, pair, end = min(near)
+    who = scenario.named(int(i[pair]), int(j[pair]))
     return (
-        f"craft {i[pair]} and {j[pair]} are {distance:.6g} m apart at the {end}, whatever is "
-        f"planned; collision_radius is {scenario.problem.collision_radius:g} m"
+        f"{who} are {distance:.6g} m apart at the {end}, whatever is planned; "
+        f"{scenario.wanted(int(i[pair]), int(j[pair]))}"
     )

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pipeline.arrays import Array
-from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts
+from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts, spaced_cuts
 from pipeline.orbit.approaches import PROVABLE, SwarmPartition, close_approaches, side_by_side
 from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
 from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
@@ -94,13 +94,17 @@ class ConflictDetection:
             swarms=self.swarms,
             moved=moved,
         )
-        drifting = passive_safety_cuts(found, flown.states, self.problem)
+        swarms = self.swarms or side_by_side((len(flown.states),))
+        drifting = passive_safety_cuts(found, flown.states, self.problem, swarms)
         return cuts + drifting, np.concatenate([bound, found.bound])
 
     def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values | float:
-        """Back-off of each cut for a trajectory's burns, m; a passive-safety cut asks for none."""
+        """Back-off of each cut for a trajectory's burns, m; a passive-safety cut asks for none.
+
+        Or what is asked for because sizes differ, with which there are no errors.
+        """
         if self.back_off is None:
-            return 0.0
+            return 0.0 if cuts.beyond is None else cuts.beyond
         if cuts.other is not None:
             found, flying = np.zeros(len(cuts)), cuts.in_flight
             found[flying] = self.back_off_of(replace(cuts[flying], other=None), flown)
@@ -122,19 +126,22 @@ class ConflictDetection:
     ) -> tuple[Cuts, Values]:
         """Conflicts of craft that both fly their plans."""
         problem, states = self.problem, flown.states
+        swarms = self.swarms or side_by_side((len(states),))
         if self.requirements.at_nodes:
-            i, j = (self.swarms or side_by_side((len(states),))).pairs
+            (i, j), moved = swarms.pairs, swarms.marked(moved)
             touched = moved[i] | moved[j]
             i, j = i[touched], j[touched]
-            distance = np.linalg.norm(states[i, :-1, :3] - states[j, :-1, :3], axis=-1)
+            states = swarms.beside(states)
+            distance = swarms.apart(states[i, :-1, :3] - states[j, :-1, :3], i, j)
             row, node = np.nonzero(distance <= within)
-            return cuts_at(i[row], j[row], node, np.zeros(len(row)), problem), distance[row, node]
+            cuts = cuts_at(i[row], j[row], node, np.zeros(len(row)), problem)
+            return spaced_cuts(cuts, i[row], j[row], swarms), distance[row, node]
         found = close_approaches(
-            states, flown.controls, problem, within, swarms=self.swarms, moved=moved
+            states, flown.controls, problem, within, swarms=swarms, moved=moved
         )
         pairs = found.first, found.second, found.interval
         cuts, bound, h = Cuts(*pairs, found.free, found.pushed), found.bound, problem.time_step
         for way in (-beside, beside) if beside else ():
             cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
             bound = np.concatenate([bound, found.bound])
-        return cuts, bound
+        return spaced_cuts(cuts, cuts.first, cuts.second, swarms), bound

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import Approaches
+from pipeline.orbit.approaches import Approaches, SwarmPartition
 from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
@@ -34,13 +34,21 @@ class Cuts(Rows):
     free: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position then
     pushed: Float[Array, "k 3 3"]  # from its control in the interval to its position then
     other: SecondCraft | None = None  # of the second, where some are passive-safety cuts
+    beyond: Values | None = None  # asked for beyond the collision radius, as sizes differ, m
 
     def __add__(self, more: "Cuts") -> "Cuts":
         """Both sets of cuts."""
         parts = [self, more]
         if any(cuts.other is not None for cuts in parts):
             parts = [replace(cuts, other=cuts.other or cuts.as_first) for cuts in parts]
+        if any(cuts.beyond is not None for cuts in parts):
+            parts = [replace(one, beyond=one.of_sizes) for one in parts]
         return Cuts.concatenated(parts)
+
+    @property
+    def of_sizes(self) -> Values:
+        """What is asked for beyond the collision radius, as sizes differ, m."""
+        return np.zeros(len(self)) if self.beyond is None else self.beyond
 
     @property
     def as_first(self) -> SecondCraft:
@@ -67,7 +75,39 @@ def cuts_at(
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
-def passive_safety_cuts(found: Approaches, states: States, problem: Problem) -> Cuts:
+def spaced_cuts(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartition) -> Cuts:
+    """Cuts of pairs of participants, as cuts of craft alone.
+
+    Their axes are scaled; and where the second participant is an obstacle, the cut is about the
+    first alone, so that it joins no two craft.
+    """
+    scale, beyond = swarms.asked(first, second)
+    if scale is None:
+        return cuts
+    met, still = cuts.other or cuts.as_first, swarms.still(second)
+    rows, interval = second[still], met.interval[still]
+    maps = met.free[still], met.pushed[still]
+    offset = met.offset.copy()
+    offset[still] -= swarms.places(rows, interval, maps)
+    axes = scale[:, :, None]
+    return replace(
+        cuts,
+        second=np.where(still, first, cuts.second),
+        free=cuts.free * axes,
+        pushed=cuts.pushed * axes,
+        other=SecondCraft(
+            interval=np.where(still, 0, met.interval),
+            free=_unless(still, met.free * axes),
+            pushed=_unless(still, met.pushed * axes),
+            offset=offset * scale,
+        ),
+        beyond=np.asarray(beyond),
+    )
+
+
+def passive_safety_cuts(
+    found: Approaches, states: States, problem: Problem, swarms: SwarmPartition
+) -> Cuts:
     """Cuts at encounters of a drifting craft, which lost its thrust at a node, and another.
 
     The controls of a drifting craft count up to that node, so none from the first node on, and
@@ -79,10 +119,12 @@ def passive_safety_cuts(found: Approaches, states: States, problem: Problem) -> 
     assert node is not None  # at which the first craft lost its thrust
     drifting = found.free @ dynamics.drift(node, found.interval)
     beyond = dynamics.drift(last, np.maximum(found.interval, last))
-    goal = np.matvec(found.free @ beyond, states[found.second, last])
+    still = swarms.still(found.second)
+    second = np.where(still, found.first, found.second)
+    goal = np.matvec(found.free @ beyond, states[second, last])
     start = np.matvec(drifting, states[found.first, node])
-    fixed, arrived = node == 0, found.interval >= last
-    return Cuts(
+    fixed, arrived = node == 0, (found.interval >= last) & ~still
+    cuts = Cuts(
         first=np.where(fixed, found.second, found.first),
         second=np.where(arrived, found.first, found.second),
         interval=node,
@@ -95,6 +137,7 @@ def passive_safety_cuts(found: Approaches, states: States, problem: Problem) -> 
             offset=_unless(~fixed, start) - _unless(~arrived, goal),
         ),
     )
+    return spaced_cuts(cuts, found.first, found.second, swarms)
 
 
 def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Array, "k *rest"]:

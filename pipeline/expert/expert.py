@@ -27,6 +27,7 @@ from pipeline.plan import (
     Requirements,
     Risk,
     RiskLimit,
+    refuse_risk,
 )
 from pipeline.scenario import Scenario
 
@@ -85,6 +86,7 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     limit = requirements.risk
     if limit is None or plan.status == INFEASIBLE:
         return plan
+    refuse_risk([plan.scenario])
     started, settings = perf_counter(), settings or Settings()
     uncertainty = limit.uncertainty(plan.scenario.problem)
     tried = [_judged(plan, 0.0, uncertainty)]

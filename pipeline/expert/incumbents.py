@@ -82,6 +82,9 @@ class Incumbents:
         if not left or slack < SLACK_TOLERANCE:
             return ""
         start, radius = self._batch.swarms.starts[swarm], self._batch.problem.collision_radius
+        if i == j or self._batch.unlike:
+            pair = f"{i - start}" if i == j else f"{i - start} and {j - start}"
+            return f"the last program could not keep craft {pair} clear, {slack:.3g} m are missing"
         return (
             f"the last program could not keep craft {i - start} and {j - start} {radius:g} m "
             f"apart, {slack:.3g} m are missing"

@@ -92,6 +92,10 @@ def _meet(plan: Plan) -> bool:
     if plan.requirements.at_nodes:
         return found.node_collisions > 0
     drifting = None if found.passive_safety is None else found.passive_safety.min_separation
+    if plan.scenario.unlike:
+        adrift = None if found.passive_safety is None else found.passive_safety.clearance
+        each = [one for one in (found.clearance, adrift) if one is not None]
+        return any(one.min_clearance <= 0 for one in each)
     return any(one is not None and one <= radius for one in (found.min_separation, drifting))
 
 
@@ -154,15 +158,19 @@ def _before_search(asked: SearchProblem) -> list[SearchResult]:
 
 def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     """Why no plan is passively safe, where the ends alone prove it; else nothing."""
-    found = unavoidable(scenario.initial, scenario.goal, scenario.problem, orbits)
+    ends = scenario.initial, scenario.goal, scenario.problem
+    found = unavoidable(*ends, orbits, scenario.radii if scenario.unlike else None)
     if found is None or found.pair is None:
         return ""
-    (i, j), problem = found.pair, scenario.problem
+    i, j = found.pair
     whence = "its start" if found.node == 0 else "its goal"
+    near = f"within {found.distance:.6g} m of"
+    if scenario.unlike:
+        near = f"{scenario.problem.collision_radius - found.distance:.6g} m too close to"
     return (
-        f"craft {i}, adrift from {whence}, comes within {found.distance:.6g} m of craft {j}, which "
-        f"drifts on from its goal, at {found.time:.6g} s, whatever is planned; collision_radius "
-        f"is {problem.collision_radius:g} m"
+        f"craft {i}, adrift from {whence}, comes {near} craft {j}, which "
+        f"drifts on from its goal, at {found.time:.6g} s, whatever is planned; "
+        f"{scenario.wanted(i, j)}"
     )
 
 

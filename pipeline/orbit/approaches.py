@@ -1,14 +1,14 @@
 """Closest approaches of craft, found by branch and bound with proven lower bounds, no sampling."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, ArrayOrNumber
 from pipeline.orbit.arrays import (
     AnyState,
     Controls,
@@ -45,6 +45,7 @@ class SwarmPartition:
         self.starts = np.cumsum((0, *sizes[:-1]))  # the first craft of each swarm
         # Whether all pairs can be compared.
         self.few = max(sizes) <= FEW and sum(n * n for n in sizes) <= 2 * MOST_PAIRS
+        self.held = np.zeros(0, dtype=int)  # participants that are held where they are
 
     @cached_property
     def pairs(self) -> Pairs:
@@ -52,6 +53,49 @@ class SwarmPartition:
         first, second = zip(*(pairs(n) for n in self.sizes), strict=True)
         shift = np.repeat(self.starts, [len(one) for one in first])
         return np.concatenate(first) + shift, np.concatenate(second) + shift
+
+    def alone(self, swarm: int) -> "SwarmPartition":
+        """One of the swarms."""
+        return side_by_side((self.sizes[swarm],))
+
+    def beside(
+        self, states: States, nodes: slice = slice(None)
+    ) -> Float[Array, "participants T 6"]:
+        """States of all participants, of which pairs are, at some nodes: the craft's."""
+        return states
+
+    def pushed(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
+        """Controls of all participants: the craft's."""
+        return controls
+
+    def marked(self, moved: Marked) -> Bool[Array, "participants"]:
+        """Those marked among all participants."""
+        return moved
+
+    def still(self, rows: Indices) -> Bool[Array, "k"]:
+        """Which participants no plan moves."""
+        return np.zeros(len(rows), dtype=bool)
+
+    def places(
+        self,
+        rows: Indices,
+        interval: Indices,
+        maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
+    ) -> Vectors:
+        """Positions of what no plan moves, by maps from states at intervals' starts, m."""
+        return np.zeros((len(rows), 3))
+
+    def local(self, swarm: int, row: int) -> int:
+        """The number of a participant within its swarm."""
+        return row - int(self.starts[swarm])
+
+    def asked(self, first: Indices, second: Indices) -> tuple[Vectors | None, Values | float]:
+        """Scales of the axes by which pairs' separation counts, and what is taken off it, m."""
+        return None, 0.0
+
+    def apart(self, gap: Vector, first: Indices, second: Indices) -> Float[ArrayOrNumber, "*batch"]:
+        """The separation of pairs by their gaps, m, as it compares with the collision radius."""
+        return norm(gap)
 
 
 @lru_cache(maxsize=64)
@@ -88,9 +132,10 @@ class Motions(Rows):
     start: Float[Array, "k 6"]  # state at its start, m and m/s
     end: Float[Array, "k 6"]  # and at its end
     push: Vectors  # control, m/s²
-    reach: Values  # distance from the origin up to which it is of interest, m
+    reach: Values  # scaled distance from the origin up to which it is of interest, m
     interval: Indices  # counted from the plan's first node
     since: Values  # when they start, s since the interval's start
+    scale: Vectors | None = None  # of the axes in which distances count, at most 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +143,17 @@ class Closest(Rows):
     """Relative motions over an interval, each where it is closest to the origin."""
 
     offset: Values  # time since the interval's start, s
-    distance: Values  # separation at that time, m
+    distance: Values  # separation at that time, m; where sizes differ as in ``Participants``
     bound: Values  # proven lower bound on the separation in the interval, m
     free: Float[Array, "k 3 6"]  # map from the state at the interval's start to that position
     pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
+
+    def less(self, beyond: Float[Array, "all"] | float, which: Indices) -> "Closest":
+        """With distances and bounds by so much less, of those numbers."""
+        if isinstance(beyond, float):
+            return self
+        off = beyond[which]
+        return replace(self, distance=self.distance - off, bound=self.bound - off)
 
 
 _EMPTY = np.zeros(0)
@@ -148,13 +200,17 @@ def close_approaches(
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
+    states, controls = swarms.beside(states), swarms.pushed(controls)
+    moved = None if moved is None else swarms.marked(moved)
     motion = states[:, :-1], states[:, 1:, :3], controls, problem.dynamics, problem.time_step
     each = np.arange(controls.shape[1])
     i, j, k = _candidates(*balls(*motion, each), reach, swarms, moved)
     start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
     push, since = controls[i, k] - controls[j, k], np.zeros(len(k))
-    motions = Motions(start, end, push, reach[i], k, since)
+    scale, beyond = swarms.asked(i, j)
+    motions = Motions(start, end, push, reach[i] + beyond, k, since, scale)
     near, found = closest_to_origin(motions, problem.dynamics, problem.time_step, tolerance)
+    found = found.less(beyond, near)
     return Approaches(**vars(found), first=i[near], second=j[near], interval=k[near])
 
 
@@ -165,7 +221,7 @@ def closest_to_origin(
     where = motions.interval, motions.since
     fourth = dynamics.most_fourth_derivative(motions.start, motions.push, *where)
     remainder = h**4 / 384 * fourth
-    apart = chord_bound(hermite_bezier(motions.start, motions.end, h)) - remainder
+    apart = chord_bound(_scaled(hermite_bezier(motions.start, motions.end, h), motions)) - remainder
     near = np.flatnonzero(apart <= motions.reach)
     if len(near) == 0:
         return near, NOTHING
@@ -181,7 +237,19 @@ def closest_to_origin(
     A, B = dynamics.step(offset, motions.interval, motions.since)
     free, pushed = A[:, :3], B[:, :3]
     relative = np.matvec(free, motions.start) + np.matvec(pushed, motions.push)
-    return near[keep], Closest(offset, np.maximum(norm(relative), bound), bound, free, pushed)
+    distance = norm(_scaled(relative, motions))
+    return near[keep], Closest(offset, np.maximum(distance, bound), bound, free, pushed)
+
+
+def _scaled(
+    points: Float[Array, "rows *some 3"],
+    motions: Motions,
+    row: Int[Array, "rows"] | slice = slice(None),
+) -> Float[Array, "rows *some 3"]:
+    """Points of motions in the scaled axes of their distances."""
+    if motions.scale is None:
+        return points
+    return points * motions.scale[row].reshape(len(points), *[1] * (points.ndim - 2), 3)
 
 
 def _closest_in_interval(
@@ -203,6 +271,7 @@ def _closest_in_interval(
         for A, B in _at_ends(motions, row, part, many, dynamics, h)
     )
     curve, remainder = hermite_bezier(begin, end, h / many), remainder[row] / many**4
+    curve = _scaled(curve, motions, row)
     stretch = part / many, 1.0 / many
     return branch_and_bound(curve, remainder, row, stretch, motions.reach, tolerance / 2)
 
@@ -220,7 +289,8 @@ def _closest_in_pieces(
         begin, end = states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6)
         since = (whole.since[:, None] + begins[:-1]).ravel()
         pushed, reach, interval = motions.push[row], motions.reach[row], motions.interval[row]
-        pieces = Motions(begin, end, pushed, reach, interval, since)
+        scale = None if motions.scale is None else motions.scale[row]
+        pieces = Motions(begin, end, pushed, reach, interval, since, scale)
         near, found = closest_to_origin(pieces, dynamics, h / MOST_PARTS, tolerance)
         np.minimum.at(bound, row[near], found.bound)
         which, k = least_of_each(found.distance, row[near])
@@ -259,7 +329,7 @@ def _steps(
 def _candidates(
     middle: Vector,
     radius: Scalar,
-    reach: Float[Array, "n"],
+    reach: Float[Array, "craft"],
     swarms: SwarmPartition,
     moved: Marked | None,
 ) -> Candidates:
@@ -269,7 +339,7 @@ def _candidates(
         if moved is not None and not moved.all():
             kept = moved[i] | moved[j]
             i, j = i[kept], j[kept]
-        apart = norm(middle[i] - middle[j])
+        apart = swarms.apart(middle[i] - middle[j], i, j)
         k, pair = np.nonzero((apart <= radius[i] + radius[j] + reach[i, None]).T)
         return i[pair], j[pair], k
     i, j, k = _by_tree(middle, radius, float(reach.max()), swarms)

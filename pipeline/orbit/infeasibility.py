@@ -13,7 +13,8 @@ from jaxtyping import Bool
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import close_approaches
-from pipeline.orbit.arrays import Formation
+from pipeline.orbit.arrays import Formation, Values
+from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.separation import Separation
 from pipeline.orbit.transfer import free_drift
@@ -26,11 +27,18 @@ Encounters = Iterator[tuple[int, int, Separation]]  # craft or their goals, and 
 
 
 def unavoidable(
-    initial: Formation, goal: Formation, problem: Problem, orbits: float
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    orbits: float,
+    radii: Values | None = None,
 ) -> Separation | None:
-    """The closest encounter within the collision radius that follows from the ends, or None."""
-    met = [one for _, _, one in _encounters(goal, problem, orbits, problem.nodes - 1)]
-    starts = _starts_with_goals(initial, goal, problem, orbits)
+    """The closest encounter within the collision radius that follows from the ends, or None.
+
+    Or within the radii of both, m, where craft have these.
+    """
+    met = [one for _, _, one in _encounters(goal, problem, orbits, problem.nodes - 1, radii)]
+    starts = _starts_with_goals(initial, goal, problem, orbits, radii)
     met += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
     return min(met, key=lambda one: one.distance, default=None)
 
@@ -53,24 +61,33 @@ def forced_goals(
 
 
 def _starts_with_goals(
-    initial: Formation, goal: Formation, problem: Problem, orbits: float
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    orbits: float,
+    radii: Values | None = None,
 ) -> Encounters:
     """Encounters after the plan: of craft adrift from their starts with others on goals' orbits."""
     n = len(goal)
     A = problem.dynamics.drift(0, problem.intervals)
     both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
     longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
-    for first, second, one in _encounters(both, problem, longer, 0):
+    radii = None if radii is None else np.tile(radii, 2)
+    for first, second, one in _encounters(both, problem, longer, 0, radii):
         if first < n <= second:
             yield first, second - n, replace(one, pair=(first, second - n))
 
 
-def _encounters(states: Formation, problem: Problem, orbits: float, node: int) -> Encounters:
+def _encounters(
+    states: Formation, problem: Problem, orbits: float, node: int, radii: Values | None = None
+) -> Encounters:
     """Encounters within the collision radius in free drift from the plan's end on."""
     if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
         return
     flown, idle, drift = free_drift(states, problem, orbits, problem.duration)
-    found = close_approaches(flown, idle, drift, problem.collision_radius)
+    drift = replace(drift, collision_radius=problem.collision_radius)
+    swarms = None if radii is None else Participants(drift, [radii], [()])
+    found = close_approaches(flown, idle, drift, problem.collision_radius, swarms=swarms)
     time = problem.duration + found.times(drift)
     for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
         i, j = int(found.first[k]), int(found.second[k])

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
-from pipeline.orbit.approaches import TOLERANCE, Pairs, least_of_each, pairs
+from pipeline.orbit.approaches import TOLERANCE, Pairs, SwarmPartition, least_of_each, pairs
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, basis, most_derivative
 from pipeline.orbit.separation import Separation
@@ -60,8 +60,9 @@ def nearest_between(
     both: Pairs,
     start: float,
     duration: float,
+    swarms: SwarmPartition | None = None,
 ) -> Nearest:
-    """The same between craft and others, of which pairs are given."""
+    """The same between craft and others, of which pairs are given; by sizes where these differ."""
     trials, _, pieces, _, _ = states.shape
     if len(both[0]) == 0:
         never, none = np.full(trials, np.inf), np.full(trials, -1)
@@ -70,19 +71,24 @@ def nearest_between(
     h = 2 * half / CUBICS
     motions = states, others
     ends = tuple(ENDS @ each for each in motions)
-    within, trial, pair, piece, cubic = _candidates(motions, ends, both, half)
-    i, j = (one[pair] for one in both)
+    scale, beyond = (None, 0.0) if swarms is None else swarms.asked(*both)
+    off = np.broadcast_to(beyond, len(both[0]))
+    within, trial, pair, piece, cubic = _candidates(motions, ends, both, half, (scale, off))
+    i, j, off = (one[pair] for one in (*both, off))
     apart = states[trial, i, piece] - others[trial, j, piece]
     begin, end = (
         ends[0][trial, i, piece, cubic + k] - ends[1][trial, j, piece, cubic + k] for k in (0, 1)
     )
     remainder = h**4 / 384 * norm(most_derivative(apart[..., 3:], 3, half))
-    curve, reach = hermite_bezier(begin, end, h), within[trial]
+    curve, reach = hermite_bezier(begin, end, h), within[trial] + off
+    if scale is not None:
+        curve *= scale[pair, None]
     near = np.flatnonzero(chord_bound(curve) - remainder <= reach)
-    curve, remainder, reach = curve[near], remainder[near], reach[near]
+    curve, remainder, reach, off = curve[near], remainder[near], reach[near], off[near]
     alone, whole = np.arange(len(near)), (np.zeros(len(near)), np.ones(len(near)))
     when, low = branch_and_bound(curve, remainder, alone, whole, reach, TOLERANCE)
-    distance = np.maximum(norm(point_on(curve, when)), low)
+    distance = np.maximum(norm(point_on(curve, when)), low) - off
+    low = low - off
     bound = within.copy()
     np.minimum.at(bound, trial[near], low)
     best = least_of_each(distance, trial[near])[1]
@@ -103,6 +109,7 @@ def _candidates(
     ends: tuple[Float[Array, "trials n pieces ends 6"], ...],
     both: Pairs,
     half: float,
+    sizes: tuple[Float[Array, "p 3"] | None, Float[Array, "p"]],
 ) -> tuple[
     Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]
 ]:
@@ -118,7 +125,10 @@ def _candidates(
         path = norm(np.diff(end[..., :3], axis=3)) + 2 * deviation[..., None]
         paths.append(path[:, craft])
         positions.append(end[:, craft, :, :, :3])
-    apart = norm(positions[0] - positions[1])
+    gap, (scale, off) = positions[0] - positions[1], sizes
+    if scale is not None:
+        gap *= scale[:, None, None]
+    apart = norm(gap) - off[:, None, None]
     within: Float[Array, trials] = apart.min(axis=(1, 2, 3))
     least = (apart[..., :-1] + apart[..., 1:] - paths[0] - paths[1]) / 2
     trial, pair, piece, cubic = np.nonzero(least <= within[:, None, None, None])

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
+from pipeline.orbit.approaches import SwarmPartition
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
@@ -76,6 +77,20 @@ def fly_in_world(
     states = np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
     pieces = arcs.reshape(1, len(initial), -1, *arcs.shape[3:])
     return states, nearest(pieces, 0.0, problem.duration).separation()
+
+
+def clear_in_world(
+    initial: Formation, controls: Controls, problem: Problem, swarms: SwarmPartition
+) -> Separation:
+    """The least separation of participants in that flight; obstacles have the mean ballistic."""
+    start, pushed = swarms.beside(initial[:, None], slice(0, 1)), swarms.pushed(controls)
+    dynamics = _dynamics(problem)
+    ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
+    ballistics[: len(initial)] = dynamics.orbit.ballistics(len(initial))
+    arcs = flown_arcs(dynamics, start[:, 0], pushed, ballistics)
+    pieces = arcs.reshape(1, len(start), -1, *arcs.shape[3:])
+    found = nearest_between(pieces, pieces, swarms.pairs, 0.0, problem.duration, swarms)
+    return found.separation()
 
 
 def least_adrift_in_world(

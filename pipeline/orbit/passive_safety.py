@@ -31,7 +31,6 @@ from pipeline.orbit.arrays import (
     Vector,
     mapped,
 )
-from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import ROUNDING, Separation, closer, closest_sampled, distances_of
@@ -59,12 +58,13 @@ def loss_encounters(
     """
     swarms = swarms or side_by_side((len(states),))
     reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
-    paths = _Paths(states, controls, problem, orbits)
+    paths = _Paths(swarms.beside(states), swarms.pushed(controls), problem, orbits, swarms)
+    moved = None if moved is None else swarms.marked(moved)
     found = []
     for length, since in paths.pieces:
         near = _candidates(paths, length, since, reach, swarms, moved)
         which = map(np.concatenate, zip(NO_CANDIDATES, *near, strict=True))
-        found.append(_closest(paths, length, reach, which))
+        found.append(_closest(paths, length, reach, which, swarms))
     return Approaches.concatenated(found)
 
 
@@ -76,7 +76,8 @@ def least_after_loss(
     As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
     is the least where rounding hides it from the search.
     """
-    least = _closest_at_steps(_Paths(states, controls, problem, orbits), swarms)
+    paths = _Paths(swarms.beside(states), swarms.pushed(controls), problem, orbits, swarms)
+    least = _closest_at_steps(paths, swarms)
     found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
     return closer(least, found, problem, swarms)
 
@@ -84,7 +85,14 @@ def least_after_loss(
 class _Paths:
     """A plan flown to its end, with the drift from the goals that follows, of so many orbits."""
 
-    def __init__(self, states: States, controls: Controls, problem: Problem, orbits: float) -> None:
+    def __init__(
+        self,
+        states: States,
+        controls: Controls,
+        problem: Problem,
+        orbits: float,
+        swarms: SwarmPartition,
+    ) -> None:
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
         whole = int(steps + NO_LENGTH)
@@ -93,8 +101,10 @@ class _Paths:
         self.whole = whole  # M, time steps of a drift
         # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
         after = np.matvec(self.drift(self.last)[1:], states[:, -1:])
-        self.states = np.concatenate([states, after], axis=1)
         idle = np.zeros((len(states), whole + 1, 3))  # after the plan
+        held = swarms.held
+        after[held], idle[held] = states[held, -1:], controls[held, -1:]
+        self.states = np.concatenate([states, after], axis=1)
         self.controls = np.concatenate([controls, idle], axis=1)
 
     def drift(self, node: int | Indices, steps: Indices | None = None) -> Float[Array, "_ 6 6"]:
@@ -124,7 +134,7 @@ def _candidates(
     paths: _Paths,
     length: float,
     since: Int[Array, "steps"],
-    reach: Float[Array, "n"],
+    reach: Float[Array, "craft"],
     swarms: SwarmPartition,
     moved: Marked | None,
 ) -> Iterator[tuple[Array, ...]]:
@@ -138,7 +148,7 @@ def _candidates(
         centre, size = _balls(drifting, idle, dynamics, length, node + since)
         for i, j, steps in _searched(node, paths.last, since, swarms, moved):
             at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
-            apart = norm(centre[i, steps] - middle[j, at])
+            apart = swarms.apart(centre[i, steps] - middle[j, at], i, j)
             pair, step = np.nonzero(apart <= size[i, steps] + radius[j, at] + reach[i, None])
             yield i[pair], np.full(len(pair), node), j[pair], at.start + step
 
@@ -160,7 +170,8 @@ def _searched(
     All of them, or those that depend on the controls of moved craft.
     """
     one, other = swarms.pairs
-    lost, met = np.concatenate([one, other]), np.concatenate([other, one])
+    back = ~swarms.still(other)  # no obstacle loses its thrust
+    lost, met = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
     count = len(since)
     if moved is None:
         windows = [(np.ones(len(lost), dtype=bool), 0, count)]
@@ -176,7 +187,9 @@ def _searched(
             yield lost[part], met[part], slice(begin, end)
 
 
-def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]) -> Approaches:
+def _closest(
+    paths: _Paths, length: float, reach: Values, which: Iterable[Array], swarms: SwarmPartition
+) -> Approaches:
     """The encounters among candidates."""
     lost, node, other, interval = which
     dynamics, held = paths.problem.dynamics, paths.controls[other, interval]
@@ -184,8 +197,10 @@ def _closest(paths: _Paths, length: float, reach: Values, which: Iterable[Array]
     start = drifting - paths.states[other, interval]
     A, B = dynamics.step(length, interval)
     end, since = np.matvec(A, start) - np.matvec(B, held), np.zeros(len(start))
-    motions = Motions(start, end, -held, reach[lost], interval, since)
+    scale, beyond = swarms.asked(lost, other)
+    motions = Motions(start, end, -held, reach[lost] + beyond, interval, since, scale)
     near, found = closest_to_origin(motions, dynamics, length)
+    found = found.less(beyond, near)
     return Approaches(
         **vars(found),
         first=lost[near],
@@ -203,7 +218,8 @@ def _closest_at_steps(paths: _Paths, swarms: SwarmPartition) -> list[Separation]
     for node in range(paths.last + 1):
         drifting = np.matvec(paths.drift(node), paths.states[:, node, None])[..., :3]
         for i, j, _ in _searched(node, paths.last, since, swarms, None):
-            apart = norm(drifting[i] - paths.states[j, node : node + len(since), :3])
+            apart = drifting[i] - paths.states[j, node : node + len(since), :3]
+            apart = swarms.apart(apart, i, j)
             for swarm, distance, at, pair in closest_sampled(apart, i, j, swarms):
                 if not closest[swarm].distance <= distance:
                     time = float(node + at) * step

@@ -44,14 +44,18 @@ def node_collisions(
 
 
 def swarm_node_collisions(
-    states: States, collision_radius: float, swarms: SwarmPartition
+    states: States,
+    collision_radius: float,
+    swarms: SwarmPartition,
+    nodes: slice = slice(None),
 ) -> Int[Array, "swarms"]:
-    """f_col of each of several swarms."""
+    """f_col of each of several swarms, from states at all nodes or at those given."""
     if not swarms.few:
         parts = np.split(states, swarms.starts[1:])
         return np.array([node_collisions(part, collision_radius) for part in parts])
     i, j = swarms.pairs
-    close = norm(states[i, :, :3] - states[j, :, :3]) <= collision_radius
+    states = swarms.beside(states, nodes)
+    close = swarms.apart(states[i, :, :3] - states[j, :, :3], i, j) <= collision_radius
     return np.bincount(swarms.label[i], close.sum(axis=1), len(swarms.sizes)).astype(int)
 
 
@@ -97,11 +101,12 @@ def closer(
     least: list[Separation], found: Approaches, problem: Problem, swarms: SwarmPartition
 ) -> list[Separation]:
     """The least separation of each swarm, replaced where an approach was found."""
-    label, start, time = swarms.label[found.first], swarms.starts, found.times(problem)
+    label, time = swarms.label[found.first], found.times(problem)
     bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
     for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
-        pair = int(found.first[k] - start[swarm]), int(found.second[k] - start[swarm])
+        first, second = int(found.first[k]), int(found.second[k])
+        pair = swarms.local(swarm, first), swarms.local(swarm, second)
         lost = None if found.node is None else int(found.node[k])
         distance = float(found.distance[k])
         least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
@@ -114,7 +119,7 @@ def closest_sampled(
     """The closest pair of each swarm that has one, at some times: swarm, distance, time, craft."""
     least = apart.min(axis=1)
     for swarm, k in np.transpose(least_of_each(least, swarms.label[first])).tolist():
-        pair = int(first[k] - swarms.starts[swarm]), int(second[k] - swarms.starts[swarm])
+        pair = swarms.local(swarm, int(first[k])), swarms.local(swarm, int(second[k]))
         yield swarm, float(least[k]), int(apart[k].argmin()), pair
 
 
@@ -138,12 +143,15 @@ def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) 
         each = (_closest_at_nodes(part, problem, side_by_side((len(part),))) for part in parts)
         return [one for (one,) in each]
     closest = [Separation()] * len(swarms.sizes)
+    most = np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
     if swarms.few:
         i, j = swarms.pairs
-        found = closest_sampled(norm(states[i, :, :3] - states[j, :, :3]), i, j, swarms)
+        craft, states = len(states), swarms.beside(states)
+        most = np.maximum(most, np.abs(states[craft:, :, :3]).max(initial=0.0))
+        apart = swarms.apart(states[i, :, :3] - states[j, :, :3], i, j)
+        found = closest_sampled(apart, i, j, swarms)
     else:
         found = iter([_closest_by_tree(states)])
-    most = np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
     for swarm, distance, node, pair in found:
         bound = distance - ROUNDING * float(most[swarm])
         closest[swarm] = Separation(distance, bound, pair, node * problem.time_step)

@@ -1,10 +1,16 @@
 """Plans: what each craft is to do, with a certificate that anyone can check."""
 
-from pipeline.plan.certificate import Certificate, PassiveSafety, Risk, certify, gap_of
+from pipeline.plan.certificate import Certificate, Clearance, PassiveSafety, Risk, certify, gap_of
 from pipeline.plan.judge import Made, is_safe, judged, planned, planned_all, violations
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Assignment, Plan, summary
 from pipeline.plan.recheck import Rechecked, recheck
-from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, Separation
+from pipeline.plan.requirements import (
+    AT_ALL_TIMES,
+    Requirements,
+    RiskLimit,
+    Separation,
+    refuse_risk,
+)
 
 __all__ = [
     "AT_ALL_TIMES",
@@ -14,6 +20,7 @@ __all__ = [
     "UNSOLVED",
     "Assignment",
     "Certificate",
+    "Clearance",
     "Made",
     "PassiveSafety",
     "Plan",
@@ -29,6 +36,7 @@ __all__ = [
     "planned",
     "planned_all",
     "recheck",
+    "refuse_risk",
     "summary",
     "violations",
 ]

@@ -1,7 +1,7 @@
 """The certificate of a plan: its cost, how far from optimal it can be, and how safe it is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,13 +10,14 @@ from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.participants import Participants
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import collision_risk
 from pipeline.orbit.separation import Separation, least_separations, swarm_node_collisions
 from pipeline.orbit.transfer import dynamics_defect
-from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.scenario import Scenario, shared_problem
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, refuse_risk
+from pipeline.scenario import Scenario, participants, shared_problem
 
 FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
 
@@ -49,6 +50,46 @@ class Risk:
 
 
 @dataclass(frozen=True)
+class Clearance:
+    """By how much participants are further apart than their sizes ask for, at least.
+
+    About an ellipsoid it is that by which a craft is clear of it, or less.
+
+    Attributes:
+        min_clearance: least of any pair at any time, m; below 0 where one is too close.
+        min_clearance_bound: proven lower bound on it, m.
+        craft: whose it is; after a loss of thrust, the drifting craft.
+        other: the other craft, or the name of an obstacle.
+        time: when, s since the first node.
+        node: at which the craft loses its thrust, or None in flight.
+    """
+
+    min_clearance: float
+    min_clearance_bound: float
+    craft: int
+    other: int | str
+    time: float
+    node: int | None = None
+
+    @classmethod
+    def of(cls, least: Separation, scenario: Scenario) -> "Clearance | None":
+        """Of the least separation, as ``Participants`` has it; None where craft are all alike."""
+        if not scenario.unlike or least.pair is None or least.time is None:
+            return None
+        (i, j), radius = least.pair, scenario.problem.collision_radius
+        other = j if j < scenario.n else scenario.obstacles[j - scenario.n].name
+        by = least.distance - radius, least.bound - radius
+        return cls(*by, i, other, least.time, least.node)
+
+    def said(self, craft: str) -> str:
+        """How close they come, in words."""
+        other = f"craft {self.other}" if isinstance(self.other, int) else self.other
+        return (
+            f"{craft} comes {-self.min_clearance:.6g} m too close to {other} at {self.time:.6g} s"
+        )
+
+
+@dataclass(frozen=True)
 class PassiveSafety:
     """How close a craft that has lost its thrust comes to another, whoever it is and whenever.
 
@@ -61,6 +102,8 @@ class PassiveSafety:
         node: at which the first of them loses its thrust, or None; at the last node it has none
             left to lose, and both drift on from their goals.
         time: when they are closest, s since the first node, or None.
+        clearance: by how much they are further apart than their sizes ask for, where craft have
+            radii of their own or there are obstacles.
     """
 
     orbits: float
@@ -69,6 +112,7 @@ class PassiveSafety:
     pair: tuple[int, int] | None = None
     node: int | None = None
     time: float | None = None
+    clearance: Clearance | None = None
 
     @classmethod
     def of(cls, orbits: float, least: Separation) -> "PassiveSafety":
@@ -87,8 +131,8 @@ class Certificate:
         delta_v: time step times fuel, of all craft, m/s.
         fuel_lower_bound: no transfer, safe or not, needs less, m/s².
         optimality_gap: fuel / fuel_lower_bound - 1.
-        node_collisions: Eq. 5.
-        min_separation: least distance of any pair at any time, m; None without a pair.
+        node_collisions: Eq. 5; by the sizes of participants where these differ.
+        min_separation: least distance of any two craft at any time, m; None without a pair.
         min_separation_pair: the two craft that come closest, or None.
         min_separation_time: when, s since the start, or None.
         min_separation_bound: proven lower bound on the distance of any pair at any time, m.
@@ -102,6 +146,8 @@ class Certificate:
         craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s; they sum to delta_v. Thrusters along the
             three axes have to provide it. Earlier files have none.
         craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s: of one thruster that is turned.
+        clearance: by how much participants are further apart than their sizes ask for, where craft
+            have radii of their own or there are obstacles.
     """
 
     fuel: float
@@ -121,6 +167,7 @@ class Certificate:
     passive_safety: PassiveSafety | None = None
     craft_delta_v: tuple[float, ...] = ()
     craft_delta_v_2norm: tuple[float, ...] = ()
+    clearance: Clearance | None = None
 
 
 def certify(
@@ -131,15 +178,18 @@ def certify(
     requirements: Requirements = AT_ALL_TIMES,
     closest: Sequence[Separation] | None = None,
     adrift: Sequence[Separation] | None = None,
+    clear: Sequence[Separation] | None = None,
 ) -> list[Certificate]:
     """The certificates of scenarios of one problem, from states and controls of all their craft.
 
     Bounds are lower bounds on the fuel, m/s², and how they are proven. Passive safety and risk are
     looked at only where they are required. Motion is linear, unless the least separations of
-    flights are given whose nodes the states are, and of craft adrift where these are looked at.
+    flights are given whose nodes the states are, and of craft adrift where these are looked at, and
+    of participants where sizes differ.
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
-    starts, step = swarms.starts, problem.time_step
+    starts, step, all_of = swarms.starts, problem.time_step, participants(scenarios)
+    unlike = all_of if isinstance(all_of, Participants) else None
     spent, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
     used = np.add.reduceat(spent, starts).tolist()
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
@@ -155,7 +205,7 @@ def certify(
         "optimality_gap": [
             gap_of(fuel, b, problem) for fuel, (b, _) in zip(used, bounds, strict=True)
         ],
-        "node_collisions": swarm_node_collisions(states, problem.collision_radius, swarms).tolist(),
+        "node_collisions": swarm_node_collisions(states, problem.collision_radius, all_of).tolist(),
         "min_separation": [None if one.pair is None else one.distance for one in closest],
         "min_separation_pair": [one.pair for one in closest],
         "min_separation_time": [one.time for one in closest],
@@ -167,11 +217,23 @@ def certify(
         "craft_delta_v": [tuple(one.tolist()) for one in np.split(step * spent, starts[1:])],
         "craft_delta_v_2norm": [tuple(one.tolist()) for one in np.split(step * turned, starts[1:])],
     }
+    if unlike is not None:
+        clear = clear or _least_separations(states, controls, problem, unlike)
+        columns["clearance"] = list(map(Clearance.of, clear, scenarios))
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
         adrift = adrift or least_after_loss(states, controls, problem, orbits, swarms)
         columns["passive_safety"] = [PassiveSafety.of(orbits, least) for least in adrift]
+        if unlike is not None:
+            spaced = least_after_loss(states, controls, problem, orbits, unlike)
+            columns["passive_safety"] = [
+                replace(one, clearance=Clearance.of(least, scenario))
+                for one, least, scenario in zip(
+                    columns["passive_safety"], spaced, scenarios, strict=True
+                )
+            ]
     if limit is not None:
+        refuse_risk(scenarios)
         errors = limit.uncertainty(problem)
         parts = zip(np.split(states, starts[1:]), np.split(controls, starts[1:]), strict=True)
         bounded = [collision_risk(*part, problem, errors).total for part in parts]
@@ -195,6 +257,6 @@ def _least_separations(
     for k, apart in enumerate(closest):
         if apart.bound <= problem.collision_radius < apart.distance:
             craft = np.flatnonzero(swarms.label == k)
-            alone = states[craft], controls[craft], problem, side_by_side((len(craft),))
+            alone = states[craft], controls[craft], problem, swarms.alone(k)
             closest[k] = least_separations(*alone, tolerance=FINE)[0]
     return closest

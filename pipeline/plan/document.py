@@ -24,7 +24,8 @@ from pipeline.scenario.document import (
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
-OPTIONAL = ("risk", "passive_safety")  # claims of a certificate that are there where asked for
+# Claims of a certificate that are there where they were asked for, or where sizes differ
+OPTIONAL = ("risk", "passive_safety", "clearance")
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -121,6 +122,8 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
     claims = asdict(plan.certificate)
     given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) is not None}
+    if given.get("passive_safety", {}).get("clearance", 0) is None:
+        del given["passive_safety"]["clearance"]
     for name, value in claims.items():
         if isinstance(value, float) and not math.isfinite(value):
             claims[name] = None

@@ -8,13 +8,13 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.arrays import Controls
-from pipeline.orbit.nonlinear import fly_in_world, least_adrift_in_world
+from pipeline.orbit.nonlinear import clear_in_world, fly_in_world, least_adrift_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
-from pipeline.plan.certificate import Certificate, certify
+from pipeline.plan.certificate import Certificate, PassiveSafety, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.scenario import Scenario, shared_problem
+from pipeline.scenario import Scenario, participants, shared_problem
 
 POSITION_TOLERANCE = 1e-6  # largest miss of a position that counts as rounding, m
 VELOCITY_TOLERANCE = 1e-9  # largest miss of a velocity that counts as rounding, m/s
@@ -46,13 +46,18 @@ def planned_all(
     if not scenarios:
         return []
     started, orbits = perf_counter(), requirements.passive_safety
-    closest, adrift = None, None
+    closest, adrift, clear = None, None, None
     problem = shared_problem(scenarios)
     controls = np.concatenate([one.controls for one in made])
     if as_flown:
         both = zip(scenarios, made, strict=True)
         flights = [fly_in_world(s.initial, one.controls, problem) for s, one in both]
         states, closest = np.concatenate([s for s, _ in flights]), [apart for _, apart in flights]
+        if any(scenario.unlike for scenario in scenarios):
+            clear = [
+                clear_in_world(s.initial, one.controls, problem, participants([s]))
+                for s, one in zip(scenarios, made, strict=True)
+            ]
         if orbits is not None:
             adrift = [
                 least_adrift_in_world(nodes, one.controls, problem, orbits)
@@ -62,7 +67,9 @@ def planned_all(
         controls = with_coasts(controls, problem)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    certificates = certify(scenarios, states, controls, bounds, requirements, closest, adrift)
+    certificates = certify(
+        scenarios, states, controls, bounds, requirements, closest, adrift, clear
+    )
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
@@ -105,19 +112,10 @@ def violations(plan: Plan) -> dict[str, str]:
     if limit is not None and not used.max() <= problem.most_control:
         wrong["thrust"] = f"uses {used.max():.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if not is_safe(found, problem, plan.requirements):
-        pair = " and ".join(map(str, found.min_separation_pair or ()))
-        wrong["separation"] = (
-            f"craft {pair} come within {found.min_separation:.6g} m of each other at "
-            f"{found.min_separation_time:.6g} s; collision_radius is {radius:g} m"
-        )
+        wrong["separation"] = _too_close(found, radius)
     drift = found.passive_safety
-    if drift and drift.pair and not (drift.min_separation_bound or 0.0) > radius:
-        (i, j), node = drift.pair, f"node {drift.node}, should it lose thrust there"
-        wrong["passive safety"] = (
-            f"craft {i}, adrift from {'its goal' if drift.node == problem.nodes - 1 else node}, "
-            f"comes within {drift.min_separation:.6g} m of craft {j} at {drift.time:.6g} s; "
-            f"collision_radius is {radius:g} m"
-        )
+    if drift and not is_passively_safe(drift, radius):
+        wrong["passive safety"] = _too_close_adrift(drift, problem)
     if found.risk and not found.risk.kept:
         wrong["risk"] = (
             f"the risk that a pair comes within {radius:g} m is bounded by {found.risk.bound:.3g}, "
@@ -126,13 +124,49 @@ def violations(plan: Plan) -> dict[str, str]:
     return wrong
 
 
+def _too_close(found: Certificate, radius: float) -> str:
+    if found.clearance is not None and found.clearance.min_clearance_bound <= 0:
+        return found.clearance.said(f"craft {found.clearance.craft}")
+    pair = " and ".join(map(str, found.min_separation_pair or ()))
+    return (
+        f"craft {pair} come within {found.min_separation:.6g} m of each other at "
+        f"{found.min_separation_time:.6g} s; collision_radius is {radius:g} m"
+    )
+
+
+def _too_close_adrift(drift: PassiveSafety, problem: Problem) -> str:
+    node = drift.node if drift.clearance is None else drift.clearance.node
+    given = f"node {node}, should it lose thrust there"
+    whence = f", adrift from {'its goal' if node == problem.nodes - 1 else given},"
+    if drift.clearance is not None:
+        return drift.clearance.said(f"craft {drift.clearance.craft}{whence}")
+    i, j = drift.pair or (0, 0)
+    return (
+        f"craft {i}{whence} comes within {drift.min_separation:.6g} m of craft {j} at "
+        f"{drift.time:.6g} s; collision_radius is {problem.collision_radius:g} m"
+    )
+
+
 def is_safe(
     certificate: Certificate, problem: Problem, requirements: Requirements = AT_ALL_TIMES
 ) -> bool:
-    """Whether no pair comes within the collision radius: at any time, or at the nodes only."""
-    if certificate.min_separation_bound is None or requirements.at_nodes:
+    """Whether no pair comes within the collision radius: at any time, or at the nodes only.
+
+    Where sizes differ, whether participants are as far apart as these ask for.
+    """
+    clear = certificate.clearance
+    if requirements.at_nodes or (clear is None and certificate.min_separation_bound is None):
         return certificate.node_collisions == 0
-    return certificate.min_separation_bound > problem.collision_radius
+    if clear is not None:
+        return clear.min_clearance_bound > 0
+    return (certificate.min_separation_bound or 0.0) > problem.collision_radius
+
+
+def is_passively_safe(drift: PassiveSafety, radius: float) -> bool:
+    """Whether no craft comes within the collision radius, or too close by size, adrift."""
+    if drift.clearance is not None:
+        return drift.clearance.min_clearance_bound > 0
+    return drift.pair is None or (drift.min_separation_bound or 0.0) > radius
 
 
 def check_states(plan: Plan) -> None:

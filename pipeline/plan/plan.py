@@ -118,6 +118,7 @@ def summary(plan: Plan) -> dict[str, Any]:
         "status": plan.status,
         "message": plan.message,
         **claims,
+        **({"clearance": asdict(found.clearance)} if found.clearance else {}),
         "passive_safety": passive_safety,
         "seconds": plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0),
         "risk": risk,

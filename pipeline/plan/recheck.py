@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pipeline.orbit.risk import FAR, collision_risk
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.judge import POSITION_TOLERANCE, Made, planned, violations
 from pipeline.plan.plan import SOLVED, Plan
+from pipeline.plan.requirements import refuse_risk
 from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
@@ -63,7 +64,9 @@ def recheck(claimed: Plan) -> Rechecked:
         )
     found = flown.certificate
     unsafe = violations(flown).keys() & {"separation", "passive safety"}
-    if said.risk is not None:  # by the errors that the file says
+    if said.risk is not None:
+        refuse_risk([claimed.scenario])
+        # By the errors that the file says.
         risk = collision_risk(flown.states, flown.controls, problem, said.risk.uncertainty)
         found = replace(found, risk=replace(said.risk, bound=risk.total))
     faults += [
@@ -101,8 +104,20 @@ def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClai
 
 def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
     """The least separations, in flight and after a loss of thrust, and the bounds below them."""
-    parts = (("", said, found), ("passive_safety.", said.passive_safety, found.passive_safety))
-    for (prefix, *pair), name in product(parts, ("min_separation", "min_separation_bound")):
+    adrift: list[Any] = [said.passive_safety, found.passive_safety]
+    parts: list[tuple[str, str, list[Any]]] = [
+        ("", "min_separation", [said, found]),
+        ("passive_safety.", "min_separation", adrift),
+        ("clearance.", "min_clearance", [said.clearance, found.clearance]),
+        ("passive_safety.clearance.", "min_clearance", [one and one.clearance for one in adrift]),
+    ]
+    for prefix, least, pair in parts:
+        yield from _false_least(prefix, least, pair)
+
+
+def _false_least(prefix: str, least: str, pair: list[Any]) -> Iterator[FalseClaim]:
+    """A least distance and the bound below it, claimed and found."""
+    for name in (least, f"{least}_bound"):
         theirs, ours = (getattr(one, name, None) for one in pair)
         if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
             yield prefix + name, theirs, ours, " m"

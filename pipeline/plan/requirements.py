@@ -1,5 +1,6 @@
 """What a plan must satisfy besides dynamics, both ends and the limits of its problem."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -8,6 +9,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.problem import Problem
+from pipeline.scenario import Scenario
 
 # When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)
 Separation = Literal["continuous", "nodes"]
@@ -103,3 +105,12 @@ class Requirements:
 
 
 AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
+
+
+def refuse_risk(scenarios: Sequence[Scenario]) -> None:
+    """Refuse a risk where sizes differ, whose bound is for craft alike, with an InputError."""
+    if any(one.unlike for one in scenarios):
+        raise InputError(
+            "a risk is asked for, and craft have radii of their own or there are obstacles; "
+            "expected one of the two: leave the risk out, or radii and obstacles."
+        )

@@ -78,6 +78,13 @@ class AsFlown:
                 "the scenario has no reference orbit; expected one to plan as flown: name "
                 "conditions, or give the scenario an orbit."
             )
+        asked = self.requirements
+        if scenario.unlike and (asked.at_nodes or asked.passive_safety is not None):
+            raise InputError(
+                "craft have radii of their own, or there are obstacles, and the plan is asked for "
+                "as flown; expected separation at all times and no passive safety with these: "
+                "leave --world out, or those."
+            )
         return replace(scenario, problem=scenario.problem.about(orbit))
 
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
@@ -121,11 +128,10 @@ class AsFlown:
 
 def _eased(scenario: Scenario, wider: float = 0.0) -> Scenario:
     """The scenario with so much more separation, m, and a little less thrust."""
+    scenario = scenario.wider(wider)
     problem = scenario.problem
-    limit, radius = problem.max_acceleration, problem.collision_radius
-    limit = None if limit is None else limit * LIMIT_SHARE
-    eased = replace(problem, max_acceleration=limit, collision_radius=radius + wider)
-    return replace(scenario, problem=eased)
+    limit = None if problem.max_acceleration is None else problem.max_acceleration * LIMIT_SHARE
+    return replace(scenario, problem=replace(problem, max_acceleration=limit))
 
 
 def _rank(plan: Plan) -> tuple[bool, float]:
@@ -144,6 +150,8 @@ def _missing(plan: Plan) -> float:
     if plan.requirements.at_nodes:
         i, j = pairs(plan.scenario.n)
         least = norm(plan.states[i, :, :3] - plan.states[j, :, :3]).min(initial=np.inf)
+    if found.clearance is not None:
+        least = radius + found.clearance.min_clearance_bound
     bounds = [least, None if drift is None else drift.min_separation_bound]
     close = [float(radius - one) for one in bounds if one is not None and one <= radius]
     return max(close) + 1e-3 if close else 0.0

@@ -116,6 +116,8 @@ class _Candidates:
         """Leave out assignments that cannot be passively safe, where that refutes the first."""
         (plan,), scenario = self.tried.values(), self.scenario
         asked = plan.certificate.passive_safety
+        if scenario.unlike:  # then who is too close depends on who goes where
+            return
         if self.first is not None and plan.status == INFEASIBLE and asked is not None:
             ends, problem = (scenario.initial, scenario.goal), scenario.problem
             of_use = forced_goals(*ends, problem, asked.orbits)

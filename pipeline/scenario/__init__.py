@@ -1,7 +1,7 @@
 """Scenarios: what a swarm is asked to do, the families they are drawn from, their file format."""
 
 from pipeline.scenario.families import FAMILIES, SPLITS, draw
-from pipeline.scenario.scenario import Scenario, shared_problem
+from pipeline.scenario.scenario import Scenario, participants, shared_problem
 from pipeline.scenario.validation import Diagnostic, check, diagnostics
 
 __all__ = [
@@ -12,5 +12,6 @@ __all__ = [
     "check",
     "diagnostics",
     "draw",
+    "participants",
     "shared_problem",
 ]

@@ -25,6 +25,7 @@ from pipeline.documents import DIALECT, document_from, read_document, write_docu
 from pipeline.errors import InputError
 from pipeline.files import stem_of
 from pipeline.orbit.arrays import Formation
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
@@ -257,6 +258,11 @@ class SpacecraftDocument(BaseModel):
     )
     delta_v: Positive | None = Field(None, description="What it may burn in all, m/s.")
     no_burn: NoBurn = ()
+    radius: Positive | None = Field(
+        None,
+        description="Of the sphere that it takes up, m; null for half of collision_radius. Two "
+        "craft must be further apart than both radii.",
+    )
 
     @classmethod
     def of(cls, craft: Spacecraft) -> dict[str, Any]:
@@ -267,6 +273,50 @@ class SpacecraftDocument(BaseModel):
     def craft(self) -> Spacecraft:
         """The craft."""
         return Spacecraft(**self.model_dump())
+
+
+Position = tuple[Number, Number, Number]
+
+
+class ObstacleDocument(BaseModel):
+    """What craft keep clear of and no plan moves: a chief, a target, debris, a dead craft."""
+
+    model_config = _strict()
+
+    name: str = Field(min_length=1, description="What messages and certificates call it.")
+    state: State | None = Field(
+        None, description="At the first node, LVLH, m and m/s, of one that drifts."
+    )
+    position: Position | None = Field(
+        None, description="Instead: where it is held, LVLH, m; about a circle, or at the origin."
+    )
+    radius: Positive | None = Field(None, description="Of the sphere that it takes up, m.")
+    semi_axes: tuple[Positive, Positive, Positive] | None = Field(
+        None, description="Instead: of the ellipsoid along x, y, z that no part of a craft enters."
+    )
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> "ObstacleDocument":
+        if (self.state is None) == (self.position is None):
+            raise ValueError("give one of state (it drifts) and position (it is held there)")
+        if (self.radius is None) == (self.semi_axes is None):
+            raise ValueError("give one of radius and semi_axes, m")
+        return self
+
+    @classmethod
+    def of(cls, obstacle: Obstacle) -> dict[str, Any]:
+        """The fields of an obstacle."""
+        held = {"position": obstacle.state[:3]} if obstacle.hold else {"state": obstacle.state}
+        size = {"radius": obstacle.radius, "semi_axes": obstacle.semi_axes}
+        sized = {name: list(one) if isinstance(one, tuple) else one for name, one in size.items()}
+        given = {name: one for name, one in sized.items() if one is not None}
+        return {"name": obstacle.name, **{name: list(one) for name, one in held.items()}, **given}
+
+    def obstacle(self) -> Obstacle:
+        """The obstacle."""
+        state = (*self.position, 0.0, 0.0, 0.0) if self.position else self.state or ()
+        sizes = self.radius, self.semi_axes
+        return Obstacle(self.name, tuple(state), *sizes, hold=self.position is not None)
 
 
 # Of both a reference and an orbit
@@ -329,6 +379,9 @@ class ScenarioDocument(BaseModel):
     craft: list[SpacecraftDocument] = Field(
         [], description="What each craft has of its own; empty where all are alike."
     )
+    obstacles: list[ObstacleDocument] = Field(
+        [], description="What craft keep clear of at all times and no plan moves."
+    )
     initial: End = Field(description="Where each craft is at the first node.")
     goal: End = Field(description="Where each craft must be at the last node, in the same order.")
     reference: ReferenceDocument | None = Field(
@@ -371,7 +424,8 @@ class ScenarioDocument(BaseModel):
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         craft = tuple(one.craft() for one in self.craft)
         made = Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
-        return replace(made, craft=craft)
+        obstacles = tuple(one.obstacle() for one in self.obstacles)
+        return replace(made, craft=craft, obstacles=obstacles)
 
     def _thrust(self) -> Thrust:
         limits = self.max_acceleration_norm, self.min_delta_v
@@ -420,6 +474,8 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
         fields["ends"] = scenario.ends
     if scenario.craft:
         fields["craft"] = [SpacecraftDocument.of(one) for one in scenario.craft]
+    if scenario.obstacles:
+        fields["obstacles"] = [ObstacleDocument.of(one) for one in scenario.obstacles]
     if scenario.reference is None:
         return fields
     epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")

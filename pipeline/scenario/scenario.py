@@ -10,6 +10,8 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.orbit.approaches import SwarmPartition, side_by_side
+from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.thrust import ALONG_AXES, Limits
@@ -38,6 +40,7 @@ class Scenario:
         reference: epoch and attitude of the reference orbit, or None; not used in planning.
         ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
         craft: of each craft what it has of its own; empty where all are alike.
+        obstacles: what craft keep clear of and no plan moves.
     """
 
     problem: Problem
@@ -48,6 +51,7 @@ class Scenario:
     reference: Reference | None = None
     ends: Ends = "passive"
     craft: tuple[Spacecraft, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
@@ -91,6 +95,12 @@ class Scenario:
             )
 
         check_craft(self.craft, self.n)
+        check_obstacles(self.obstacles, self.problem)
+        if self.unlike and self.n > MOST_UNLIKE:
+            raise InputError(
+                f"there are {self.n} spacecraft, with radii or obstacles; expected at most "
+                f"{MOST_UNLIKE} with these."
+            )
 
     def __repr__(self) -> str:
         """Name, size and time grid; without the arrays."""
@@ -108,9 +118,56 @@ class Scenario:
         plain = self.problem.thrust == ALONG_AXES and not any(one.limited for one in self.craft)
         return None if plain else limits_of(self.craft, self.n, self.problem)
 
+    @property
+    def unlike(self) -> bool:
+        """Whether craft have radii of their own, or there are obstacles."""
+        return bool(self.obstacles) or any(one.radius is not None for one in self.craft)
+
+    @property
+    def radii(self) -> Float[Array, "n"]:
+        """Of each craft, m: half the collision radius where it has none of its own."""
+        given = [one.radius for one in self.craft] or [None] * self.n
+        half = self.problem.collision_radius / 2
+        return np.array([half if one is None else one for one in given])
+
+    def named(self, i: int, j: int) -> str:
+        """Two participants in words, of which those beyond the craft are obstacles."""
+        return (
+            f"craft {i} and {j}"
+            if j < self.n
+            else f"craft {i} and {self.obstacles[j - self.n].name}"
+        )
+
+    def wanted(self, i: int, j: int) -> str:
+        """What two participants must keep apart, in words."""
+        if not self.unlike:
+            return f"collision_radius is {self.problem.collision_radius:g} m"
+        own = f"craft {i} has a radius of {self.radii[i]:g} m"
+        if j < self.n:
+            return f"{own}, craft {j} of {self.radii[j]:g} m"
+        return f"{own}, {self.obstacles[j - self.n]}"
+
+    def wider(self, by: float) -> "Scenario":
+        """The scenario with so much more separation of all pairs, m."""
+        problem = replace(self.problem, collision_radius=self.problem.collision_radius + by)
+        craft = [
+            one if one.radius is None else replace(one, radius=one.radius + by / 2)
+            for one in self.craft
+        ]
+        obstacles = tuple(one.wider(by / 2) for one in self.obstacles)
+        return replace(self, problem=problem, craft=tuple(craft), obstacles=obstacles)
+
     def taking(self, slots: Sequence[int]) -> "Scenario":
         """The scenario in which each craft goes to the goal of that number here."""
         return replace(self, goal=self.goal[list(slots)])
+
+
+def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
+    """Craft and obstacles of scenarios of one problem, side by side."""
+    if not any(one.unlike for one in scenarios):
+        return side_by_side(tuple(one.n for one in scenarios))
+    radii, obstacles = [one.radii for one in scenarios], [one.obstacles for one in scenarios]
+    return Participants(scenarios[0].problem, radii, obstacles)
 
 
 def shared_problem(scenarios: Sequence[Scenario]) -> Problem:

@@ -22,6 +22,7 @@ class Spacecraft:
         max_acceleration_norm: limit on ‖u‖₂, m/s², or that of the problem.
         delta_v: what it may burn in all, m/s, or None for no limit.
         no_burn: stretches of time in which it must not burn, besides those of the problem.
+        radius: of the sphere that it takes up, m, or half the problem's collision radius.
     """
 
     name: str = ""
@@ -30,12 +31,15 @@ class Spacecraft:
     max_acceleration_norm: float | None = None
     delta_v: float | None = None
     no_burn: Windows = ()
+    radius: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
         for name in ("mass", "max_acceleration", "max_acceleration_norm", "delta_v"):
             if (value := getattr(self, name)) is not None:
                 check_range(name, value, *RANGES["max_acceleration"])
+        if self.radius is not None:
+            check_range("radius", self.radius, *RANGES["collision_radius"])
         check_windows(self.no_burn)
 
     @property

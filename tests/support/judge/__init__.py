@@ -8,6 +8,7 @@ curvature instead of Bézier curves, and the fuel's lower bound is HiGHS's, prov
 from judge.adrift import Adrift, closest_adrift
 from judge.datasets import DatasetReport, judge_dataset
 from judge.fuel import Bound, least_fuel
+from judge.keep_out import Closest, least_adrift, least_clearance, outside
 from judge.motion import Case, exact_step, fly
 from judge.plans import Report, judge_plan
 from judge.separation import Approaches, closest_approaches
@@ -17,6 +18,7 @@ __all__ = [
     "Approaches",
     "Bound",
     "Case",
+    "Closest",
     "DatasetReport",
     "Report",
     "closest_adrift",
@@ -25,5 +27,8 @@ __all__ = [
     "fly",
     "judge_dataset",
     "judge_plan",
+    "least_adrift",
+    "least_clearance",
     "least_fuel",
+    "outside",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 
 from judge.adrift import Adrift, closest_adrift, distance_adrift
 from judge.fuel import Bound, least_fuel, least_fuel_of_any_order
+from judge.keep_out import Closest, least_clearance, pairs
 from judge.motion import Case, after, fly
 from judge.separation import closest_approaches, distance_at
 
@@ -66,6 +67,7 @@ class _Flight:
     proven: float
     attained: float
     adrift: Adrift | None = None
+    clear: Closest | None = None
 
 
 def judge_plan(
@@ -104,6 +106,12 @@ def judge_plan(
     adrift = None
     if claim is not None and n > 1:
         adrift = closest_adrift(problem, flown, controls, claim["orbits"])
+    clear, close = None, int(np.sum(np.array(at) <= problem.radius))
+    if "clearance" in said or document_has_sizes(scenario):
+        clear = least_clearance(scenario, problem, flown, controls)
+        nodes = problem.step * np.arange(problem.nodes)
+        each = [apart for *_, apart in pairs(scenario, problem, flown, controls)]
+        close = sum(apart(t) <= 0 for apart in each for t in nodes)
     flight = _Flight(
         problem,
         goal,
@@ -111,11 +119,12 @@ def judge_plan(
         controls,
         low=near.low.min(initial=np.inf),
         high=near.high.min(initial=np.inf),
-        node_collisions=int(np.sum(np.array(at) <= problem.radius)),
+        node_collisions=close,
         fuel=float(np.abs(controls).sum()),
         proven=float(bound.proven.sum()),
         attained=float(bound.attained.sum()),
         adrift=adrift,
+        clear=clear,
     )
     return Report(
         flight.fuel,
@@ -129,6 +138,7 @@ def judge_plan(
             *_untrue_states(flight, states, plan.get("times")),
             *_untrue(flight, states, said),
             *_untrue_adrift(flight, said),
+            *_untrue_clearance(flight, said),
         ),
     )
 
@@ -144,7 +154,11 @@ def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
     if problem.limit is not None and used > problem.limit * (1 + SHARE):
         yield f"uses {used:.6g} m/s² of {problem.limit:.6g} m/s²"
     if flight.node_collisions:
-        yield f"comes within {problem.radius:g} m at a node"
+        near = "too close by size" if flight.clear else f"within {problem.radius:g} m"
+        yield f"comes {near} at a node"
+    elif flight.clear is not None:
+        if not at_nodes and flight.clear.clearance <= 0:
+            yield f"craft {flight.clear.craft} comes too close to {flight.clear.other}"
     elif not at_nodes and flight.low <= problem.radius:
         yield f"comes as close as {flight.high:.6g} m between nodes"
     if flight.adrift is not None and flight.adrift.distance <= problem.radius:
@@ -155,6 +169,22 @@ def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
         )
     if flight.fuel < flight.proven * (1 - SHARE):
         yield f"burns {flight.fuel:.6g} m/s² where none burns less than {flight.proven:.6g}"
+
+
+def document_has_sizes(scenario: Mapping[str, Any]) -> bool:
+    """Whether craft have radii of their own, or there are obstacles."""
+    radii = any(one.get("radius") for one in scenario.get("craft", []))
+    return radii or bool(scenario.get("obstacles"))
+
+
+def _untrue_clearance(flight: _Flight, said: Mapping[str, Any]) -> Iterator[str]:
+    """Claims of a least clearance; about an ellipsoid the claim may be less than is true."""
+    claim, clear = said.get("clearance"), flight.clear
+    if claim is None or clear is None:
+        return
+    for name in ("min_clearance", "min_clearance_bound"):
+        if claim[name] > clear.clearance + ATTAINED:
+            yield f"{name} is {claim[name]} where it is {clear.clearance}"
 
 
 def _untrue_states(flight: _Flight, states: np.ndarray, times: list[float] | None) -> Iterator[str]:
@@ -177,7 +207,11 @@ def _untrue(flight: _Flight, states: np.ndarray, said: Mapping[str, Any]) -> Ite
         "delta_v": _about(flight.fuel * problem.step, 1e-9),
         "fuel_lower_bound": _about(flight.attained, SHARE),
         "optimality_gap": (gap is not None) and (gap - 2e-6, gap + 2e-6),
-        "node_collisions": (flight.node_collisions, flight.node_collisions),
+        # About an ellipsoid and a craft of some radius more may be counted.
+        "node_collisions": (
+            flight.node_collisions,
+            flight.node_collisions if flight.clear is None else np.inf,
+        ),
         "min_separation": not alone and (flight.low - ATTAINED, flight.high + ATTAINED),
         "min_separation_bound": not alone and (-np.inf, flight.high),
         "goal_error": _near(np.abs(states[:, -1] - flight.goal)[:, :3].max()),

@@ -1,0 +1,212 @@
+"""Participants of unlike size, and obstacles: what no plan moves, such as a chief or debris.
+
+What a pair must keep apart is an ellipsoid along the LVLH axes: a sphere of both radii for two
+craft. Axes are scaled so that it becomes a sphere of its least semi-axis q. Scaling shrinks all
+distances, so that bounds on derivatives hold, and a scaled distance beyond q is one by which a pair
+is at least clear of the ellipsoid. Less q - r_col, scaled distances compare with r_col as those of
+craft alike do; the searches for closest approaches need nothing else.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pipeline.arrays import Array, ArrayOrNumber
+from pipeline.errors import InputError, check_range
+from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
+from pipeline.orbit.arrays import (
+    Controls,
+    Formation,
+    Indices,
+    Marked,
+    States,
+    Values,
+    Vector,
+    Vectors,
+)
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.problem import RANGES, Problem
+from pipeline.orbit.transfer import fly
+
+MOST_UNLIKE = 500  # craft of a swarm with radii or obstacles, all of whose pairs are compared
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """What craft keep clear of and no plan moves: a chief, a target, debris, a dead craft.
+
+    Attributes:
+        name: what messages and certificates call it.
+        state: at the first node, LVLH, m and m/s.
+        radius: of the sphere that it takes up, m; or give semi_axes.
+        semi_axes: of the ellipsoid about it that no part of a craft may enter, along x, y, z, m.
+        hold: whether it is held where it is, or drifts.
+    """
+
+    name: str
+    state: tuple[float, ...]
+    radius: float | None = None
+    semi_axes: tuple[float, float, float] | None = None
+    hold: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what is no obstacle."""
+        object.__setattr__(self, "state", tuple(map(float, self.state)))
+        if (self.radius is None) == (self.semi_axes is None):
+            raise InputError(f"obstacle {self.name!r} needs one of radius and semi_axes, m.")
+        for one in self.axes:
+            check_range(f"size of obstacle {self.name!r}", one, *RANGES["collision_radius"])
+        if len(self.state) != 6 or not np.isfinite(self.state).all():
+            raise InputError(
+                f"obstacle {self.name!r} has the state {self.state}; expected six finite numbers "
+                "x y z vx vy vz in m and m/s."
+            )
+        if self.hold and any(self.state[3:]):
+            raise InputError(
+                f"obstacle {self.name!r} is held and has a velocity; expected a position alone."
+            )
+
+    def __str__(self) -> str:
+        """Its name and size."""
+        x, y, z = self.axes
+        size = (
+            f"a radius of {x:g}" if self.semi_axes is None else f"semi-axes of {x:g}, {y:g}, {z:g}"
+        )
+        return f"{self.name} has {size} m"
+
+    @property
+    def axes(self) -> tuple[float, ...]:
+        """Semi-axes of the ellipsoid, m."""
+        return self.semi_axes or (self.radius or 0.0,) * 3
+
+    def wider(self, by: float) -> "Obstacle":
+        """The same with more room about it, m."""
+        if self.semi_axes is None:
+            return replace(self, radius=(self.radius or 0.0) + by)
+        x, y, z = self.semi_axes
+        return replace(self, semi_axes=(x + by, y + by, z + by))
+
+
+def check_obstacles(obstacles: Sequence[Obstacle], problem: Problem) -> None:
+    """Refuse obstacles of one name, and such as no constant push can hold, with an InputError."""
+    names = [one.name for one in obstacles]
+    if "" in names or len(set(names)) < len(names):
+        raise InputError("obstacles have no name or one that another has; expected one for each.")
+    for one in obstacles:
+        if one.hold and problem.orbit is not None and any(one.state):
+            raise InputError(
+                f"obstacle {one.name!r} is held away from the origin about an orbit that is no "
+                "circle; expected hold at the origin, or with altitude or mean_motion alone."
+            )
+
+
+class Participants(SwarmPartition):
+    """Swarms with a radius of each craft, and obstacles beside each, as one list of rows.
+
+    Craft come first, numbered as without; the obstacles of all swarms follow.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        radii: Sequence[Float[Array, "_"]],
+        obstacles: Sequence[Sequence[Obstacle]],
+    ) -> None:
+        super().__init__(tuple(map(len, radii)))
+        self.problem, self.craft = problem, sum(self.sizes)
+        self.few, self._parts = True, (tuple(radii), tuple(map(tuple, obstacles)))
+        self.radius = np.concatenate(radii)  # of each craft, m
+        self.listed = [one for some in obstacles for one in some]  # the obstacles
+        self.counts = np.array([len(some) for some in obstacles])
+        self.first = self.craft + np.cumsum(self.counts) - self.counts  # of each swarm's obstacles
+        self._axes = np.array([one.axes for one in self.listed]).reshape(-1, 3)
+        self._holds = np.array([one.hold for one in self.listed], dtype=bool)
+        self.held = self.craft + np.flatnonzero(self._holds)
+        initial = np.array([one.state for one in self.listed]).reshape(-1, 6)
+        self.pushes = self._held_by(initial)  # constant control that each is under, m/s²
+        idle = np.repeat(self.pushes[:, None], problem.intervals, axis=1)
+        self.controls: Controls = idle
+        self.states: States = fly(initial, idle, problem)  # of obstacles; of a flight, set anew
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """Pairs of craft of a swarm, and then each craft of a swarm with each of its obstacles."""
+        i, j = side_by_side(self.sizes).pairs
+        counts = self.counts[self.label]
+        craft = np.repeat(np.arange(self.craft), counts)
+        number = np.arange(len(craft)) - np.repeat(np.cumsum(counts) - counts, counts)
+        other = self.first[self.label[craft]] + number
+        return np.concatenate([i, craft]), np.concatenate([j, other])
+
+    def alone(self, swarm: int) -> SwarmPartition:
+        """As ``SwarmPartition.alone``."""
+        radii, obstacles = self._parts
+        return Participants(self.problem, [radii[swarm]], [obstacles[swarm]])
+
+    def beside(
+        self, states: States, nodes: slice = slice(None)
+    ) -> Float[Array, "participants T 6"]:
+        """As ``SwarmPartition.beside``, with the obstacles."""
+        return np.concatenate([states, self.states[:, nodes]])
+
+    def pushed(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
+        """As ``SwarmPartition.pushed``, with the obstacles."""
+        return np.concatenate([controls, self.controls])
+
+    def marked(self, moved: Marked) -> Bool[Array, "participants"]:
+        """As ``SwarmPartition.marked``: no obstacle is."""
+        return np.append(moved, np.zeros(len(self.listed), dtype=bool))
+
+    def still(self, rows: Indices) -> Bool[Array, "k"]:
+        """As ``SwarmPartition.still``."""
+        return np.asarray(rows >= self.craft)
+
+    def local(self, swarm: int, row: int) -> int:
+        """As ``SwarmPartition.local``; the swarm's obstacles follow its craft."""
+        if row < self.craft:
+            return super().local(swarm, row)
+        return self.sizes[swarm] + row - int(self.first[swarm])
+
+    def asked(self, first: Indices, second: Indices) -> tuple[Vectors | None, Values | float]:
+        """As ``SwarmPartition.asked``: scales of the axes, and q - r_col, m.
+
+        The least ellipsoid, by the sum of its squared semi-axes, about all points within a
+        radius r of an ellipsoid with semi-axes a has √(a²(1 + 1/β) + r²(1 + β)), β² = Σa²/3r².
+        """
+        r = self.radius[first]
+        wanted = np.empty((len(first), 3))
+        craft = second < self.craft
+        wanted[craft] = (r[craft] + self.radius[second[craft]])[:, None]
+        a, r = self._axes[second[~craft] - self.craft], r[~craft, None]
+        beta = np.sqrt(np.square(a).sum(axis=1, keepdims=True) / 3) / r
+        wanted[~craft] = np.sqrt(a**2 * (1 + 1 / beta) + r**2 * (1 + beta))
+        least = wanted.min(axis=1)
+        return least[:, None] / wanted, least - self.problem.collision_radius
+
+    def apart(self, gap: Vector, first: Indices, second: Indices) -> Float[ArrayOrNumber, "*batch"]:
+        """As ``SwarmPartition.apart``."""
+        scale, beyond = self.asked(first, second)
+        rest = (slice(None), *[None] * (gap.ndim - 2))
+        assert scale is not None
+        return np.asarray(norm(gap * scale[rest]) - np.asarray(beyond)[rest])
+
+    def places(
+        self,
+        rows: Indices,
+        interval: Indices,
+        maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
+    ) -> Vectors:
+        """As ``SwarmPartition.places``; intervals may lie beyond the plan's last."""
+        k, dynamics = rows - self.craft, self.problem.dynamics
+        begin = np.array(self.states[k, 0])
+        drift = ~self._holds[k]
+        begin[drift] = np.matvec(dynamics.drift(np.zeros_like(interval), interval), begin)[drift]
+        return np.matvec(maps[0], begin) + np.matvec(maps[1], self.pushes[k])
+
+    def _held_by(self, initial: Formation) -> Vectors:
+        """The control that holds each obstacle, m/s²: by Eq. 1, u_x = -3e² x and u_z = e² z."""
+        e = self.problem.mean_motion
+        return np.where(self._holds[:, None], initial[:, :3] * [-3 * e**2, 0.0, e**2], 0.0)
