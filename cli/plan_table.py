@@ -30,7 +30,10 @@ def cells(row: Row) -> list[str]:
 
 
 def closest(row: Row) -> list[str]:
-    """The pair that comes closest, when (s), and how close (m)."""
+    """The pair that comes closest, when (s), and how close (m); by sizes where these differ."""
+    if clear := row.get("clearance"):
+        who = f"{clear['craft']},{clear['other']}"
+        return [who, f"{clear['time']:.0f}", f"{clear['min_clearance']:+.2f}"]
     pair = row["min_separation_pair"]
     if pair is None:
         return [MISSING] * 3
@@ -40,8 +43,6 @@ def closest(row: Row) -> list[str]:
 
 def print_plans(rows: Sequence[Row]) -> None:
     """Print the table of plans, remarks on single ones, and where their files are."""
-    assigned = [row["assignment"] for row in rows if row["assignment"]]
-    adrift = [row["passive_safety"] for row in rows if row["passive_safety"]]
     headings = ["scenario", "planner", *HEADINGS]
     lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
     for name, (names, extra) in EXTRA.items():
@@ -57,6 +58,16 @@ def print_plans(rows: Sequence[Row]) -> None:
     for row in rows:
         for sentence in _remarks(row):
             echo(f"{row['scenario']}: {sentence}")
+    _print_notes(rows)
+    one = len(rows) == 1
+    where = Path(rows[0]["plan"])
+    echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+
+
+def _print_notes(rows: Sequence[Row]) -> None:
+    """Print what columns that some plans have mean."""
+    assigned = [row["assignment"] for row in rows if row["assignment"]]
+    adrift = [row["passive_safety"] for row in rows if row["passive_safety"]]
     if assigned:
         most = max(one["tried"] for one in assigned)
         echo(
@@ -68,12 +79,11 @@ def print_plans(rows: Sequence[Row]) -> None:
             "adrift from: who comes closest to another after a loss of thrust, and the node of the "
             f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
         )
+    if any(row.get("clearance") for row in rows):
+        echo("apart with a sign: by how much more than sizes of craft and obstacles ask for.")
     worlds = {orbit_said(row["world"]) for row in rows if row["world"]}
     if worlds:
         echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
-    one = len(rows) == 1
-    where = Path(rows[0]["plan"])
-    echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
 
 
 def orbit_said(of: Mapping[str, Any]) -> str:
@@ -114,6 +124,8 @@ def who(row: Row) -> str:
 def _adrift(row: Row) -> list[str]:
     """The craft adrift that comes closest to another, since which node, and how close."""
     found = row["passive_safety"]
+    if found and (clear := found.get("clearance")):
+        return [f"{clear['craft']}@{clear['node']}", f"{clear['min_clearance']:+.2f}"]
     if found is None or found["pair"] is None:
         return [MISSING] * 2
     return [f"{found['pair'][0]}@{found['node']}", f"{found['min_separation']:.2f}"]

@@ -24,6 +24,7 @@ from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import Effect
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.summary import Summary
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -32,6 +33,7 @@ from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario import FAMILIES, Diagnostic, Scenario, draw
 from pipeline.scenario.document import read_scenario, write_scenario
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.tradeoff import Point
 from prolearn.flying import MonteCarlo, fly, monte_carlo
 from prolearn.learned import load_model, models, read_dataset
@@ -49,6 +51,7 @@ __all__ = [
     "Errors",
     "InputError",
     "MonteCarlo",
+    "Obstacle",
     "Page",
     "Plan",
     "Planner",
@@ -63,6 +66,7 @@ __all__ = [
     "RiskLimit",
     "Scenario",
     "Settings",
+    "Spacecraft",
     "Summary",
     "check",
     "convert",

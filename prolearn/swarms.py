@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -17,6 +18,7 @@ from pipeline.scenario import Scenario
 from pipeline.scenario.document import OrbitDocument, scenario_from
 from pipeline.scenario.inertial import scenario_from_inertial
 from pipeline.scenario.scenario import Ends
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.state_files import read_inertial
 
 
@@ -57,6 +59,8 @@ def scenario(
     nodes: int = Problem.nodes,
     collision_radius: float = Problem.collision_radius,
     max_acceleration: float | None = None,
+    craft: Sequence[Spacecraft] = (),
+    obstacles: Sequence[Obstacle] = (),
     reference: Reference | None = None,
     name: str = "",
 ) -> Scenario:
@@ -72,6 +76,8 @@ def scenario(
         nodes: time nodes, one more than intervals.
         collision_radius: craft must be further apart at all times, m.
         max_acceleration: limit on each component of the control, m/s², or None.
+        craft: what each has of its own, as its radius; none where all are alike.
+        obstacles: what craft keep clear of and no plan moves.
         reference: where and when the orbit is, for ephemerides and for flights about the Earth.
         name: in files and tables.
 
@@ -89,7 +95,8 @@ def scenario(
         "initial": _end(initial),
         "goal": _end(goal),
     }
-    return replace(scenario_from(fields, name), reference=reference)
+    made = replace(scenario_from(fields, name), reference=reference)
+    return replace(made, craft=tuple(craft), obstacles=tuple(obstacles))
 
 
 def scenario_from_files(

@@ -1,7 +1,7 @@
 """A plan's controls flown open loop, with one effect more each time, and how much each adds."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -110,8 +110,16 @@ def _worlds(scenario: Scenario, conditions: Conditions | None) -> Iterator[tuple
 
 
 def refuse_distance(scenario: Scenario, controls: Controls) -> None:
-    """Raise InputError for controls (m/s²) that lead a craft too far away, or are NaN."""
+    """Raise InputError for controls (m/s²) that lead a craft too far away, or are NaN.
+
+    And for sizes of participants, which flights do not count.
+    """
     problem = scenario.problem
+    if scenario.unlike:
+        raise InputError(
+            "craft have radii of their own, or there are obstacles, which flights do not count; "
+            "expected neither: plan with --world, whose certificate is of the flight."
+        )
     with np.errstate(over="ignore", invalid="ignore"):
         far = norm(fly(scenario.initial, controls, problem)[..., :3]).max(axis=1)
     most = FURTHEST * radius_at(problem.mean_motion)
@@ -154,7 +162,7 @@ def flight_report(
         "fuel": used,
         "delta_v": used * problem.time_step,
         **_of(last),
-        "passive_safety": None if drift is None else asdict(drift),
+        "passive_safety": None if drift is None else drift.document(),
         "goal_error_craft": int(norm(last.errors[:, :3]).argmax()),
         "goal_errors": last.errors.tolist(),
         "effects": [

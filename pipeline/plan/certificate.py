@@ -1,7 +1,7 @@
 """The certificate of a plan: its cost, how far from optimal it can be, and how safe it is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -113,6 +113,13 @@ class PassiveSafety:
     node: int | None = None
     time: float | None = None
     clearance: Clearance | None = None
+
+    def document(self) -> dict[str, Any]:
+        """The fields for files, without a clearance where there is none."""
+        fields = asdict(self)
+        if self.clearance is None:
+            del fields["clearance"]
+        return fields
 
     @classmethod
     def of(cls, orbits: float, least: Separation) -> "PassiveSafety":

@@ -122,8 +122,8 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
     claims = asdict(plan.certificate)
     given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) is not None}
-    if given.get("passive_safety", {}).get("clearance", 0) is None:
-        del given["passive_safety"]["clearance"]
+    if plan.certificate.passive_safety is not None:
+        given["passive_safety"] = plan.certificate.passive_safety.document()
     for name, value in claims.items():
         if isinstance(value, float) and not math.isfinite(value):
             claims[name] = None

@@ -111,15 +111,15 @@ def summary(plan: Plan) -> dict[str, Any]:
     claims = {name: getattr(found, name) for name in SUMMARY}
     if plan.status == INFEASIBLE:
         claims["optimality_gap"] = None
-    asked = found.passive_safety, found.risk, plan.assignment
-    passive_safety, risk, assignment = (one and asdict(one) for one in asked)
+    drifting = found.passive_safety
+    risk, assignment = (one and asdict(one) for one in (found.risk, plan.assignment))
     return {
         "planner": plan.planner,
         "status": plan.status,
         "message": plan.message,
         **claims,
         **({"clearance": asdict(found.clearance)} if found.clearance else {}),
-        "passive_safety": passive_safety,
+        "passive_safety": drifting and drifting.document(),
         "seconds": plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0),
         "risk": risk,
         "assignment": assignment,

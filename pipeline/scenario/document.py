@@ -40,14 +40,17 @@ WHAT = f"a scenario file (schema {SCHEMA})"
 YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
 
 
-def _strict(**one_of: str) -> ConfigDict:
-    """Pydantic's settings: no unknown keys and, of some fields with their types, exactly one."""
-    if not one_of:
-        return ConfigDict(extra="forbid", frozen=True)
-    forms: list[Any] = [
-        {"required": [name], "properties": {name: {"type": kind}}} for name, kind in one_of.items()
+def _one_of(**fields: str) -> dict[str, Any]:
+    """JSON Schema's condition that of some fields with their types there is exactly one."""
+    forms = [
+        {"required": [name], "properties": {name: {"type": kind}}} for name, kind in fields.items()
     ]
-    return ConfigDict(extra="forbid", frozen=True, json_schema_extra={"oneOf": forms})
+    return {"oneOf": forms}
+
+
+def _strict(more: dict[str, Any] | None = None) -> ConfigDict:
+    """Pydantic's settings: no unknown keys, and perhaps a condition for the schema."""
+    return ConfigDict(extra="forbid", frozen=True, json_schema_extra=more)
 
 
 def _number(given: Any) -> Any:
@@ -86,7 +89,7 @@ class RingDocument(BaseModel):
     motion with the same mean relative orbital elements.
     """
 
-    model_config = _strict(craft="integer", phases_deg="array")
+    model_config = _strict(_one_of(craft="integer", phases_deg="array"))
 
     craft: Annotated[int, Field(ge=1, le=MOST_CRAFT), BeforeValidator(_number)] | None = Field(
         None, description="Number of craft, equally spaced in phase."
@@ -281,7 +284,14 @@ Position = tuple[Number, Number, Number]
 class ObstacleDocument(BaseModel):
     """What craft keep clear of and no plan moves: a chief, a target, debris, a dead craft."""
 
-    model_config = _strict()
+    model_config = _strict(
+        {
+            "allOf": [
+                _one_of(state="array", position="array"),
+                _one_of(radius="number", semi_axes="array"),
+            ]
+        }
+    )
 
     name: str = Field(min_length=1, description="What messages and certificates call it.")
     state: State | None = Field(
@@ -330,7 +340,7 @@ class ScenarioDocument(BaseModel):
     z cross-track.
     """
 
-    model_config = _strict(mean_motion="number", altitude="number")
+    model_config = _strict(_one_of(mean_motion="number", altitude="number"))
 
     schema_name: Literal["prolearn.scenario/1"] = Field(
         alias="schema", description="Name and version of this format."

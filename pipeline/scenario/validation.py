@@ -2,21 +2,23 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import ceil, floor, log10
 
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import close_approaches, pairs
+from pipeline.orbit.approaches import SwarmPartition, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.decoupled import least_limits
 from pipeline.orbit.dynamics import model_error
+from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.relative_elements import secular_drift
 from pipeline.orbit.rings import energy_mismatch
-from pipeline.orbit.separation import least_separation
+from pipeline.orbit.separation import least_separations
 from pipeline.orbit.transfer import free_drift
-from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.scenario import Scenario, participants
 
 FASTER = 1e-3  # m/s; change of vy for the derivative of the drift
 ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
@@ -56,7 +58,7 @@ class Diagnostic:
 
 def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     """All that is wrong with a scenario, and what is fine."""
-    rules = (_apart, _matched, _passive)
+    rules = (partial(_apart, scenario), _matched, partial(_passive, scenario))
     found = [rule(*end) for end in _ends(scenario) for rule in rules]
     if scenario.ends == "any":
         found = [_meant(one) for one in found]
@@ -88,11 +90,13 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     """
     allow_drift = allow_drift or scenario.ends == "any"
     for end, states, problem in _ends(scenario):
-        close = _apart(end, states, problem)
+        close = _apart(scenario, end, states, problem)
         for case in close.cases:
+            wanted = f"collision_radius, {problem.collision_radius:g} m"
+            if scenario.unlike:
+                wanted = f"their sizes: {scenario.wanted(*case.craft)}"
             raise InputError(
-                f"{case.text}; expected every pair further apart than collision_radius, "
-                f"{problem.collision_radius:g} m: {close.cure}."
+                f"{case.text}; expected every pair further apart than {wanted}: {close.cure}."
             )
         for case in () if allow_drift else _matched(end, states, problem).cases:
             raise InputError(
@@ -116,27 +120,60 @@ def _most_drift(problem: Problem) -> float:
     return 6 * np.pi / problem.mean_motion * ENERGY_TOLERANCE
 
 
-def _apart(end: str, states: Formation, problem: Problem) -> Diagnostic:
+def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
+    """Craft and obstacles as they are at an end, for motion from there on."""
+    if not scenario.unlike:
+        return side_by_side((scenario.n,))
+    there = participants([scenario]).beside(np.zeros((0, scenario.problem.nodes, 6)))
+    states = there[:, 0 if end == "initial" else -1].tolist()
+    obstacles = [
+        one if one.hold else replace(one, state=tuple(state))
+        for one, state in zip(scenario.obstacles, states, strict=True)
+    ]
+    problem = replace(problem, collision_radius=scenario.problem.collision_radius)
+    return Participants(problem, [scenario.radii], [obstacles])
+
+
+def _within(scenario: Scenario) -> str:
+    """What is too close, in words, and what cures it."""
+    radius = scenario.problem.collision_radius
+    return "what their sizes ask for" if scenario.unlike else f"collision_radius, {radius:g} m"
+
+
+def _smaller(scenario: Scenario) -> str:
+    """What lets participants be as close as they are."""
+    return "make them smaller" if scenario.unlike else "lower collision_radius"
+
+
+def _apart(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
     """Whether every pair is further apart than the collision radius at this end."""
-    i, j = pairs(len(states))
-    distance = np.linalg.norm(states[i, :3] - states[j, :3], axis=1)
-    close = np.flatnonzero(distance <= problem.collision_radius)
+    swarms = _beside(scenario, end, problem)
+    there, (i, j) = swarms.beside(states[:, None], slice(0, 1))[:, 0, :3], swarms.pairs
+    distance = np.linalg.norm(there[i] - there[j], axis=1)
+    apart = swarms.apart(there[i] - there[j], i, j)
+    close = np.flatnonzero(apart <= problem.collision_radius)
     cases = tuple(
         Case(
             (int(i[k]), int(j[k])),
-            f"{end}[{i[k]}] and {end}[{j[k]}] are {distance[k]:.6g} m apart",
+            f"{_at(scenario, end, int(i[k]), int(j[k]))} are {distance[k]:.6g} m apart",
             {"distance": float(distance[k])},
         )
         for k in close[distance[close].argsort(kind="stable")]
     )
     if cases:
-        text = f"pairs within collision_radius, {problem.collision_radius:g} m: {len(cases)}"
-        return Diagnostic(APART, end, text, cases, "move one of them or lower collision_radius")
+        text = f"pairs within {_within(scenario)}: {len(cases)}"
+        return Diagnostic(APART, end, text, cases, f"move one of them or {_smaller(scenario)}")
     if len(distance) == 0:
         return Diagnostic(APART, end, "one craft alone")
-    k = int(distance.argmin())
-    text = f"the closest, craft {i[k]} and {j[k]}, are {distance[k]:.4g} m apart"
+    k = int(apart.argmin())
+    text = f"the closest, {scenario.named(int(i[k]), int(j[k]))}, are {distance[k]:.4g} m apart"
     return Diagnostic(APART, end, text)
+
+
+def _at(scenario: Scenario, end: str, i: int, j: int) -> str:
+    """Two participants at an end, in words."""
+    other = f"{end}[{j}]" if j < scenario.n else scenario.obstacles[j - scenario.n].name
+    return f"{end}[{i}] and {other}"
 
 
 def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
@@ -191,10 +228,11 @@ def _bounded(end: str, states: Formation, problem: Problem) -> Diagnostic:
     return Diagnostic(MATCHED, end, text, cases, cure)
 
 
-def _passive(end: str, states: Formation, problem: Problem) -> Diagnostic:
+def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
     """Whether every pair stays further apart than the collision radius in an orbit of drift."""
-    drift = free_drift(states, problem)
-    found = close_approaches(*drift, within=problem.collision_radius)
+    drift, radius = free_drift(states, problem), problem.collision_radius
+    swarms = _beside(scenario, end, drift[2])
+    found = close_approaches(*drift, within=radius, swarms=swarms)
     time = found.times(drift[2])
     # Of the passes of each pair the closest, and of those that are equally close the first.
     order = np.lexsort((time, np.round(found.distance, 3), found.second, found.first))
@@ -204,25 +242,35 @@ def _passive(end: str, states: Formation, problem: Problem) -> Diagnostic:
     cases = tuple(
         Case(
             (int(found.first[k]), int(found.second[k])),
-            f"{end}[{found.first[k]}] and {end}[{found.second[k]}] come within "
-            f"{found.distance[k]:.4g} m at {time[k]:.0f} s, {time[k] / orbit:.2f} orbits",
+            f"{_at(scenario, end, int(found.first[k]), int(found.second[k]))} come "
+            f"{_near(scenario, float(found.distance[k]))} at {time[k]:.0f} s, "
+            f"{time[k] / orbit:.2f} orbits",
             {"distance": float(found.distance[k]), "time": float(time[k])},
         )
         for k in order[found.distance[order].argsort(kind="stable")]
     )
     if cases:
-        within = f"collision_radius, {problem.collision_radius:g} m"
-        text = f"pairs within {within}, in an orbit of free drift: {len(cases)}"
-        return Diagnostic(PASSIVE, end, text, cases, "change orbits or lower collision_radius")
-    least = least_separation(*drift)
+        text = f"pairs within {_within(scenario)}, in an orbit of free drift: {len(cases)}"
+        return Diagnostic(PASSIVE, end, text, cases, f"change orbits or {_smaller(scenario)}")
+    (least,) = least_separations(*drift, swarms)
     if least.pair is None:
         return Diagnostic(PASSIVE, end, "one craft alone")
     i, j = least.pair
+    near = f"{least.distance:.4g} m"
+    if scenario.unlike:
+        near = f"{least.distance - radius:.4g} m further apart than their sizes ask for,"
     text = (
-        f"in an orbit of free drift no pair is closer than craft {i} and {j}, "
-        f"{least.distance:.4g} m at {least.time:.0f} s"
+        f"in an orbit of free drift no pair is closer than {scenario.named(i, j)}, "
+        f"{near} at {least.time:.0f} s"
     )
     return Diagnostic(PASSIVE, end, text)
+
+
+def _near(scenario: Scenario, distance: float) -> str:
+    """How close a pair comes, in words."""
+    if scenario.unlike:
+        return f"{scenario.problem.collision_radius - distance:.4g} m too close"
+    return f"within {distance:.4g} m"
 
 
 def _reachable(scenario: Scenario) -> Diagnostic:

@@ -11,10 +11,12 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import TOLERANCE, close_approaches
 from pipeline.orbit.arrays import Controls, Formation, States, Values
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_distances
 from pipeline.orbit.transfer import free_drift, track
 from pipeline.plan import Plan
+from pipeline.scenario import Scenario, participants
 
 SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference problem's 20 minutes
 CROWD = 100  # craft beyond which a page would grow too large: each then has fewer samples
@@ -53,7 +55,8 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
     if scenario.n > 1:
         craft, distance = nearest_pair(positions)
         nearest = {"pairs": craft.tolist(), "separations": _whole(1000 * distance)}
-    limit = problem.max_acceleration
+    limit, obstacles = problem.max_acceleration, obstacles_at(times, scenario)
+    room = max([*scenario.radii, *(a for one in scenario.obstacles for a in one.axes)])
     return {
         "times": times.tolist(),
         "nodes": (np.arange(problem.nodes) * problem.time_step).tolist(),
@@ -61,8 +64,13 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         "bound": found.min_separation_bound,
         "closest": found.min_separation_time,
         "positions": _whole(100 * positions),
+        "radii": scenario.radii.tolist(),
+        "obstacles": [
+            {"name": one.name, "axes": one.axes, "track": _whole(100 * track)}
+            for one, track in zip(scenario.obstacles, obstacles, strict=True)
+        ],
         "orbits": {end: _whole(100 * drift) for end, drift in drifts.items()},
-        "box": _box([positions, *drifts.values()], problem.collision_radius / 2),
+        "box": _box([positions, *drifts.values(), obstacles], room),
         "controls": np.round(1000 * plan.controls, 5).tolist(),
         "limit": None if limit is None else 1000 * limit,
         "pairs": [[pair.first, pair.second] for pair in pairs],
@@ -91,6 +99,14 @@ def positions_at(
     A, B = problem.dynamics.step(times - interval * problem.time_step, interval)
     free = np.einsum("sij,nsj->nsi", A[:, :3], states[:, interval])
     return free + np.einsum("sij,nsj->nsi", B[:, :3], controls[:, interval])
+
+
+def obstacles_at(times: Float[Array, "S"], scenario: Scenario) -> Float[Array, "obstacles S 3"]:
+    """Positions in m of obstacles at any times of a transfer, s."""
+    swarms = participants([scenario])
+    if not isinstance(swarms, Participants):
+        return np.zeros((0, len(times), 3))
+    return positions_at(times, swarms.states, swarms.controls, scenario.problem)
 
 
 def orbits(states: Formation, problem: Problem) -> Float[Array, "n P 3"]:
@@ -134,7 +150,7 @@ def _whole(values: Float[Array, "*shape"]) -> Any:
     return np.rint(values).astype(np.int64).tolist()
 
 
-def _box(parts: list[Float[Array, "n _ 3"]], radius: float) -> list[list[float]]:
+def _box(parts: list[Float[Array, "_ _ 3"]], radius: float) -> list[list[float]]:
     """Least and greatest coordinate on each axis, m, of a box with room for all that is drawn."""
     points = np.concatenate([part.reshape(-1, 3) for part in parts])
     low, high = points.min(axis=0) - radius, points.max(axis=0) + radius

@@ -46,14 +46,20 @@ function sphere(radius, rings = 7, sectors = 10) {
   return { points: [...points, [0, 0, -radius]], triangles };
 }
 
-const ball = sphere(data.collisionRadius / 2);
+const ball = sphere(1);
 const craft = data.positions.map((_, k) => k);
+// What is drawn as a sphere or an ellipsoid: craft, then what they keep clear of.
+const bodies = [
+  ...data.positions.map((track, k) => ({ name: `craft ${k}`, track, axes: Array(3).fill(data.radii[k]) })),
+  ...data.obstacles,
+];
+const numbersOf = bodies.map((_, k) => k);
 
-/** The surfaces of all craft at the present sample: x, y and z of their points, m. */
+/** The surfaces of all bodies at the present sample: x, y and z of their points, m. */
 function surfaces() {
-  const place = (axis) => (track) =>
-    ball.points.map((point) => track[state.sample][axis] / 100 + point[axis]);
-  return [0, 1, 2].map((axis) => data.positions.flatMap(place(axis)));
+  const place = (axis) => ({ track, axes }) =>
+    ball.points.map((point) => track[state.sample][axis] / 100 + axes[axis] * point[axis]);
+  return [0, 1, 2].map((axis) => bodies.flatMap(place(axis)));
 }
 
 /** The numbers of craft and where they stand at the present sample: clear of the spheres. */
@@ -80,14 +86,15 @@ const BALLS = 0, NUMBERS = 1; // where they stand among the traces
 
 function spaceTraces() {
   const [x, y, z] = surfaces(), many = ball.points.length;
-  const faces = (corner) => craft.flatMap((k) => ball.triangles.map((t) => k * many + t[corner]));
-  const each = (value) => craft.flatMap((k) => Array(many).fill(value(k)));
+  const faces = (corner) => numbersOf.flatMap((k) => ball.triangles.map((t) => k * many + t[corner]));
+  const each = (value) => numbersOf.flatMap((k) => Array(many).fill(value(k)));
+  const look = (k) => (k >= craft.length ? "limit" : state.marked.includes(k) ? "marked" : "craft");
   const { text, at, positions } = numbers(), { shown, marked } = state;
   return [
     {
       type: "mesh3d", x, y, z, i: faces(0), j: faces(1), k: faces(2), flatshading: false,
-      vertexcolor: each((k) => colour(marked.includes(k) ? "marked" : "craft")),
-      text: each((k) => `craft ${k}`), hovertemplate: "%{text}<extra></extra>",
+      vertexcolor: each((k) => colour(look(k))),
+      text: each((k) => bodies[k].name), hovertemplate: "%{text}<extra></extra>",
       lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.1 },
     },
     {
@@ -98,6 +105,7 @@ function spaceTraces() {
     lines(data.orbits.initial, { color: colour("initial"), width: 2 }, shown.initial),
     lines(data.orbits.goal, { color: colour("goal"), width: 2 }, shown.goal),
     lines(data.positions, { color: colour("faint"), width: 1.5 }, shown.paths),
+    lines(data.obstacles.map(({ track }) => track), { color: colour("limit"), width: 2 }, shown.paths),
     lines(marked.map((k) => data.positions[k]), { color: colour("marked"), width: 4 }, shown.paths),
   ];
 }

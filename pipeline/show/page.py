@@ -34,6 +34,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         planning=planner_rows(shown.plan, claimed.status),
         pairs=pairs,
         collision_radius=scenario.problem.collision_radius,
+        unlike=scenario.unlike,
         spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
         hashes=[_hash(script.encode()), _hash(plotly)],
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pipeline.figures.labels import MISSING, error, number
 from pipeline.orbit.reference import R_EARTH, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Plan, Rechecked
+from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Clearance, Plan, Rechecked
 from pipeline.scenario import Scenario
 
 Rows = list[tuple[str, str]]
@@ -26,7 +26,17 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
     found, problem = shown.plan.certificate, shown.plan.scenario.problem
     reasons = list(shown.faults)
     at_nodes = shown.plan.requirements.at_nodes
-    if found.min_separation_pair and found.min_separation_bound is not None and shown.safe:
+    clear = found.clearance
+    if clear is not None and shown.safe:
+        if at_nodes:
+            reasons.append("Asked for was separation at the nodes only.")
+        other = clear.other if isinstance(clear.other, str) else f"craft {clear.other}"
+        reasons.append(
+            f"Craft {clear.craft} and {other} come closest by their sizes: at {clear.time:.1f} s "
+            f"they are {clear.min_clearance:.4f} m further apart than these ask for. Proven: never "
+            f"by less than {_down(clear.min_clearance_bound)} m."
+        )
+    elif found.min_separation_pair and found.min_separation_bound is not None and shown.safe:
         i, j = found.min_separation_pair
         if at_nodes:
             reasons.append(
@@ -40,7 +50,7 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
     headline = "Unsafe" if not shown.safe else "Safe at the nodes" if at_nodes else "Safe"
     if shown.safe and shown.faults:
         headline = "Not as claimed" if claimed_status == SOLVED else claimed_status.capitalize()
-    elif found.min_separation_pair is None:
+    elif found.min_separation_pair is None and clear is None:
         headline, reasons = "Reaches its goal", ["There is no other craft to stay clear of."]
     return Verdict(shown.safe and not shown.faults, headline, tuple(reasons))
 
@@ -61,6 +71,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
         ("Gap to that bound", gap),
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_separation_rows(found),
+        *_clearance_rows("Least clearance by sizes", found.clearance),
         *_risk_rows(found),
         *_passive_safety_rows(found),
         ("Goal missed by, position", f"{error(found.goal_error)} m"),
@@ -90,6 +101,19 @@ def _separation_rows(found: Certificate) -> Rows:
     ]
 
 
+def _clearance_rows(label: str, clear: Clearance | None) -> Rows:
+    """By how much participants are further apart than their sizes ask for, where these differ."""
+    if clear is None:
+        return []
+    other = clear.other if isinstance(clear.other, str) else f"craft {clear.other}"
+    lost = "" if clear.node is None else f", adrift from node {clear.node},"
+    return [
+        (label, f"{clear.min_clearance:.4f} m"),
+        ("Between", f"craft {clear.craft}{lost} and {other}, at {clear.time:.1f} s"),
+        ("Proven: never less than", f"{_down(clear.min_clearance_bound)} m"),
+    ]
+
+
 def _risk_rows(found: Certificate) -> Rows:
     """The risk where a limit was asked for, and the errors it refers to."""
     risk = found.risk
@@ -112,8 +136,11 @@ def _risk_rows(found: Certificate) -> Rows:
 def _passive_safety_rows(found: Certificate) -> Rows:
     """What follows a loss of thrust, where the file says something of it."""
     drifting = found.passive_safety
-    if drifting is None or drifting.pair is None or drifting.min_separation_bound is None:
+    if drifting is None:
         return []
+    clear = _clearance_rows("Least clearance after a loss of thrust", drifting.clearance)
+    if drifting.pair is None or drifting.min_separation_bound is None:
+        return clear
     (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbits"
     bound = _down(drifting.min_separation_bound)
     return [
@@ -121,6 +148,7 @@ def _passive_safety_rows(found: Certificate) -> Rows:
         ("Between", f"craft {i}, adrift from node {drifting.node}, and {j}"),
         ("When", f"{drifting.time:.1f} s"),
         ("Proven: no craft adrift is ever closer than", f"{bound} m"),
+        *clear,
     ]
 
 
@@ -142,6 +170,19 @@ def scenario_rows(scenario: Scenario) -> Rows:
         ("Mean motion of the reference orbit", f"{problem.mean_motion:.6g} rad/s"),
         ("Its period", f"{2 * math.pi / problem.mean_motion / 60:.1f} min{about}"),
         *_orbit_rows(problem.orbit),
+        *_size_rows(scenario),
+    ]
+
+
+def _size_rows(scenario: Scenario) -> Rows:
+    """Radii of craft, and obstacles, where there are any."""
+    if not scenario.unlike:
+        return []
+    radii = ", ".join(f"{one:g}" for one in scenario.radii)
+    held = {True: "held", False: "drifts"}
+    return [
+        ("Radii of craft", f"{radii} m"),
+        *(("Keep clear of", f"{one}, {held[one.hold]}") for one in scenario.obstacles),
     ]
 
 

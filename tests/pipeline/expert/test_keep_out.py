@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judge import Case, judge_plan, least_adrift, least_clearance, outside
+from judge import Case, after, judge_plan, least_adrift, least_clearance, obstacle_at, outside
 
+import prolearn
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions, in_world
+from pipeline.flight.effects import effects
 from pipeline.orbit.nonlinear import fly_in_world
 from pipeline.orbit.participants import Obstacle, Participants
 from pipeline.orbit.problem import Problem
@@ -17,9 +19,11 @@ from pipeline.plan.document import plan_document, read_plan, write_plan
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
-from pipeline.scenario import Scenario, draw
+from pipeline.scenario import Scenario, check, diagnostics, draw
 from pipeline.scenario.document import document_of
 from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.show.data import page_data
+from pipeline.show.page import page
 
 E = Problem.mean_motion
 CHIEF = Obstacle("chief", (0.0,) * 6, radius=30.0)
@@ -279,3 +283,70 @@ def test_obstacles_need_names_of_their_own_and_a_circle_to_be_held_about():
     with pytest.raises(InputError, match="at most 500"):
         many = np.zeros((501, 6)) + np.arange(501)[:, None] * [0, 40, 0, 0, 0, 0]
         Scenario(Problem(), many, many, obstacles=(CHIEF,))
+
+
+def test_a_check_names_craft_inside_an_obstacle_and_those_that_drift_into_one():
+    a = swarm(0)
+    at_goal = Obstacle("debris", (*a.goal[2, :3].tolist(), 0.0, 0.0, 0.0), radius=5.0, hold=True)
+    asked = replace(a, obstacles=(at_goal,), craft=RADII)
+    found = {(one.end, one.rule): one for one in diagnostics(asked)}
+    apart = found["goal", "craft apart"]
+    assert [case.craft for case in apart.cases] == [(2, 6)]
+    assert "goal[2] and debris are" in apart.cases[0].text
+    assert found["initial", "craft apart"].fine
+    with pytest.raises(InputError, match=r"their sizes: craft 2 has a radius of 7.5 m, debris has"):
+        check(asked)
+    # It is drifted into from elsewhere as well: where by the matrix exponential it is.
+    drift = found["goal", "passively safe"]
+    times = np.linspace(0, 2 * np.pi / E, 4001)
+    case = Case.of(document_of(a))
+    met = set()
+    for t in times:
+        there = after(case.rate, float(t), a.goal, np.zeros(3))[:, :3]
+        near = np.linalg.norm(there - at_goal.state[:3], axis=1) <= asked.radii + 5.0
+        met |= set(np.flatnonzero(near).tolist())
+    assert {one.craft[0] for one in drift.cases if one.craft[1] == 6} == met
+
+
+def test_flights_refuse_what_they_do_not_count():
+    plan = planned(swarm(0, obstacles=(CHIEF,)))
+    with pytest.raises(InputError, match="which flights do not count"):
+        effects(plan.scenario, plan.controls, Conditions())
+    with pytest.raises(InputError, match="which flights do not count"):
+        prolearn.monte_carlo(plan, 2)
+
+
+def test_a_trade_off_keeps_them():
+    points = prolearn.tradeoff(swarm(1, **KINDS["all"]), 960.0, 1440.0, steps=2)
+    assert [point.safe for point in points] == [True, True]
+    for point in points:
+        assert least_clearance(*flown(point.plan)).clearance > 0
+
+
+def test_the_page_shows_them_and_says_what_is_proven():
+    plan = planned(swarm(1, **KINDS["all"]))
+    text, shown = page(plan, "swarm")
+    assert shown.faults == ()
+    clear = plan.certificate.clearance
+    assert clear is not None
+    assert f"{clear.min_clearance:.4f} m further apart than these ask for" in text
+    assert "debris has a radius of 10 m, drifts" in text
+    data, _ = page_data(plan)
+    document = document_of(plan.scenario)
+    for one, given in zip(data["obstacles"], document["obstacles"], strict=True):
+        for k in (0, 40, len(data["times"]) - 1):
+            truth = obstacle_at(given, Case.of(document), data["times"][k])
+            assert np.allclose(np.array(one["track"][k]) / 100, truth, atol=0.006)
+    assert data["radii"] == [one.radius for one in RADII]
+
+
+def test_a_page_of_one_craft_and_a_chief_says_how_close_they_come():
+    ends = np.array([[[0.0, -200, 0, 0, 0, 0]], [[0.0, 200, 0, 0, 0, 0]]])
+    text, _ = page(planned(Scenario(Problem(), *ends, obstacles=(CHIEF,))), "one")
+    assert "Craft 0 and chief come closest" in text
+
+
+def test_scenarios_made_in_python_have_them():
+    rings = [prolearn.Ring(craft=3, size=200, tilt_deg=20)]
+    made = prolearn.scenario(rings, rings, craft=RADII[:3], obstacles=[CHIEF])
+    assert (made.craft, made.obstacles) == (RADII[:3], (CHIEF,))

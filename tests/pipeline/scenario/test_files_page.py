@@ -8,10 +8,15 @@ from pathlib import Path
 from pipeline.documents import document_from
 from pipeline.expert import solve
 from pipeline.orbit.covariance import Uncertainty
-from pipeline.plan import Certificate, Risk
+from pipeline.plan import Certificate, Clearance, Risk
 from pipeline.plan.document import PlanDocument
 from pipeline.scenario import diagnostics
-from pipeline.scenario.document import ReferenceDocument, RingDocument, ScenarioDocument
+from pipeline.scenario.document import (
+    ObstacleDocument,
+    ReferenceDocument,
+    RingDocument,
+    ScenarioDocument,
+)
 
 PAGE = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
 
@@ -26,7 +31,21 @@ def test_the_scenario_on_the_page_is_fine_and_can_be_planned():
 
 def test_every_field_has_its_row():
     shown = set(re.findall(r"`(\w+)`", PAGE))
-    for model in (ScenarioDocument, RingDocument, ReferenceDocument, PlanDocument):
+    for model in (
+        ScenarioDocument,
+        RingDocument,
+        ReferenceDocument,
+        ObstacleDocument,
+        PlanDocument,
+    ):
         assert {field.alias or name for name, field in model.model_fields.items()} <= shown
-    for value in (Certificate, Risk, Uncertainty):
+    for value in (Certificate, Clearance, Risk, Uncertainty):
         assert {field.name for field in fields(value)} <= shown
+
+
+def test_the_scenario_with_obstacles_on_the_page_keeps_clear_of_them():
+    shown = [json.loads(one) for one in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)]
+    (given,) = (one for one in shown if "obstacles" in one)
+    plan = solve(document_from(given, ScenarioDocument).scenario("shown"))
+    assert plan.status == "solved", plan.message
+    assert plan.certificate.clearance is not None

@@ -8,8 +8,8 @@ curvature instead of Bézier curves, and the fuel's lower bound is HiGHS's, prov
 from judge.adrift import Adrift, closest_adrift
 from judge.datasets import DatasetReport, judge_dataset
 from judge.fuel import Bound, least_fuel
-from judge.keep_out import Closest, least_adrift, least_clearance, outside
-from judge.motion import Case, exact_step, fly
+from judge.keep_out import Closest, least_adrift, least_clearance, obstacle_at, outside
+from judge.motion import Case, after, exact_step, fly
 from judge.plans import Report, judge_plan
 from judge.separation import Approaches, closest_approaches
 
@@ -21,6 +21,7 @@ __all__ = [
     "Closest",
     "DatasetReport",
     "Report",
+    "after",
     "closest_adrift",
     "closest_approaches",
     "exact_step",
@@ -30,5 +31,6 @@ __all__ = [
     "least_adrift",
     "least_clearance",
     "least_fuel",
+    "obstacle_at",
     "outside",
 ]
