@@ -24,6 +24,7 @@ from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import Effect
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.summary import Summary
+from pipeline.orbit.corridors import Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
@@ -44,8 +45,11 @@ from prolearn.views import Page, Plot, convert, plot, show
 __all__ = [
     "COLD_GAS",
     "FAMILIES",
+    "Box",
     "Certificate",
     "Conditions",
+    "Cone",
+    "Corridor",
     "Diagnostic",
     "Effect",
     "Errors",

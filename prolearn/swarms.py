@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
+from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
@@ -61,6 +62,7 @@ def scenario(
     max_acceleration: float | None = None,
     craft: Sequence[Spacecraft] = (),
     obstacles: Sequence[Obstacle] = (),
+    corridors: Sequence[Corridor] = (),
     reference: Reference | None = None,
     name: str = "",
 ) -> Scenario:
@@ -78,6 +80,7 @@ def scenario(
         max_acceleration: limit on each component of the control, m/s², or None.
         craft: what each has of its own, as its radius; none where all are alike.
         obstacles: what craft keep clear of and no plan moves.
+        corridors: boxes and approach cones that craft stay inside of for some time.
         reference: where and when the orbit is, for ephemerides and for flights about the Earth.
         name: in files and tables.
 
@@ -96,7 +99,8 @@ def scenario(
         "goal": _end(goal),
     }
     made = replace(scenario_from(fields, name), reference=reference)
-    return replace(made, craft=tuple(craft), obstacles=tuple(obstacles))
+    inside = tuple(corridors)
+    return replace(made, craft=tuple(craft), obstacles=tuple(obstacles), corridors=inside)
 
 
 def scenario_from_files(

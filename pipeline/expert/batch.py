@@ -13,6 +13,8 @@ from pipeline.orbit.participants import Participants
 from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.scenario import Scenario, participants, shared_problem
 
+NAMES = {"initial": "start", "goal": "goal"}  # of ends, in words
+
 
 class Batch:
     """Scenarios of one problem, at least one, and the craft of all of them one after the other."""
@@ -34,6 +36,12 @@ class Batch:
     def optima(self) -> DecoupledOptima:
         """Decoupled optimum of every craft."""
         return decoupled_optima(self.initial, self.goal, self.problem)
+
+    def bound(self, k: int) -> tuple[float, str]:
+        """Lower bound on the fuel of a scenario, m/s², and how it is proven."""
+        bound, proof = self.optima.bound(self.craft[k])
+        left_out = ", obstacles and corridors left out" if self.scenarios[k].unlike else ""
+        return bound, proof + left_out
 
     @property
     def unlike(self) -> bool:
@@ -65,12 +73,20 @@ class Batch:
         given = "within max_acceleration" if limited else "with any thrust, however large"
         reasons = []
         for scenario, craft, collisions in zip(self.scenarios, impossible, close, strict=True):
-            reason = _too_close(scenario) if collisions else ""
+            reason = _too_close(scenario) if collisions else _outside(scenario)
             if craft.any():
                 k = int(craft.argmax())
                 reason = f"craft {k} cannot reach its goal {given}, which is proven"
             reasons.append(reason)
         return reasons
+
+
+def _outside(scenario: Scenario) -> str:
+    """Which craft is outside a corridor at an end, if any."""
+    for end, craft, corridor, margin in scenario.outside():
+        inside = f"corridors[{corridor}], {scenario.corridors[corridor].inside}"
+        return f"craft {craft} is {-margin:.6g} m outside {inside} at the {NAMES[end]}"
+    return ""
 
 
 def _too_close(scenario: Scenario) -> str:

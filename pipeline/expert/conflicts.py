@@ -10,9 +10,17 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pipeline.arrays import Array
-from pipeline.expert.cuts import Cuts, cuts_at, normals, passive_safety_cuts, spaced_cuts
+from pipeline.expert.cuts import (
+    Cuts,
+    corridor_cuts,
+    cuts_at,
+    normals,
+    passive_safety_cuts,
+    spaced_cuts,
+)
 from pipeline.orbit.approaches import PROVABLE, SwarmPartition, close_approaches, side_by_side
 from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
+from pipeline.orbit.corridors import margins
 from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
@@ -86,6 +94,13 @@ class ConflictDetection:
             bound = bound - self.back_off_of(cuts, flown)
             near = bound <= within
             cuts, bound = cuts[near], bound[near]
+        faces = None if self.swarms is None else self.swarms.faces
+        if faces is not None:
+            at = flown.states, flown.controls, self.problem, faces
+            radius, inside = self.problem.collision_radius, margins(*at, moved)
+            inside = inside[inside.bound + radius <= within]
+            cuts += corridor_cuts(inside, faces, radius)
+            bound = np.concatenate([bound, inside.bound + radius])
         orbits = self.requirements.passive_safety
         if orbits is None:
             return cuts, bound

@@ -8,9 +8,11 @@ from jaxtyping import Bool, Float
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, SwarmPartition
 from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
+from pipeline.orbit.corridors import Faces, Margins
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
+BEYOND = 1e7  # from a corridor's face to the plane beyond it that cuts measure from, m
 TOUCHING = 1e-3  # distance in m under which two craft give no direction of their own
 
 
@@ -102,6 +104,27 @@ def spaced_cuts(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartit
             offset=offset * scale,
         ),
         beyond=np.asarray(beyond),
+    )
+
+
+def corridor_cuts(found: Margins, faces: Faces, collision_radius: float) -> Cuts:
+    """Cuts where craft are to be inside a face: by as much as others are to be apart.
+
+    Of each the gap is that of the craft to a plane so far beyond the face that it always points
+    inward.
+    """
+    normal, craft = faces.normal[found.face], faces.craft[found.face]
+    inward = -normal[:, :, None] * normal[:, None]
+    none = np.zeros_like(craft)
+    offset = normal * (faces.offset[found.face] + BEYOND)[:, None]
+    return Cuts(
+        first=craft,
+        second=craft,
+        interval=found.interval,
+        free=inward @ found.free,
+        pushed=inward @ found.pushed,
+        other=SecondCraft(none, np.zeros_like(found.free), np.zeros_like(found.pushed), offset),
+        beyond=np.full(len(craft), BEYOND - collision_radius),
     )
 
 

@@ -50,15 +50,15 @@ def nominal_plans(
     asked = SearchProblem(batch, settings, requirements, back_off)
     started = perf_counter()
     controls = None if seeds is None else [*map(_flyable, scenarios, seeds)]
-    optima = batch.optima
+    _ = batch.optima  # whose time is a stage of its own
     searched = perf_counter()
     results = _search(asked, controls)
     done = perf_counter()
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
     made = [
-        Made(result.controls, *optima.bound(craft), result.convex_solves, timing)
-        for result, craft in zip(results, batch.craft, strict=True)
+        Made(result.controls, *batch.bound(k), result.convex_solves, timing)
+        for k, result in enumerate(results)
     ]
     plans = planned_all("expert", scenarios, made, requirements)
     return [_explained(*both) for both in zip(plans, results, strict=True)]
@@ -95,7 +95,8 @@ def _meet(plan: Plan) -> bool:
     if plan.scenario.unlike:
         adrift = None if found.passive_safety is None else found.passive_safety.clearance
         each = [one for one in (found.clearance, adrift) if one is not None]
-        return any(one.min_clearance <= 0 for one in each)
+        outside = found.corridor is not None and found.corridor.min_margin <= 0
+        return outside or any(one.min_clearance <= 0 for one in each)
     return any(one is not None and one <= radius for one in (found.min_separation, drifting))
 
 
@@ -165,7 +166,7 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     i, j = found.pair
     whence = "its start" if found.node == 0 else "its goal"
     near = f"within {found.distance:.6g} m of"
-    if scenario.unlike:
+    if scenario.sized:
         near = f"{scenario.problem.collision_radius - found.distance:.6g} m too close to"
     return (
         f"craft {i}, adrift from {whence}, comes {near} craft {j}, which "

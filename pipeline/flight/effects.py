@@ -117,8 +117,8 @@ def refuse_distance(scenario: Scenario, controls: Controls) -> None:
     problem = scenario.problem
     if scenario.unlike:
         raise InputError(
-            "craft have radii of their own, or there are obstacles, which flights do not count; "
-            "expected neither: plan with --world, whose certificate is of the flight."
+            "craft have radii of their own, or there are obstacles or corridors, which flights do "
+            "not count; expected none: plan with --world, which counts radii and obstacles."
         )
     with np.errstate(over="ignore", invalid="ignore"):
         far = norm(fly(scenario.initial, controls, problem)[..., :3]).max(axis=1)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -32,6 +33,9 @@ AT_ONCE = 250  # motions whose pieces are searched at once, which bounds memory
 # Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree
 FEW, MOST_PAIRS = 128, 300_000
 
+if TYPE_CHECKING:
+    from pipeline.orbit.corridors import Faces
+
 Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
 Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and interval
 
@@ -46,6 +50,7 @@ class SwarmPartition:
         # Whether all pairs can be compared.
         self.few = max(sizes) <= FEW and sum(n * n for n in sizes) <= 2 * MOST_PAIRS
         self.held = np.zeros(0, dtype=int)  # participants that are held where they are
+        self.faces: Faces | None = None  # half-spaces that craft stay inside of
 
     @cached_property
     def pairs(self) -> Pairs:

@@ -28,6 +28,7 @@ from pipeline.orbit.arrays import (
     Vectors,
 )
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.corridors import Corridor, Faces
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import fly
 
@@ -114,10 +115,14 @@ class Participants(SwarmPartition):
         problem: Problem,
         radii: Sequence[Float[Array, "_"]],
         obstacles: Sequence[Sequence[Obstacle]],
+        corridors: Sequence[Sequence[Corridor]] = (),
     ) -> None:
         super().__init__(tuple(map(len, radii)))
         self.problem, self.craft = problem, sum(self.sizes)
         self.few, self._parts = True, (tuple(radii), tuple(map(tuple, obstacles)))
+        inside = zip(corridors, self.sizes, self.starts.tolist(), strict=False)
+        if any(corridors):
+            self.faces = Faces.concatenated([Faces.of(*one) for one in inside])
         self.radius = np.concatenate(radii)  # of each craft, m
         self.listed = [one for some in obstacles for one in some]  # the obstacles
         self.counts = np.array([len(some) for some in obstacles])

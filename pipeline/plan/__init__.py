@@ -1,6 +1,14 @@
 """Plans: what each craft is to do, with a certificate that anyone can check."""
 
-from pipeline.plan.certificate import Certificate, Clearance, PassiveSafety, Risk, certify, gap_of
+from pipeline.plan.certificate import (
+    Certificate,
+    Clearance,
+    CorridorMargin,
+    PassiveSafety,
+    Risk,
+    certify,
+    gap_of,
+)
 from pipeline.plan.judge import Made, is_safe, judged, planned, planned_all, violations
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Assignment, Plan, summary
 from pipeline.plan.recheck import Rechecked, recheck
@@ -21,6 +29,7 @@ __all__ = [
     "Assignment",
     "Certificate",
     "Clearance",
+    "CorridorMargin",
     "Made",
     "PassiveSafety",
     "Plan",

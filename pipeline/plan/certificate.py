@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.passive_safety import least_after_loss
@@ -74,7 +75,7 @@ class Clearance:
     @classmethod
     def of(cls, least: Separation, scenario: Scenario) -> "Clearance | None":
         """Of the least separation, as ``Participants`` has it; None where craft are all alike."""
-        if not scenario.unlike or least.pair is None or least.time is None:
+        if not scenario.sized or least.pair is None or least.time is None:
             return None
         (i, j), radius = least.pair, scenario.problem.collision_radius
         other = j if j < scenario.n else scenario.obstacles[j - scenario.n].name
@@ -86,6 +87,42 @@ class Clearance:
         other = f"craft {self.other}" if isinstance(self.other, int) else self.other
         return (
             f"{craft} comes {-self.min_clearance:.6g} m too close to {other} at {self.time:.6g} s"
+        )
+
+
+@dataclass(frozen=True)
+class CorridorMargin:
+    """How far inside of its corridor the craft is that comes closest to leaving one.
+
+    Attributes:
+        min_margin: least distance from a face, at any time of any corridor, m; below 0 outside.
+        min_margin_bound: proven lower bound on it, m.
+        craft: which.
+        corridor: its number among the scenario's.
+        time: when, s since the first node.
+    """
+
+    min_margin: float
+    min_margin_bound: float
+    craft: int
+    corridor: int
+    time: float
+
+    @classmethod
+    def of(cls, states: States, controls: Controls, scenario: Scenario) -> "CorridorMargin | None":
+        """Of a flight; None where there are no corridors."""
+        if not scenario.corridors:
+            return None
+        problem, faces = scenario.problem, Faces.of(scenario.corridors, scenario.n)
+        found = margins(states, controls, problem, faces)
+        k = int(found.margin.argmin())
+        face = found.face[k]
+        return cls(
+            float(found.margin[k]),
+            float(found.bound.min()),
+            int(faces.craft[face]),
+            int(faces.corridor[face]),
+            float(found.interval[k] * problem.time_step + found.offset[k]),
         )
 
 
@@ -155,6 +192,7 @@ class Certificate:
         craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s: of one thruster that is turned.
         clearance: by how much participants are further apart than their sizes ask for, where craft
             have radii of their own or there are obstacles.
+        corridor: how far inside of their corridors craft stay, where there are any.
     """
 
     fuel: float
@@ -175,6 +213,7 @@ class Certificate:
     craft_delta_v: tuple[float, ...] = ()
     craft_delta_v_2norm: tuple[float, ...] = ()
     clearance: Clearance | None = None
+    corridor: CorridorMargin | None = None
 
 
 def certify(
@@ -227,6 +266,8 @@ def certify(
     if unlike is not None:
         clear = clear or _least_separations(states, controls, problem, unlike)
         columns["clearance"] = list(map(Clearance.of, clear, scenarios))
+        each = np.split(states, starts[1:]), np.split(controls, starts[1:])
+        columns["corridor"] = list(map(CorridorMargin.of, *each, scenarios))
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
         adrift = adrift or least_after_loss(states, controls, problem, orbits, swarms)

@@ -25,7 +25,7 @@ from pipeline.scenario.document import (
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
 # Claims of a certificate that are there where they were asked for, or where sizes differ
-OPTIONAL = ("risk", "passive_safety", "clearance")
+OPTIONAL = ("risk", "passive_safety", "clearance", "corridor")
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 

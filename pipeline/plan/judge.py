@@ -50,6 +50,11 @@ def planned_all(
     problem = shared_problem(scenarios)
     controls = np.concatenate([one.controls for one in made])
     if as_flown:
+        if any(scenario.corridors for scenario in scenarios):
+            raise InputError(
+                "the scenario has corridors, and its plan is asked for as flown, where that is not "
+                "proven; expected one of the two: leave --world out."
+            )
         both = zip(scenarios, made, strict=True)
         flights = [fly_in_world(s.initial, one.controls, problem) for s, one in both]
         states, closest = np.concatenate([s for s, _ in flights]), [apart for _, apart in flights]
@@ -113,6 +118,15 @@ def violations(plan: Plan) -> dict[str, str]:
         wrong["thrust"] = f"uses {used.max():.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if not is_safe(found, problem, plan.requirements):
         wrong["separation"] = _too_close(found, radius)
+    inside = found.corridor
+    if inside and not inside.min_margin_bound > 0:
+        corridor = (
+            f"corridors[{inside.corridor}], {plan.scenario.corridors[inside.corridor].inside}"
+        )
+        wrong["corridor"] = (
+            f"craft {inside.craft} is {-inside.min_margin:.6g} m outside {corridor} at "
+            f"{inside.time:.6g} s"
+        )
     drift = found.passive_safety
     if drift and not is_passively_safe(drift, radius):
         wrong["passive safety"] = _too_close_adrift(drift, problem)

@@ -119,6 +119,7 @@ def summary(plan: Plan) -> dict[str, Any]:
         "message": plan.message,
         **claims,
         **({"clearance": asdict(found.clearance)} if found.clearance else {}),
+        **({"corridor": asdict(found.corridor)} if found.corridor else {}),
         "passive_safety": drifting and drifting.document(),
         "seconds": plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0),
         "risk": risk,

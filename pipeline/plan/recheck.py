@@ -63,7 +63,7 @@ def recheck(claimed: Plan) -> Rechecked:
             "where they lead"
         )
     found = flown.certificate
-    unsafe = violations(flown).keys() & {"separation", "passive safety"}
+    unsafe = violations(flown).keys() & {"separation", "passive safety", "corridor"}
     if said.risk is not None:
         refuse_risk([claimed.scenario])
         # By the errors that the file says.
@@ -109,6 +109,7 @@ def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseC
         ("", "min_separation", [said, found]),
         ("passive_safety.", "min_separation", adrift),
         ("clearance.", "min_clearance", [said.clearance, found.clearance]),
+        ("corridor.", "min_margin", [said.corridor, found.corridor]),
         ("passive_safety.clearance.", "min_clearance", [one and one.clearance for one in adrift]),
     ]
     for prefix, least, pair in parts:

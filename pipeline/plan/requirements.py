@@ -111,6 +111,6 @@ def refuse_risk(scenarios: Sequence[Scenario]) -> None:
     """Refuse a risk where sizes differ, whose bound is for craft alike, with an InputError."""
     if any(one.unlike for one in scenarios):
         raise InputError(
-            "a risk is asked for, and craft have radii of their own or there are obstacles; "
-            "expected one of the two: leave the risk out, or radii and obstacles."
+            "a risk is asked for, and craft have radii of their own or there are obstacles or "
+            "corridors; expected one of the two: leave the risk out, or these."
         )

@@ -85,6 +85,11 @@ class AsFlown:
                 "as flown; expected separation at all times and no passive safety with these: "
                 "leave --world out, or those."
             )
+        if scenario.corridors:
+            raise InputError(
+                "the scenario has corridors, and its plan is asked for as flown, where that is not "
+                "proven; expected one of the two: leave --world out."
+            )
         return replace(scenario, problem=scenario.problem.about(orbit))
 
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:

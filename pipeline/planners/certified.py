@@ -28,8 +28,9 @@ def certified(
     started, batch = time.perf_counter(), Batch(scenarios)
     controls = answer(batch)
     timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
-    bound = batch.optima.bound
-    made = [Made(controls[craft], *bound(craft), timing=timing) for craft in batch.craft]
+    made = [
+        Made(controls[craft], *batch.bound(k), timing=timing) for k, craft in enumerate(batch.craft)
+    ]
     plans = planned_all(planner, scenarios, made, requirements)
     return [
         replace(plan, status=INFEASIBLE, message=why) if why else plan

@@ -25,6 +25,7 @@ from pipeline.documents import DIALECT, document_from, read_document, write_docu
 from pipeline.errors import InputError
 from pipeline.files import stem_of
 from pipeline.orbit.arrays import Formation
+from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
@@ -329,6 +330,61 @@ class ObstacleDocument(BaseModel):
         return Obstacle(self.name, tuple(state), *sizes, hold=self.position is not None)
 
 
+class BoxDocument(BaseModel):
+    """A box along the LVLH axes."""
+
+    model_config = _strict()
+
+    min: Position = Field(description="Least coordinates, LVLH, m.")
+    max: Position = Field(description="Largest coordinates, LVLH, m.")
+
+
+class ConeDocument(BaseModel):
+    """An approach cone."""
+
+    model_config = _strict()
+
+    apex: Position = Field(description="LVLH, m.")
+    axis: Position = Field(description="Direction in which it opens, LVLH, of any length.")
+    half_angle_deg: Positive = Field(le=STEEPEST, description="Between axis and edge, deg.")
+
+
+class CorridorDocument(BaseModel):
+    """A convex set that craft stay inside of for some time."""
+
+    model_config = _strict(_one_of(box="object", cone="object"))
+
+    craft: tuple[Whole, ...] = Field((), description="Their numbers; all where none is given.")
+    begin: Number = Field(alias="from", description="From when on, s since the first node.")
+    end: Number = Field(alias="to", description="Until when, s since the first node.")
+    box: BoxDocument | None = Field(None, description="A box along the axes.")
+    cone: ConeDocument | None = Field(None, description="Instead: an approach cone.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "CorridorDocument":
+        if (self.box is None) == (self.cone is None):
+            raise ValueError("give one of box and cone")
+        return self
+
+    @classmethod
+    def of(cls, corridor: Corridor) -> dict[str, Any]:
+        """The fields of a corridor."""
+        kind = "box" if isinstance(corridor.inside, Box) else "cone"
+        inside = {
+            name: list(one) if isinstance(one, tuple) else one
+            for name, one in asdict(corridor.inside).items()
+        }
+        whose = {"craft": list(corridor.craft)} if corridor.craft else {}
+        return {**whose, "from": corridor.begin, "to": corridor.end, kind: inside}
+
+    def corridor(self) -> Corridor:
+        """The corridor."""
+        given = self.box or self.cone
+        assert given is not None  # by ``_one_of_both``
+        kind = Box if self.box else Cone
+        return Corridor(kind(**given.model_dump()), self.begin, self.end, self.craft)
+
+
 # Of both a reference and an orbit
 ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 
@@ -392,6 +448,9 @@ class ScenarioDocument(BaseModel):
     obstacles: list[ObstacleDocument] = Field(
         [], description="What craft keep clear of at all times and no plan moves."
     )
+    corridors: list[CorridorDocument] = Field(
+        [], description="Boxes and approach cones that craft stay inside of for some time."
+    )
     initial: End = Field(description="Where each craft is at the first node.")
     goal: End = Field(description="Where each craft must be at the last node, in the same order.")
     reference: ReferenceDocument | None = Field(
@@ -435,7 +494,8 @@ class ScenarioDocument(BaseModel):
         craft = tuple(one.craft() for one in self.craft)
         made = Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
         obstacles = tuple(one.obstacle() for one in self.obstacles)
-        return replace(made, craft=craft, obstacles=obstacles)
+        corridors = tuple(one.corridor() for one in self.corridors)
+        return replace(made, craft=craft, obstacles=obstacles, corridors=corridors)
 
     def _thrust(self) -> Thrust:
         limits = self.max_acceleration_norm, self.min_delta_v
@@ -486,6 +546,8 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
         fields["craft"] = [SpacecraftDocument.of(one) for one in scenario.craft]
     if scenario.obstacles:
         fields["obstacles"] = [ObstacleDocument.of(one) for one in scenario.obstacles]
+    if scenario.corridors:
+        fields["corridors"] = [CorridorDocument.of(one) for one in scenario.corridors]
     if scenario.reference is None:
         return fields
     epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")

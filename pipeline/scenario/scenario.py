@@ -1,6 +1,6 @@
 """A scenario: the states that each craft starts from and must reach."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Literal
@@ -11,6 +11,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
+from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
@@ -41,6 +42,7 @@ class Scenario:
         ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
         craft: of each craft what it has of its own; empty where all are alike.
         obstacles: what craft keep clear of and no plan moves.
+        corridors: boxes and approach cones that craft stay inside of for some time.
     """
 
     problem: Problem
@@ -52,6 +54,7 @@ class Scenario:
     ends: Ends = "passive"
     craft: tuple[Spacecraft, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
+    corridors: tuple[Corridor, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
@@ -96,10 +99,11 @@ class Scenario:
 
         check_craft(self.craft, self.n)
         check_obstacles(self.obstacles, self.problem)
+        check_corridors(self.corridors, self.n, self.problem)
         if self.unlike and self.n > MOST_UNLIKE:
             raise InputError(
-                f"there are {self.n} spacecraft, with radii or obstacles; expected at most "
-                f"{MOST_UNLIKE} with these."
+                f"there are {self.n} spacecraft, with radii, obstacles or corridors; expected at "
+                f"most {MOST_UNLIKE} with these."
             )
 
     def __repr__(self) -> str:
@@ -119,9 +123,26 @@ class Scenario:
         return None if plain else limits_of(self.craft, self.n, self.problem)
 
     @property
-    def unlike(self) -> bool:
+    def sized(self) -> bool:
         """Whether craft have radii of their own, or there are obstacles."""
         return bool(self.obstacles) or any(one.radius is not None for one in self.craft)
+
+    @property
+    def unlike(self) -> bool:
+        """Whether collision_radius is not all that positions must keep."""
+        return self.sized or bool(self.corridors)
+
+    def outside(self) -> Iterator[tuple[str, int, int, float]]:
+        """Ends at which craft are not inside a corridor: which, craft, corridor, margin, m."""
+        faces, last = Faces.of(self.corridors, self.n), self.problem.duration
+        for end, states, at in (
+            ("initial", self.initial, faces.begin <= 0),
+            ("goal", self.goal, faces.end >= last),
+        ):
+            there = faces[at]
+            margin = there.offset - np.vecdot(there.normal, states[there.craft, :3])
+            for k in np.flatnonzero(margin <= 0).tolist():
+                yield end, int(there.craft[k]), int(there.corridor[k]), float(margin[k])
 
     @property
     def radii(self) -> Float[Array, "n"]:
@@ -140,7 +161,7 @@ class Scenario:
 
     def wanted(self, i: int, j: int) -> str:
         """What two participants must keep apart, in words."""
-        if not self.unlike:
+        if not self.sized:
             return f"collision_radius is {self.problem.collision_radius:g} m"
         own = f"craft {i} has a radius of {self.radii[i]:g} m"
         if j < self.n:
@@ -167,7 +188,8 @@ def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
     if not any(one.unlike for one in scenarios):
         return side_by_side(tuple(one.n for one in scenarios))
     radii, obstacles = [one.radii for one in scenarios], [one.obstacles for one in scenarios]
-    return Participants(scenarios[0].problem, radii, obstacles)
+    corridors = [one.corridors for one in scenarios]
+    return Participants(scenarios[0].problem, radii, obstacles, corridors)
 
 
 def shared_problem(scenarios: Sequence[Scenario]) -> Problem:

@@ -22,7 +22,7 @@ from pipeline.scenario.scenario import Scenario, participants
 
 FASTER = 1e-3  # m/s; change of vy for the derivative of the drift
 ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
-APART, MATCHED = "craft apart", "energy-matched"
+APART, MATCHED, INSIDE = "craft apart", "energy-matched", "inside corridors"
 PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
 
 
@@ -62,7 +62,26 @@ def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     found = [rule(*end) for end in _ends(scenario) for rule in rules]
     if scenario.ends == "any":
         found = [_meant(one) for one in found]
-    return [*found, _reachable(scenario), _linear(scenario)]
+    inside = [_inside(scenario)] if scenario.corridors else []
+    return [*found, *inside, _reachable(scenario), _linear(scenario)]
+
+
+def _inside(scenario: Scenario) -> Diagnostic:
+    """Whether craft are inside their corridors at both ends, where they have to be."""
+    cases = tuple(
+        Case(
+            (craft,),
+            f"{end}[{craft}] is {-margin:.6g} m outside corridors[{corridor}], "
+            f"{scenario.corridors[corridor].inside}",
+            {"margin": margin},
+        )
+        for end, craft, corridor, margin in sorted(scenario.outside(), key=lambda one: one[3])
+    )
+    if not cases:
+        return Diagnostic(INSIDE, "transfer", "both ends are inside of their corridors")
+    text = f"ends outside of corridors that count then: {len(cases)}"
+    cure = "move them, widen the corridor or let it begin later or end earlier"
+    return Diagnostic(INSIDE, "transfer", text, cases, cure)
 
 
 def _meant(found: Diagnostic) -> Diagnostic:
@@ -93,7 +112,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
         close = _apart(scenario, end, states, problem)
         for case in close.cases:
             wanted = f"collision_radius, {problem.collision_radius:g} m"
-            if scenario.unlike:
+            if scenario.sized:
                 wanted = f"their sizes: {scenario.wanted(*case.craft)}"
             raise InputError(
                 f"{case.text}; expected every pair further apart than {wanted}: {close.cure}."
@@ -122,7 +141,7 @@ def _most_drift(problem: Problem) -> float:
 
 def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
     """Craft and obstacles as they are at an end, for motion from there on."""
-    if not scenario.unlike:
+    if not scenario.sized:
         return side_by_side((scenario.n,))
     there = participants([scenario]).beside(np.zeros((0, scenario.problem.nodes, 6)))
     states = there[:, 0 if end == "initial" else -1].tolist()
@@ -137,12 +156,12 @@ def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
 def _within(scenario: Scenario) -> str:
     """What is too close, in words, and what cures it."""
     radius = scenario.problem.collision_radius
-    return "what their sizes ask for" if scenario.unlike else f"collision_radius, {radius:g} m"
+    return "what their sizes ask for" if scenario.sized else f"collision_radius, {radius:g} m"
 
 
 def _smaller(scenario: Scenario) -> str:
     """What lets participants be as close as they are."""
-    return "make them smaller" if scenario.unlike else "lower collision_radius"
+    return "make them smaller" if scenario.sized else "lower collision_radius"
 
 
 def _apart(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
@@ -257,7 +276,7 @@ def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) 
         return Diagnostic(PASSIVE, end, "one craft alone")
     i, j = least.pair
     near = f"{least.distance:.4g} m"
-    if scenario.unlike:
+    if scenario.sized:
         near = f"{least.distance - radius:.4g} m further apart than their sizes ask for,"
     text = (
         f"in an orbit of free drift no pair is closer than {scenario.named(i, j)}, "
@@ -268,7 +287,7 @@ def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) 
 
 def _near(scenario: Scenario, distance: float) -> str:
     """How close a pair comes, in words."""
-    if scenario.unlike:
+    if scenario.sized:
         return f"{scenario.problem.collision_radius - distance:.4g} m too close"
     return f"within {distance:.4g} m"
 

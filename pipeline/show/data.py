@@ -64,6 +64,7 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         "bound": found.min_separation_bound,
         "closest": found.min_separation_time,
         "positions": _whole(100 * positions),
+        "corridors": [_whole(100 * one.inside.outline) for one in scenario.corridors],
         "radii": scenario.radii.tolist(),
         "obstacles": [
             {"name": one.name, "axes": one.axes, "track": _whole(100 * track)}

@@ -105,6 +105,7 @@ function spaceTraces() {
     lines(data.orbits.initial, { color: colour("initial"), width: 2 }, shown.initial),
     lines(data.orbits.goal, { color: colour("goal"), width: 2 }, shown.goal),
     lines(data.positions, { color: colour("faint"), width: 1.5 }, shown.paths),
+    lines(data.corridors, { color: colour("goal"), width: 1.5, dash: "dash" }, shown.paths),
     lines(data.obstacles.map(({ track }) => track), { color: colour("limit"), width: 2 }, shown.paths),
     lines(marked.map((k) => data.positions[k]), { color: colour("marked"), width: 4 }, shown.paths),
   ];

@@ -8,6 +8,7 @@ from pathlib import Path
 from jinja2.utils import htmlsafe_json_dumps
 
 from pipeline.files import write_text
+from pipeline.orbit.corridors import DRAWN
 from pipeline.plan import Plan, Rechecked, recheck
 from pipeline.show.data import page_data, steps_of
 from pipeline.show.tables import certificate_rows, planner_rows, scenario_rows, verdict
@@ -34,7 +35,9 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         planning=planner_rows(shown.plan, claimed.status),
         pairs=pairs,
         collision_radius=scenario.problem.collision_radius,
-        unlike=scenario.unlike,
+        unlike=scenario.sized,
+        corridors=bool(scenario.corridors),
+        cone=DRAWN,
         spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
         hashes=[_hash(script.encode()), _hash(plotly)],
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),

@@ -4,9 +4,18 @@ import math
 from dataclasses import dataclass
 
 from pipeline.figures.labels import MISSING, error, number
+from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.reference import R_EARTH, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import INFEASIBLE, SOLVED, Certificate, Clearance, Plan, Rechecked
+from pipeline.plan import (
+    INFEASIBLE,
+    SOLVED,
+    Certificate,
+    Clearance,
+    CorridorMargin,
+    Plan,
+    Rechecked,
+)
 from pipeline.scenario import Scenario
 
 Rows = list[tuple[str, str]]
@@ -72,6 +81,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_separation_rows(found),
         *_clearance_rows("Least clearance by sizes", found.clearance),
+        *_corridor_rows(found.corridor),
         *_risk_rows(found),
         *_passive_safety_rows(found),
         ("Goal missed by, position", f"{error(found.goal_error)} m"),
@@ -111,6 +121,18 @@ def _clearance_rows(label: str, clear: Clearance | None) -> Rows:
         (label, f"{clear.min_clearance:.4f} m"),
         ("Between", f"craft {clear.craft}{lost} and {other}, at {clear.time:.1f} s"),
         ("Proven: never less than", f"{_down(clear.min_clearance_bound)} m"),
+    ]
+
+
+def _corridor_rows(inside: CorridorMargin | None) -> Rows:
+    """How far inside of their corridors craft stay, where there are any."""
+    if inside is None:
+        return []
+    where = f"craft {inside.craft} in corridor {inside.corridor}, at {inside.time:.1f} s"
+    return [
+        ("Least distance inside of a corridor", f"{inside.min_margin:.4f} m"),
+        ("Of", where),
+        ("Proven: never less than", f"{_down(inside.min_margin_bound)} m"),
     ]
 
 
@@ -176,14 +198,22 @@ def scenario_rows(scenario: Scenario) -> Rows:
 
 def _size_rows(scenario: Scenario) -> Rows:
     """Radii of craft, and obstacles, where there are any."""
-    if not scenario.unlike:
-        return []
+    inside = [(f"Corridor {k}", _corridor(one)) for k, one in enumerate(scenario.corridors)]
+    if not scenario.sized:
+        return inside
     radii = ", ".join(f"{one:g}" for one in scenario.radii)
     held = {True: "held", False: "drifts"}
     return [
         ("Radii of craft", f"{radii} m"),
         *(("Keep clear of", f"{one}, {held[one.hold]}") for one in scenario.obstacles),
+        *inside,
     ]
+
+
+def _corridor(one: Corridor) -> str:
+    """A corridor, in words."""
+    who = ", ".join(map(str, one.craft)) or "all"
+    return f"{one.inside}, craft {who}, {one.begin:g} to {one.end:g} s"
 
 
 def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:

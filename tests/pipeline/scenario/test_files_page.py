@@ -44,8 +44,13 @@ def test_every_field_has_its_row():
 
 
 def test_the_scenario_with_obstacles_on_the_page_keeps_clear_of_them():
-    shown = [json.loads(one) for one in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)]
+    shown = [json.loads(one) for one in re.findall(r"```json\n(\{.*?)```", PAGE, re.DOTALL)]
     (given,) = (one for one in shown if "obstacles" in one)
+    corridors = re.search(r'```json\n"corridors": (.*?)```', PAGE, re.DOTALL)
+    assert corridors is not None
+    given["corridors"] = json.loads(corridors[1])
+    given["corridors"][1] |= {"to": 900}  # the goals are behind the target
+    given["corridors"][0]["box"]["max"][1] = 300
     plan = solve(document_from(given, ScenarioDocument).scenario("shown"))
     assert plan.status == "solved", plan.message
     assert plan.certificate.clearance is not None

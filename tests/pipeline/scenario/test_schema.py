@@ -67,6 +67,21 @@ CHANGES = [
     {"obstacles": [{"name": "it", "position": [0, 0, 0]}]},
     {"obstacles": [{"name": "it", "radius": 3}]},
     {"craft": [{"radius": 3}, {}, {}]},
+    {"corridors": [{"from": 0, "to": 9, "box": {"min": [0, 0, 0], "max": [1, 1, 1]}}]},
+    {"corridors": [{"from": 0, "to": 9, "box": {"min": [0, 0, 0]}}]},
+    {"corridors": [{"from": 0, "to": 9}]},
+    {"corridors": [{"to": 9, "box": {"min": [0, 0, 0], "max": [1, 1, 1]}}]},
+    {"corridors": [{"from": 0, "to": 9, "craft": [1], "cone": {"apex": [0, 0, 0]}}]},
+    {
+        "corridors": [
+            {
+                "from": 0,
+                "to": 9,
+                "craft": [1],
+                "cone": {"apex": [0, 0, 0], "axis": [0, 1, 0], "half_angle_deg": 20},
+            }
+        ]
+    },
     {"craft": [{"radius": 0}, {}, {}]},
     {"colour": "red"},
     {"reference": {"epoch": "2026-03-01T12:00:00Z"}},

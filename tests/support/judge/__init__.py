@@ -6,6 +6,7 @@ curvature instead of Bézier curves, and the fuel's lower bound is HiGHS's, prov
 """
 
 from judge.adrift import Adrift, closest_adrift
+from judge.corridors import least_inside
 from judge.datasets import DatasetReport, judge_dataset
 from judge.fuel import Bound, least_fuel
 from judge.keep_out import Closest, least_adrift, least_clearance, obstacle_at, outside
@@ -31,6 +32,7 @@ __all__ = [
     "least_adrift",
     "least_clearance",
     "least_fuel",
+    "least_inside",
     "obstacle_at",
     "outside",
 ]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from judge.adrift import Adrift, closest_adrift, distance_adrift
+from judge.corridors import least_inside
 from judge.fuel import Bound, least_fuel, least_fuel_of_any_order
 from judge.keep_out import Closest, least_clearance, pairs
 from judge.motion import Case, after, fly
@@ -68,6 +69,7 @@ class _Flight:
     attained: float
     adrift: Adrift | None = None
     clear: Closest | None = None
+    inside: float = np.inf
 
 
 def judge_plan(
@@ -125,6 +127,7 @@ def judge_plan(
         attained=float(bound.attained.sum()),
         adrift=adrift,
         clear=clear,
+        inside=least_inside(scenario, problem, flown, controls),
     )
     return Report(
         flight.fuel,
@@ -153,6 +156,13 @@ def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
     used = np.abs(flight.controls).max()
     if problem.limit is not None and used > problem.limit * (1 + SHARE):
         yield f"uses {used:.6g} m/s² of {problem.limit:.6g} m/s²"
+    yield from _too_close(flight, at_nodes=at_nodes)
+    if flight.fuel < flight.proven * (1 - SHARE):
+        yield f"burns {flight.fuel:.6g} m/s² where none burns less than {flight.proven:.6g}"
+
+
+def _too_close(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
+    problem = flight.problem
     if flight.node_collisions:
         near = "too close by size" if flight.clear else f"within {problem.radius:g} m"
         yield f"comes {near} at a node"
@@ -161,14 +171,14 @@ def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
             yield f"craft {flight.clear.craft} comes too close to {flight.clear.other}"
     elif not at_nodes and flight.low <= problem.radius:
         yield f"comes as close as {flight.high:.6g} m between nodes"
+    if flight.inside <= 0:
+        yield f"leaves a corridor by {-flight.inside:.6g} m"
     if flight.adrift is not None and flight.adrift.distance <= problem.radius:
         lost = flight.adrift
         yield (
             f"craft {lost.lost}, adrift from node {lost.node}, comes as close as "
             f"{lost.distance:.6g} m to craft {lost.other}"
         )
-    if flight.fuel < flight.proven * (1 - SHARE):
-        yield f"burns {flight.fuel:.6g} m/s² where none burns less than {flight.proven:.6g}"
 
 
 def document_has_sizes(scenario: Mapping[str, Any]) -> bool:
@@ -178,7 +188,14 @@ def document_has_sizes(scenario: Mapping[str, Any]) -> bool:
 
 
 def _untrue_clearance(flight: _Flight, said: Mapping[str, Any]) -> Iterator[str]:
-    """Claims of a least clearance; about an ellipsoid the claim may be less than is true."""
+    """Claims of a least clearance, or of how far inside of corridors craft stay.
+
+    About an ellipsoid or in a cone the claim may be less than is true.
+    """
+    inside = said.get("corridor") or {}
+    for name, value in inside.items():
+        if name.startswith("min_margin") and value > flight.inside + ATTAINED:
+            yield f"{name} is {value} where it is {flight.inside}"
     claim, clear = said.get("clearance"), flight.clear
     if claim is None or clear is None:
         return

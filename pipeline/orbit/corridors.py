@@ -1,0 +1,239 @@
+"""Corridors: boxes and approach cones that craft stay inside of for some time, and proof of it.
+
+Each is an intersection of half-spaces, a · p ≤ b. Along a normal the motion on a stretch of length
+h is a cubic up to h⁴/384 max|p⁗|, and the largest value of a cubic is at an end or at a root of its
+derivative: so every stretch has a proven bound, and nothing is sampled.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.approaches import TOLERANCE, least_of_each
+from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
+from pipeline.orbit.problem import Problem
+
+SIDES = 16  # of the pyramid inside an approach cone; its sides are cos(π/16), 98 %, as far out
+DRAWN = 100.0  # length of the edges of a cone that are shown, m
+STEEPEST = 89.0  # half-angle of a cone, deg
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box along the LVLH axes."""
+
+    min: Point  # least coordinates, m
+    max: Point  # largest, m
+
+    def __post_init__(self) -> None:
+        """Refuse boxes without an inside."""
+        if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
+            raise InputError(
+                f"a box has min {self.min} and max {self.max}; expected less than max."
+            )
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"the box from {self.min} to {self.max} m"
+
+    @property
+    def faces(self) -> tuple[Float[Array, "F 3"], Float[Array, "F"]]:
+        """Outward normals a and offsets b, m, of a · p ≤ b."""
+        axes = np.eye(3)
+        return np.concatenate([axes, -axes]), np.array([*self.max, *(-low for low in self.min)])
+
+    @property
+    def outline(self) -> Float[Array, "_ 3"]:
+        """A line along all edges, for figures, m."""
+        ends = np.array([self.min, self.max])
+        walk = (0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4)  # corners, by their bits
+        return np.array([[ends[corner >> k & 1, k] for k in range(3)] for corner in walk])
+
+
+@dataclass(frozen=True)
+class Cone:
+    """An approach cone; craft stay inside the pyramid of SIDES sides whose edges are on it."""
+
+    apex: Point  # m
+    axis: Point  # direction in which it opens, of any length
+    half_angle_deg: float  # between axis and edge, deg
+
+    def __post_init__(self) -> None:
+        """Refuse cones without an inside."""
+        if not 0 < self.half_angle_deg <= STEEPEST or not any(self.axis):
+            raise InputError(
+                f"a cone has the axis {self.axis} and a half-angle of {self.half_angle_deg:g} deg; "
+                f"expected a direction and an angle above 0 and up to {STEEPEST:g} deg."
+            )
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"the cone from {self.apex} m along {self.axis}, {self.half_angle_deg:g}° wide"
+
+    @property
+    def edges(self) -> Float[Array, "SIDES 3"]:
+        """Unit vectors along the edges of the pyramid."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        across /= np.linalg.norm(across)
+        turn, tilt = 2 * np.pi * np.arange(SIDES) / SIDES, np.deg2rad(self.half_angle_deg)
+        round_ = np.outer(np.cos(turn), across) + np.outer(np.sin(turn), np.cross(axis, across))
+        return np.cos(tilt) * axis + np.sin(tilt) * round_
+
+    @property
+    def faces(self) -> tuple[Float[Array, "F 3"], Float[Array, "F"]]:
+        """As ``Box.faces``, of the pyramid."""
+        edges = self.edges
+        normal = np.cross(np.roll(edges, -1, axis=0), edges)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal, normal @ np.array(self.apex)
+
+    @property
+    def outline(self) -> Float[Array, "_ 3"]:
+        """As ``Box.outline``, of some length."""
+        apex = np.array(self.apex)
+        ends = apex + DRAWN * self.edges
+        walk = [part for k in range(SIDES) for part in (apex, ends[k], ends[(k + 1) % SIDES])]
+        return np.stack(walk)
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """A convex set that craft stay inside of for some time.
+
+    Attributes:
+        inside: the set.
+        begin: from when on, s since the first node.
+        end: until when, s.
+        craft: which craft; all where none is named.
+    """
+
+    inside: Box | Cone
+    begin: float
+    end: float
+    craft: tuple[int, ...] = ()
+
+
+def check_corridors(corridors: Sequence[Corridor], n: int, problem: Problem) -> None:
+    """Refuse corridors of craft or times that there are not, with an InputError."""
+    for k, one in enumerate(corridors):
+        if not 0 <= one.begin <= one.end <= problem.duration:
+            raise InputError(
+                f"corridors[{k}] is from {one.begin:g} to {one.end:g} s; expected times from 0 to "
+                f"{problem.duration:g} s, the transfer's duration, the second not before the first."
+            )
+        if not all(0 <= craft < n for craft in one.craft):
+            raise InputError(
+                f"corridors[{k}] names craft {one.craft}; expected numbers from 0 to {n - 1}."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Faces(Rows):
+    """Half-spaces that craft stay inside of for some time."""
+
+    craft: Indices  # row of the craft
+    corridor: Indices  # number of the corridor, of its scenario
+    normal: Vectors  # a, of length 1
+    offset: Values  # b, m
+    begin: Values  # s since the first node
+    end: Values  # s
+
+    @classmethod
+    def of(cls, corridors: Sequence[Corridor], n: int, first: int = 0) -> "Faces":
+        """The faces of a scenario's corridors, whose n craft begin at a row."""
+        rows = []
+        for k, one in enumerate(corridors):
+            for craft in one.craft or range(n):
+                for normal, offset in zip(*one.inside.faces, strict=True):
+                    rows.append((first + craft, k, normal, offset, one.begin, one.end))
+        columns = [np.array(column) for column in zip(*rows, strict=True)]
+        if not rows:
+            none, nowhere = np.zeros(0, dtype=int), np.zeros(0)
+            return cls(none, none, np.zeros((0, 3)), nowhere, nowhere, nowhere)
+        return cls(*columns[:2], *(column.astype(float) for column in columns[2:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Margins(Rows):
+    """Where craft are least inside a face within an interval."""
+
+    face: Indices  # number of the face
+    interval: Indices  # which
+    offset: Values  # time since the interval's start, s
+    margin: Values  # b - a · p at that time, m
+    bound: Values  # proven lower bound on it in the interval, m
+    free: Float[Array, "k 3 6"]  # map from the state at the interval's start to the position then
+    pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
+
+
+def margins(
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    faces: Faces,
+    moved: Marked | None = None,
+) -> Margins:
+    """How far craft stay inside of each face, in each interval in which they have to."""
+    h, starts = problem.time_step, problem.time_step * np.arange(problem.intervals)
+    begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
+    end = np.clip(faces.end[:, None] - starts, 0.0, h)
+    # Of a stretch without length, at one time alone, an interval with that time is looked at.
+    alone = (faces.begin == faces.end)[:, None]
+    at_once = alone & (starts <= faces.begin[:, None]) & (faces.end[:, None] <= starts + h)
+    wanted = (end > begin) | at_once
+    if moved is not None:
+        wanted &= moved[faces.craft, None]
+    face, k = np.nonzero(wanted)
+    begin, length = begin[face, k], (end - begin)[face, k]
+    craft, normal, offset = faces.craft[face], faces.normal[face], faces.offset[face]
+    start, push = states[craft, k], controls[craft, k]
+    fourth = problem.dynamics.most_fourth_derivative(start, push, k)
+    parts = np.maximum(1, np.ceil((length**4 / 384 * fourth * 4 / TOLERANCE) ** 0.25)).astype(int)
+    row = np.repeat(np.arange(len(face)), parts)
+    part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
+    step = length[row] / parts[row]
+    from_ = begin[row] + part * step
+    ends = []
+    for time in (from_, from_ + step):
+        A, B = problem.dynamics.step(time, k[row])
+        state = np.matvec(A, start[row]) + np.matvec(B, push[row])
+        ends.append((np.vecdot(normal[row], state[:, :3]), np.vecdot(normal[row], state[:, 3:])))
+    most, share = _largest(ends, step)
+    low = offset[row] - most - step**4 / 384 * fourth[row]
+    least, at = least_of_each(low, row)
+    time = np.zeros(len(face))
+    time[least] = from_[at] + share[at] * step[at]
+    bound = np.full(len(face), np.inf)
+    bound[least] = low[at]
+    A, B = problem.dynamics.step(time, k)
+    free, pushed = (np.broadcast_to(one, (len(face), *one.shape[-2:]))[:, :3] for one in (A, B))
+    there = np.matvec(free, start) + np.matvec(pushed, push)
+    margin = np.maximum(offset - np.vecdot(normal, there), bound)
+    return Margins(face, k, time, margin, bound, free, pushed)
+
+
+def _largest(ends: Sequence[tuple[Values, Values]], h: Values) -> tuple[Values, Values]:
+    """Largest value of each cubic with values and slopes at both ends, h s apart, and its share."""
+    (c0, v0), (c3, v3) = ends
+    c1, c2 = c0 + h / 3 * v0, c3 - h / 3 * v3
+    d0, d1, d2 = c1 - c0, c2 - c1, c3 - c2
+    # d0 (1 - t)² + 2 d1 t (1 - t) + d2 t² = 0
+    a, b = d0 - 2 * d1 + d2, d1 - d0
+    q = -(b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(b * b - a * d0, 0.0)))
+    with np.errstate(over="ignore"):  # of a line, whose root is beyond its ends
+        roots = [
+            np.divide(one, other, out=np.zeros_like(q), where=np.abs(other) > 0)
+            for one, other in ((q, a), (d0, q))
+        ]
+    t = np.clip(np.stack([np.zeros_like(q), np.ones_like(q), *roots]), 0.0, 1.0)
+    rest = 1 - t
+    value = rest**3 * c0 + 3 * t * rest**2 * c1 + 3 * t**2 * rest * c2 + t**3 * c3
+    best = value.argmax(axis=0), np.arange(len(q))
+    return value[best], t[best]

@@ -1,0 +1,210 @@
+"""Keep-in boxes and approach cones: craft are inside of them at all times that count, proven."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judge import Case, exact_step, judge_plan, least_inside
+from scipy.optimize import linprog
+
+from pipeline.errors import InputError
+from pipeline.flight.conditions import Conditions, in_world
+from pipeline.flight.effects import effects
+from pipeline.orbit.corridors import Box, Cone, Corridor, Faces, margins
+from pipeline.orbit.participants import Obstacle
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.transfer import track
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, recheck
+from pipeline.plan.document import plan_document, read_plan, write_plan
+from pipeline.planners.as_flown import AsFlown
+from pipeline.planners.named import named_planner
+from pipeline.scenario import Scenario, diagnostics
+from pipeline.scenario.document import document_of
+from pipeline.show.page import page
+
+BOX = Corridor(Box((-30.0, -400.0, -20.0), (30.0, 0.0, 20.0)), 0.0, 1200.0)
+CONE = Corridor(Cone((0.0, 0.0, 0.0), (0.0, -1.0, 0.0), 10.0), 600.0, 1200.0, (0,))
+TARGET = Obstacle("target", (0.0,) * 6, radius=20.0, hold=True)
+FAR = np.array([[0.0, -300, 0, 0, 0, 0], [0.0, -360, 0, 0, 0, 0]])
+NEAR = np.array([[0.0, -40, 0, 0, 0, 0], [0.0, -300, 0, 0, 0, 0]])
+
+KINDS = {
+    "a box": {"corridors": (BOX,)},
+    "a cone at the end": {"corridors": (CONE,)},
+    "both and a target": {"corridors": (BOX, CONE), "obstacles": (TARGET,)},
+    "a box between nodes": {"corridors": (replace(BOX, begin=250.0, end=590.0),)},
+    "a box at one time": {"corridors": (replace(BOX, begin=500.0, end=500.0),)},
+}
+
+
+def approach(craft: int = 2, **own) -> Scenario:
+    return Scenario(Problem(), FAR[:craft], NEAR[:craft], **own)
+
+
+def planned(scenario: Scenario, requirements=AT_ALL_TIMES, name: str = "expert") -> Plan:
+    planner = named_planner(name, requirements)
+    assert planner is not None
+    return planner.plan([scenario])[0]
+
+
+def inside(plan: Plan) -> float:
+    document = document_of(plan.scenario)
+    return least_inside(document, Case.of(document), plan.states, plan.controls)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("craft", [1, 2])
+def test_plans_stay_inside_as_an_independent_judge_finds(kind, craft):
+    bare = planned(approach(craft))
+    asked = approach(craft, **KINDS[kind])
+    assert inside(replace(bare, scenario=asked)) < 0  # it matters
+
+    plan = planned(asked)
+    assert plan.status == "solved", plan.message
+    assert judge_plan(document_of(asked), plan_document(plan)).wrong == ()
+    found, truth = plan.certificate.corridor, inside(plan)
+    assert found is not None
+    assert 0 < found.min_margin_bound <= found.min_margin
+    assert found.min_margin_bound <= truth
+    if "cone" not in kind and "both" not in kind:  # for a pyramid is inside of its cone
+        assert found.min_margin == pytest.approx(truth, abs=2e-4)
+    assert "obstacles and corridors left out" in plan.certificate.fuel_lower_bound_proof
+
+
+def test_one_craft_in_a_box_burns_hardly_more_than_the_linear_program_of_it():
+    asked = approach(1, corridors=(BOX,))
+    case = Case.of(document_of(asked))
+    rows, most = [], []
+    intervals, parts = case.nodes - 1, 20
+    # Positions at many times as maps of all controls, by the matrix exponential.
+    free, pushed = np.eye(6), np.zeros((6, 3 * intervals))
+    low, high = np.array(BOX.inside.min), np.array(BOX.inside.max)
+    for k in range(intervals):
+        for part in range(parts):
+            A, B = exact_step(case.rate, case.step * (part + 1) / parts)
+            one = A @ pushed
+            one[:, 3 * k : 3 * k + 3] += B
+            rest = (A @ free @ asked.initial[0])[:3]
+            rows += [one[:3], -one[:3]]
+            most += [high - rest, rest - low]
+        free, pushed = A @ free, one
+    both = np.concatenate(rows[:-2]), np.concatenate(most[:-2])  # the last are the goal's
+    unit = 1e-3
+    equal = np.hstack([pushed, -pushed]) * unit
+    found = linprog(
+        np.ones(6 * intervals),
+        A_ub=np.hstack([both[0], -both[0]]) * unit,
+        b_ub=both[1],
+        A_eq=equal,
+        b_eq=asked.goal[0] - free @ asked.initial[0],
+    )
+    assert found.status == 0
+    fuel = planned(asked).certificate.fuel
+    assert unit * found.fun <= fuel * (1 + 1e-6)
+    assert fuel <= 1.01 * unit * found.fun  # with the margin, at all times
+
+
+def test_margins_are_proven_about_an_eccentric_orbit_and_in_long_intervals():
+    orbit = ReferenceOrbit(8e6, eccentricity=0.15, inclination_deg=60.0)
+    problem = replace(Problem(), time_step=900.0, nodes=5).about(orbit)
+    asked = Scenario(problem, FAR, NEAR, ends="any", corridors=(replace(BOX, end=3600.0),))
+    plan = planned(replace(asked, corridors=()))
+    faces = Faces.of(asked.corridors, 2)
+    found = margins(plan.states, plan.controls, problem, faces)
+    places = track(plan.states, plan.controls, problem, 3000)
+    for k in range(len(found)):
+        normal, offset = faces.normal[found.face[k]], faces.offset[found.face[k]]
+        flown = places[faces.craft[found.face[k]]][3000 * found.interval[k] :][:3001]
+        truth = float((offset - flown @ normal).min())
+        assert found.bound[k] <= truth + 1e-9
+        assert found.margin[k] == pytest.approx(truth, abs=1e-2)
+        assert found.margin[k] - found.bound[k] < 1e-4
+
+
+def test_a_cone_is_a_pyramid_that_is_inside_of_it_and_nearly_as_wide():
+    cone = Cone((1.0, 2.0, 3.0), (1.0, -2.0, 0.5), 25.0)
+    normal, offset = cone.faces
+    axis = np.array(cone.axis) / np.linalg.norm(cone.axis)
+    points = np.random.default_rng(0).normal(size=(4000, 3)) + 2 * axis + cone.apex
+    within = (points @ normal.T <= offset).all(axis=1)
+    tilt = np.arccos((points - cone.apex) @ axis / np.linalg.norm(points - cone.apex, axis=1))
+    assert (np.rad2deg(tilt[within]) <= 25.0).all()
+    assert within[np.rad2deg(tilt) < 24.5].all()
+
+
+@pytest.mark.parametrize("name", ["refiner", "minimum-energy"])
+def test_other_planners_are_judged_by_them_and_the_expert_follows_the_refiner(name):
+    plan = planned(approach(corridors=(BOX,)), name=name)
+    assert (plan.status == "solved") == (inside(plan) > 0)
+    if name == "refiner":
+        assert plan.status == "solved"
+    else:
+        assert plan.status == "unsafe"
+        assert "outside corridors[0], the box from" in plan.message
+
+
+def test_ends_outside_are_infeasible_and_the_check_names_them():
+    asked = approach(corridors=(replace(CONE, craft=()),), obstacles=(TARGET,))
+    asked = replace(asked, goal=asked.goal + np.array([0, 200, 0, 0, 0, 0]))
+    (found,) = (one for one in diagnostics(asked) if one.rule == "inside corridors")
+    assert {case.craft for case in found.cases} == {(0,)}
+    assert "goal[0] is" in found.cases[0].text
+    plan = planned(asked)
+    assert plan.status == "infeasible"
+    assert "outside corridors[0], the cone from" in plan.message
+    assert next(
+        one for one in diagnostics(approach(corridors=(BOX,))) if one.rule == "inside corridors"
+    ).fine
+
+
+def test_a_corridor_that_asks_for_the_impossible_leaves_no_plan():
+    narrow = Corridor(Box((-1.0, -400.0, -1.0), (1.0, -290.0, 1.0)), 0.0, 1080.0)
+    asked = replace(approach(1, corridors=(narrow,)), problem=Problem(max_acceleration=1e-3))
+    plan = planned(asked)
+    assert plan.status in ("unsolved", "infeasible")
+    assert plan.message
+
+
+def test_files_keep_corridors_and_false_margins_are_found(tmp_path):
+    plan = planned(approach(**KINDS["both and a target"]))
+    write_plan(tmp_path / "p.json", plan)
+    again = read_plan(tmp_path / "p.json")
+    assert again.scenario.corridors == plan.scenario.corridors
+    assert recheck(again).faults == ()
+    claim = again.certificate.corridor
+    assert claim is not None and claim == plan.certificate.corridor
+    more = replace(claim, min_margin_bound=claim.min_margin_bound + 1)
+    forged = replace(again, certificate=replace(again.certificate, corridor=more))
+    assert any("corridor.min_margin_bound" in fault for fault in recheck(forged).faults)
+    text, _ = page(plan, "approach")
+    assert "Least distance inside of a corridor" in text
+    assert "the cone from (0.0, 0.0, 0.0) m" in text
+
+
+def test_what_does_not_count_them_refuses_them():
+    asked = approach(corridors=(BOX,))
+    planner = named_planner("expert")
+    assert planner is not None
+    with pytest.raises(InputError, match="as flown"):
+        AsFlown(planner).plan([in_world(asked, Conditions())])
+    with pytest.raises(InputError, match="a risk is asked for"):
+        planned(asked, Requirements(risk=RiskLimit(1e-2, navigation_sigma=0.1)))
+    with pytest.raises(InputError, match="flights do not count"):
+        effects(asked, planned(asked).controls, Conditions())
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Box((0.0, 0.0, 0.0), (1.0, 0.0, 1.0)), "expected less than max"),
+        (lambda: Cone((0.0,) * 3, (0.0,) * 3, 10.0), "expected a direction"),
+        (lambda: Cone((0.0,) * 3, (1.0, 0.0, 0.0), 90.0), "up to 89 deg"),
+        (lambda: approach(corridors=(replace(BOX, end=1201.0),)), "from 0 to 1200 s"),
+        (lambda: approach(corridors=(replace(BOX, begin=900.0, end=800.0),)), "not before"),
+        (lambda: approach(corridors=(replace(BOX, craft=(2,)),)), "numbers from 0 to 1"),
+    ],
+)
+def test_what_is_no_corridor_is_refused_in_a_sentence(make, said):
+    with pytest.raises(InputError, match=said):
+        make()
