@@ -4,20 +4,24 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 
 from pipeline.arrays import Array
+from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
 from pipeline.orbit.approaches import pairs, side_by_side
-from pipeline.orbit.arrays import Formation
+from pipeline.orbit.arrays import Controls, Formation, Indices, Values
 from pipeline.orbit.separation import swarm_node_collisions
+from pipeline.orbit.thrust import Limits
+from pipeline.orbit.thrust_cost import cost
 from pipeline.scenario import Scenario, shared_problem
+from pipeline.scenario.spacecraft import limits_of
 
 
 class Batch:
     """Scenarios of one problem, at least one, and the craft of all of them one after the other."""
 
-    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+    def __init__(self, scenarios: Sequence[Scenario], limits: Limits | None = None) -> None:
         self.scenarios, self.problem = scenarios, shared_problem(scenarios)
         self.swarms = side_by_side(tuple(scenario.n for scenario in scenarios))
         self.initial: Formation = np.concatenate([scenario.initial for scenario in scenarios])
@@ -29,16 +33,49 @@ class Batch:
         self.unit = np.maximum.reduceat(control_units(self.miss, self.problem), starts)
         ends = [*starts[1:].tolist(), None]
         self.craft = [slice(*both) for both in zip(starts.tolist(), ends, strict=True)]
+        # What the thrusters of each craft can do; None where max_acceleration is all of it.
+        self.limits = _limits(scenarios) if limits is None else limits
 
     @cached_property
     def optima(self) -> DecoupledOptima:
         """Decoupled optimum of every craft."""
-        return decoupled_optima(self.initial, self.goal, self.problem)
+        return decoupled_optima(self.initial, self.goal, self.problem, self.limits)
+
+    @cached_property
+    def weight(self) -> Float[Array, "n"] | None:
+        """Weight of each craft's fuel in its scenario's largest share; None where all counts."""
+        if self.problem.thrust.objective == "total":
+            return None
+        assert self.limits is not None
+        left = self.limits.delta_v
+        mean = [left[craft].mean() for craft in self.craft]
+        return np.repeat(mean, self.swarms.sizes) / left
+
+    def objective(self, controls: Controls, craft: Indices | slice) -> float:
+        """What is to be least, m/s², of some craft with such controls."""
+        if self.limits is None:
+            return float(np.abs(controls).sum())
+        return self.objective_of(cost(controls, self.problem.thrust).sum(axis=1), craft)
+
+    def objective_of(self, used: Values, craft: Indices | slice) -> float:
+        """What is to be least, m/s², of some craft that burn so much each."""
+        if self.weight is None:
+            return float(used.sum())
+        return float((self.weight[craft] * used).max() + FUEL_SHARE * used.sum())
+
+    def least_share(self, craft: slice) -> float:
+        """Lower bound on the largest share of its Δv that one of some craft burns; 0 without."""
+        if self.weight is None or self.limits is None:
+            return 0.0
+        least = self.optima.lower_bound[craft] * self.problem.time_step
+        return float((least / self.limits.delta_v[craft]).max())
 
     def part(self, which: Sequence[int]) -> "Batch":
         """Some of the scenarios; their decoupled optima are not computed again."""
-        part = Batch([self.scenarios[k] for k in which])
-        part.optima = self.optima[np.isin(self.swarms.label, which)]
+        craft = np.isin(self.swarms.label, which)
+        limits = None if self.limits is None else self.limits[craft]
+        part = Batch([self.scenarios[k] for k in which], limits)
+        part.optima = self.optima[craft]
         return part
 
     def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:
@@ -64,6 +101,14 @@ class Batch:
                 reason = f"craft {k} cannot reach its goal {given}, which is proven"
             reasons.append(reason)
         return reasons
+
+
+def _limits(scenarios: Sequence[Scenario]) -> Limits | None:
+    parts = [scenario.limits for scenario in scenarios]
+    if all(part is None for part in parts):
+        return None
+    both = zip(scenarios, parts, strict=True)
+    return Limits.concatenated([part or limits_of(s.craft, s.n, s.problem) for s, part in both])
 
 
 def _too_close(scenario: Scenario) -> str:

@@ -24,6 +24,7 @@ from jaxtyping import Float, Int
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Formation, Indices, Values
+from pipeline.orbit.thrust import ALONG_AXES, Limits, Thrust
 
 LENGTH = 10.0  # scale of half-space rows, m
 NEGLIGIBLE = 1e-13  # entries of a scaled map below this are structural zeros
@@ -64,6 +65,12 @@ class Subproblem:
     # effect of the second craft's controls against the normal; None where it is ``row``, as it is
     # for two craft that fly their plans
     other: Float[Array, "k m"] | None = None
+    # where thrust is more than axes with one limit: what it is, what each craft can do, the length
+    # of an interval, s, and the weight of each craft's fuel in the largest share
+    thrust: Thrust = ALONG_AXES
+    limits: Limits | None = None
+    time_step: float = 1.0
+    weight: Float[Array, "n"] | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:

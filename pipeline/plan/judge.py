@@ -10,12 +10,21 @@ from pipeline.errors import InputError
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.nonlinear import fly_in_world, least_adrift_in_world
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust_cost import exceeds
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
 from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
 
+# What a craft does that is beyond its limits
+EXCEEDS = {
+    "max_acceleration": "uses more than its max_acceleration",
+    "max_acceleration_norm": "uses more than its max_acceleration_norm",
+    "delta_v": "burns more than its delta_v",
+    "no_burn": "burns in a stretch of no_burn",
+    "min_delta_v": "has a burn smaller than min_delta_v",
+}
 POSITION_TOLERANCE = 1e-6  # largest miss of a position that counts as rounding, m
 VELOCITY_TOLERANCE = 1e-9  # largest miss of a velocity that counts as rounding, m/s
 
@@ -29,6 +38,7 @@ class Made:
     proof: str = ""  # of that bound, in words
     convex_solves: int = 0  # joint convex programs that it took
     timing: Mapping[str, float] = field(default_factory=dict)  # seconds by stage
+    least_share: float = 0.0  # lower bound on the largest share, where that is to be least
 
 
 def planned_all(
@@ -62,7 +72,9 @@ def planned_all(
         controls = with_coasts(controls, problem)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    certificates = certify(scenarios, states, controls, bounds, requirements, closest, adrift)
+    shares = [one.least_share for one in made]
+    flown_by = scenarios, states, controls
+    certificates = certify(*flown_by, bounds, requirements, closest, adrift, shares)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
@@ -102,7 +114,16 @@ def violations(plan: Plan) -> dict[str, str]:
     position, velocity = found.goal_error, found.goal_velocity_error
     if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
         wrong["goal"] = f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
-    if limit is not None and not used.max() <= problem.most_control:
+    limits = plan.scenario.limits
+    if limits is not None:
+        faults = [
+            f"craft {int(craft.argmax())} {EXCEEDS[name]}"
+            for name, craft in exceeds(plan.controls, limits, problem).items()
+            if craft.any()
+        ]
+        if faults:
+            wrong["thrust"] = ", and ".join(faults)
+    elif limit is not None and not used.max() <= problem.most_control:
         wrong["thrust"] = f"uses {used.max():.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if not is_safe(found, problem, plan.requirements):
         pair = " and ".join(map(str, found.min_separation_pair or ()))

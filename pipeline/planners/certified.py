@@ -29,7 +29,10 @@ def certified(
     controls = answer(batch)
     timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
     bound = batch.optima.bound
-    made = [Made(controls[craft], *bound(craft), timing=timing) for craft in batch.craft]
+    made = [
+        Made(*(controls[craft], *bound(craft)), timing=timing, least_share=batch.least_share(craft))
+        for craft in batch.craft
+    ]
     plans = planned_all(planner, scenarios, made, requirements)
     return [
         replace(plan, status=INFEASIBLE, message=why) if why else plan
