@@ -91,8 +91,11 @@ class Batch:
         ends = np.stack([self.initial, self.goal], axis=1)
         close = swarm_node_collisions(ends, self.problem.collision_radius, self.swarms)
         impossible = self.split(self.optima.impossible)
-        limited = self.problem.max_acceleration is not None
-        given = "within max_acceleration" if limited else "with any thrust, however large"
+        given = "with any thrust, however large"
+        if self.problem.max_acceleration is not None:
+            given = "within max_acceleration"
+        if self.limits is not None:
+            given = "within its limits of thrust and delta_v, in the intervals in which it may burn"
         reasons = []
         for scenario, craft, collisions in zip(self.scenarios, impossible, close, strict=True):
             reason = _too_close(scenario) if collisions else ""

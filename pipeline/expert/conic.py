@@ -169,8 +169,8 @@ class ConicProgram:
         above = np.flatnonzero(np.isfinite(limits))
         above = above[np.isin(above, self.kept)]
         below = above[above % V < 3] if self.pointed else above[:0]  # components have two
-        one = sparse.eye_array(self.variables, format="csr")
-        rows = sparse.vstack([-one[signed], one[above], -one[below]])
+        signs = (signed, -1), (above, 1), (below, -1)
+        rows = sparse.vstack([sign * _rows_of(which, self.variables) for which, sign in signs])
         return sparse.csr_array(rows), np.concatenate([0.0 * signed, limits[above], limits[below]])
 
     def cones(self) -> tuple[sparse.csr_array, Values, int]:
@@ -179,14 +179,11 @@ class ConicProgram:
         assert sub.limits is not None
         S, V = len(craft), len(self.price)
         if self.pointed:
-            column = (V * np.arange(S)[:, None] + [3, 0, 1, 2]).ravel()
-            entries = -np.ones(4 * S), (np.arange(4 * S), column)
-            pointed = sparse.csr_array(entries, shape=(4 * S, self.variables))
-            return pointed, np.zeros(4 * S), S
+            order = (V * np.arange(S)[:, None] + [3, 0, 1, 2]).ravel()
+            return -_rows_of(order, self.variables), np.zeros(4 * S), S
         some = np.flatnonzero(np.isfinite(sub.limits.norm[craft]))
         block = sparse.csr_array(np.vstack([np.zeros(V), -self.effect]))
-        chosen = sparse.eye_array(S, format="csr")[some]
-        rows = self._wide(sparse.kron(chosen, block))
+        rows = self._wide(sparse.kron(_rows_of(some, S), block))
         b = np.zeros((len(some), 4))
         b[:, 0] = sub.limits.norm[craft[some]] / sub.unit
         return rows, b.ravel(), len(some)
@@ -227,6 +224,12 @@ class ConicProgram:
         k, (_, _, count) = len(self.sub.required), self.cones()
         end = len(z) - 4 * count
         return z[end - k : end]
+
+
+def _rows_of(columns: Any, width: int) -> sparse.csr_array:
+    """Rows with a one in the columns given."""
+    rows = np.arange(len(columns))
+    return sparse.csr_array((np.ones(len(columns)), (rows, columns)), shape=(len(rows), width))
 
 
 def by_cones(sub: Subproblem) -> Optimum:

@@ -20,8 +20,7 @@ from pipeline.expert.scp import Search, SearchProblem
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust import COMPONENTS
-from pipeline.orbit.thrust_cost import cost, too_small
+from pipeline.orbit.thrust_cost import burn_sizes, cost, too_small
 
 ROUNDS = 16  # plans at most, each without more of the small burns
 
@@ -45,6 +44,9 @@ def _again(asked: SearchProblem, result: SearchResult) -> SearchResult:
         return result
     has_cones = batch.problem.thrust.directions is None or np.isfinite(limits.norm).any()
     found = (_without if has_cones else _by_integers)(asked, result)
+    if result.feasible:
+        fuel = cost(result.controls, batch.problem.thrust)
+        found = replace(found, fuel_without=float(fuel.sum()))
     if not found.obstacle and _small(found.controls, batch.problem).any():
         found = replace(found, feasible=False, obstacle=f"not all burns reach {_least(batch)}")
     return found
@@ -101,9 +103,7 @@ def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
 def smaller_half(controls: Controls, problem: Problem) -> Bool[Array, "n intervals 3"]:
     """Of the burns of each craft that are too small, the smaller half, and at least one."""
     small = _small(controls, problem)
-    size = np.abs(controls)
-    if problem.thrust.model != COMPONENTS:
-        size = np.broadcast_to(cost(controls, problem.thrust)[..., None], controls.shape)
+    size = burn_sizes(controls, problem.thrust)
     dropped = np.zeros(controls.shape, dtype=bool)
     for k in np.flatnonzero(small.any(axis=(1, 2))):
         middle = np.quantile(size[k][small[k]], 0.5, method="higher")

@@ -24,6 +24,7 @@ class SearchResult:
     feasible: bool = False  # whether the controls were seen to be safe as a whole
     obstacle: str = ""  # what stood in the way of a safe plan, or nothing
     infeasible: bool = False  # whether it is proven to stand in the way of every plan
+    fuel_without: float | None = None  # of the plan without regard to the smallest burn, m/s²
 
 
 class Incumbents:

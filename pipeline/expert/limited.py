@@ -12,8 +12,8 @@ from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Formation
 from pipeline.orbit.decoupled import SHORT, acceleration_scale
 from pipeline.orbit.problem import RANGES, Problem
-from pipeline.orbit.thrust import COMPONENTS, Limits
-from pipeline.orbit.thrust_cost import cost, polar, support, worth
+from pipeline.orbit.thrust import Limits
+from pipeline.orbit.thrust_cost import burn_sizes, polar, support, worth
 from pipeline.orbit.transfer import state_weight, transfer_maps
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying within it
@@ -110,17 +110,13 @@ def settled(controls: Controls, miss: Formation, limits: Limits, problem: Proble
     is what controls must bring about, m and m/s.
     """
     allowed = limits.burns
-    size = np.abs(controls) if problem.thrust.model == COMPONENTS else _size(controls, problem)
+    size = burn_sizes(controls, problem.thrust)
     largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
     burns = allowed & (size > BURN * largest)
     kept = np.where(burns, controls, 0.0)
     for free in (burns, allowed):
         kept = _completed(kept, free, miss, problem)
     return kept
-
-
-def _size(controls: Controls, problem: Problem) -> Controls:
-    return np.broadcast_to(cost(controls, problem.thrust)[..., None], controls.shape)
 
 
 def _completed(controls: Controls, free: Array, miss: Formation, problem: Problem) -> Controls:

@@ -78,6 +78,9 @@ def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls
 
 def _explained(plan: Plan, result: SearchResult) -> Plan:
     """The plan with its status and the reason, where it is none to fly."""
+    if (smallest := plan.certificate.smallest_burn) is not None:
+        smallest = replace(smallest, fuel_without=result.fuel_without or plan.certificate.fuel)
+        plan = replace(plan, certificate=replace(plan.certificate, smallest_burn=smallest))
     if result.infeasible:
         return replace(plan, status=INFEASIBLE, message=result.obstacle)
     if plan.status == UNSAFE and has_one_plan(plan.scenario.problem) and _meet(plan):

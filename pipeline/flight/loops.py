@@ -108,11 +108,17 @@ def fly_loops(
 
 
 def refuse_replanning(plan: Plan) -> None:
-    """Refuse to plan anew for a risk, which is one of open loop.
+    """Refuse to plan anew for a risk, which is one of open loop, or with other limits of thrust.
 
     Raises:
-        InputError: where the plan was asked for one.
+        InputError: where the plan was asked for one, or has some.
     """
+    if plan.scenario.limits is not None:
+        raise InputError(
+            "the scenario says more of thrust than max_acceleration, which guidance that plans "
+            "anew does not know; expected no replanning, or a scenario without thrust, "
+            "max_acceleration_norm, min_delta_v, no_burn, objective and limits of its craft."
+        )
     if (risk := plan.certificate.risk) is not None:
         raise InputError(
             f"the plan was asked for a risk of at most {risk.asked:g} in open loop, which planning "

@@ -150,6 +150,15 @@ def exceeds(
     }
 
 
+def burn_sizes(
+    controls: Float[Array, "n intervals 3"], thrust: Thrust
+) -> Float[Array, "n intervals 3"]:
+    """Size of the burn that each component of a control is part of, m/s²."""
+    if thrust.model == COMPONENTS:
+        return np.abs(controls)
+    return np.broadcast_to(cost(controls, thrust)[..., None], controls.shape)
+
+
 def too_small(
     controls: Float[Array, "n intervals 3"], thrust: Thrust, time_step: float
 ) -> Bool[Array, "n intervals 3"]:
@@ -159,7 +168,5 @@ def too_small(
     """
     if thrust.min_delta_v is None:
         return np.zeros(controls.shape, dtype=bool)
-    size = np.abs(controls)
-    if thrust.model != COMPONENTS:
-        size = np.broadcast_to(cost(controls, thrust)[..., None], controls.shape)
+    size = burn_sizes(controls, thrust)
     return (size > 0) & (time_step * size < thrust.min_delta_v * (1 - ROUNDING))

@@ -15,6 +15,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import collision_risk
 from pipeline.orbit.separation import Separation, least_separations, swarm_node_collisions
 from pipeline.orbit.thrust import ALONG_AXES
+from pipeline.orbit.thrust_cost import burn_sizes
 from pipeline.orbit.thrust_cost import spent as fuel_of
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
@@ -96,6 +97,21 @@ class LargestShare:
 
 
 @dataclass(frozen=True)
+class SmallestBurn:
+    """The smallest burn of a plan whose burns must reach an impulse bit.
+
+    Attributes:
+        asked: least Δv of a thruster's burn in an interval, m/s.
+        least: that of the plan, m/s; None where there is no burn.
+        fuel_without: fuel of the planner's plan without regard to it, m/s², or None.
+    """
+
+    asked: float
+    least: float | None
+    fuel_without: float | None = None
+
+
+@dataclass(frozen=True)
 class Certificate:
     """What a plan is worth, all of it recomputable from the plan and its scenario.
 
@@ -122,6 +138,7 @@ class Certificate:
         craft_delta_v_thrusters: of each craft, by thrusters of given directions, m/s, where the
             scenario has some. That of the scenario's kind of thrust sums to delta_v.
         largest_share: of what a craft has left, where that is to be least, or None.
+        smallest_burn: where burns must reach an impulse bit, or None.
     """
 
     fuel: float
@@ -143,6 +160,7 @@ class Certificate:
     craft_delta_v_2norm: tuple[float, ...] = ()
     craft_delta_v_thrusters: tuple[float, ...] = ()
     largest_share: LargestShare | None = None
+    smallest_burn: SmallestBurn | None = None
 
 
 def certify(
@@ -205,6 +223,10 @@ def certify(
             LargestShare(int(one.argmax()), float(one.max()), bound)
             for one, bound in zip(shares, least_shares, strict=True)
         ]
+    if problem.thrust.min_delta_v is not None:
+        sizes = np.split(burn_sizes(controls, problem.thrust), starts[1:])
+        least = [step * float(one[one > 0].min()) if one.any() else None for one in sizes]
+        columns["smallest_burn"] = [SmallestBurn(problem.thrust.min_delta_v, one) for one in least]
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
         adrift = adrift or least_after_loss(states, controls, problem, orbits, swarms)

@@ -24,7 +24,8 @@ from pipeline.scenario.document import (
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
-OPTIONAL = ("risk", "passive_safety")  # claims of a certificate that are there where asked for
+# Claims of a certificate that are there where they were asked for
+OPTIONAL = ("risk", "passive_safety", "largest_share", "smallest_burn", "craft_delta_v_thrusters")
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -120,7 +121,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     if plan.as_flown and problem.orbit is not None:
         asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
     claims = asdict(plan.certificate)
-    given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) is not None}
+    given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) not in (None, ())}
     for name, value in claims.items():
         if isinstance(value, float) and not math.isfinite(value):
             claims[name] = None

@@ -45,8 +45,13 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     given order, and for each assignment that is best by what is known, until all costs of the best
     one are true. So few of the n² programs are solved.
     """
-    n, problem = scenario.n, scenario.problem
+    n, problem, limits = scenario.n, scenario.problem, scenario.limits
     initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
+    if limits is not None:
+        every = limits[np.repeat(np.arange(n), n)]
+        optima = decoupled_optima(initial, goal, problem, every)
+        bounds = np.where(optima.impossible, np.inf, optima.lower_bound)
+        return DecoupledCosts(bounds.reshape(n, n), PROGRAM)
     found = least_fuel(goal_miss(initial, goal, problem), problem)
     if found is None:  # no table
         optima = decoupled_optima(initial, goal, problem)

@@ -1,7 +1,7 @@
 """scenario.json (schema prolearn.scenario/1): read with an answer to every mistake, and written."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -370,8 +370,8 @@ class ScenarioDocument(BaseModel):
         goal = _end_states(self.goal, problem.starting_at(problem.intervals))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         craft = tuple(one.craft() for one in self.craft)
-        made = Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
-        return replace(made, craft=craft)
+        about: dict[str, Any] = {"name": name, "reference": where, "craft": craft}
+        return Scenario(problem, initial, goal, ends=self.ends, **about)
 
     def _thrust(self) -> Thrust:
         limits = self.max_acceleration_norm, self.min_delta_v

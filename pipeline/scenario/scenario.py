@@ -90,7 +90,7 @@ class Scenario:
                 "one of each for every spacecraft."
             )
 
-        check_craft(self.craft, self.n)
+        check_craft(self.craft, self.n, self.problem.thrust)
 
     def __repr__(self) -> str:
         """Name, size and time grid; without the arrays."""

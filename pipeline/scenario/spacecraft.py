@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.problem import RANGES, Problem
-from pipeline.orbit.thrust import Limits, Windows, blocked, check_windows
+from pipeline.orbit.thrust import Limits, Thrust, Windows, blocked, check_windows
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,14 @@ def limits_of(craft: Sequence[Spacecraft], n: int, problem: Problem) -> Limits:
     return Limits(component, norm, delta_v, burns)
 
 
-def check_craft(craft: Sequence[Spacecraft], n: int) -> None:
-    """Refuse a list of craft that is not of all craft with an InputError."""
+def check_craft(craft: Sequence[Spacecraft], n: int, thrust: Thrust) -> None:
+    """Refuse a list of craft that is not of all craft, or lacks what is asked of each."""
     if craft and len(craft) != n:
         raise InputError(
             f"craft has {len(craft)} entries and there are {n} spacecraft; expected one of each."
+        )
+    if thrust.objective == "fair" and not (craft and all(one.delta_v for one in craft)):
+        raise InputError(
+            "objective is fair and not every craft has a delta_v; expected what each has left: "
+            "give craft a delta_v, m/s, each."
         )
