@@ -1,14 +1,17 @@
 """Independent scenarios stacked along the craft axis."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from pipeline.arrays import Array
+from pipeline.expert.arrivals import Arrivals
 from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
+from pipeline.expert.waypoints import arrivals_at_least_fuel
 from pipeline.orbit.approaches import pairs, side_by_side
 from pipeline.orbit.arrays import Controls, Formation, Indices, Values
 from pipeline.orbit.separation import swarm_node_collisions
@@ -21,7 +24,12 @@ from pipeline.scenario.spacecraft import limits_of
 class Batch:
     """Scenarios of one problem, at least one, and the craft of all of them one after the other."""
 
-    def __init__(self, scenarios: Sequence[Scenario], limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        limits: Limits | None = None,
+        arrivals: Arrivals | None = None,
+    ) -> None:
         self.scenarios, self.problem = scenarios, shared_problem(scenarios)
         self.swarms = side_by_side(tuple(scenario.n for scenario in scenarios))
         self.initial: Formation = np.concatenate([scenario.initial for scenario in scenarios])
@@ -35,11 +43,26 @@ class Batch:
         self.craft = [slice(*both) for both in zip(starts.tolist(), ends, strict=True)]
         # What the thrusters of each craft can do; None where max_acceleration is all of it.
         self.limits = _limits(scenarios) if limits is None else limits
+        # Where each craft must be, and a lower bound that holds for every choice of open times.
+        self.arrivals, self.open_bound = arrivals, np.full(len(self.initial), np.inf)
+        if self.limits is not None and arrivals is None:
+            self.arrivals, self.open_bound = self._arrivals(self.limits)
 
     @cached_property
     def optima(self) -> DecoupledOptima:
         """Decoupled optimum of every craft."""
-        return decoupled_optima(self.initial, self.goal, self.problem, self.limits)
+        ends = self.initial, self.goal, self.problem
+        optima = decoupled_optima(*ends, self.limits, self.arrivals)
+        return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
+
+    def _arrivals(self, limits: Limits) -> tuple[Arrivals, Float[Array, "n"]]:
+        """Goals and waypoints, at the nodes where they cost least, and a bound over all others."""
+        waypoints = [
+            replace(one, craft=one.craft + start)
+            for scenario, start in zip(self.scenarios, self.swarms.starts.tolist(), strict=True)
+            for one in scenario.waypoints
+        ]
+        return arrivals_at_least_fuel(self.initial, self.goal, self.problem, limits, waypoints)
 
     @cached_property
     def weight(self) -> Float[Array, "n"] | None:
@@ -74,7 +97,8 @@ class Batch:
         """Some of the scenarios; their decoupled optima are not computed again."""
         craft = np.isin(self.swarms.label, which)
         limits = None if self.limits is None else self.limits[craft]
-        part = Batch([self.scenarios[k] for k in which], limits)
+        arrivals = None if self.arrivals is None else self.arrivals[craft]
+        part = Batch([self.scenarios[k] for k in which], limits, arrivals)
         part.optima = self.optima[craft]
         return part
 

@@ -100,13 +100,17 @@ class ConicProgram:
         return sparse.csr_array(sparse.hstack([left, block, right]))
 
     def goals(self) -> Rows:
-        """Every craft meets its goal."""
+        """Every craft meets its goal, and passes its waypoints."""
         sub, (craft, interval) = self.sub, self.slots
-        n, m, _ = sub.shape
+        (n, m, _), r = sub.shape, len(sub.reach)
         scale = sub.goal_scale * sub.unit
-        reach = (sub.reach * scale[:, None]).reshape(6, m // 3, 3)[:, interval] @ self.effect
-        row = np.broadcast_to(6 * craft[None, :, None] + np.arange(6)[:, None, None], reach.shape)
-        return self._wide(self._by_slot(reach, row, 6 * n)), sub.goals()
+        reach = (sub.reach * scale[:, None]).reshape(r, m // 3, 3)[:, interval] @ self.effect
+        row = np.broadcast_to(r * craft[None, :, None] + np.arange(r)[:, None, None], reach.shape)
+        rows, wanted = self._wide(self._by_slot(reach, row, r * n)), sub.goals()
+        if sub.asked is None or sub.asked.all():
+            return rows, wanted
+        asked = sub.asked.ravel()
+        return rows[asked], wanted[asked]
 
     def _by_slot(
         self, value: Float[Array, "r S V"], row: Int[Array, "r S V"], rows: int

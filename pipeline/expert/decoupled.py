@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
+from pipeline.expert.arrivals import Arrivals, arrivals_of
 from pipeline.expert.limited import dual_bounds, impossible, least_of, settled
 from pipeline.expert.solvers import OPTIMAL, clarabel_solver
 from pipeline.expert.subproblem import Subproblem
@@ -43,15 +44,21 @@ class DecoupledOptima(Rows):
 
 
 def decoupled_optima(
-    initial: Formation, goal: Formation, problem: Problem, limits: Limits | None = None
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    limits: Limits | None = None,
+    arrivals: Arrivals | None = None,
 ) -> DecoupledOptima:
     """Least fuel that joins the two states of each craft, m and m/s.
 
     By table where the optimum without a thrust limit keeps to it, for then it is the optimum with
-    it too; the others by one linear program each. With limits of each craft, by cone programs.
+    it too; the others by one linear program each. With limits of each craft, by cone programs, and
+    perhaps to other places than their goals.
     """
     if limits is not None:
-        return limited_optima(initial, goal, problem, limits)
+        at = arrivals or arrivals_of(initial, goal, problem, {})
+        return limited_optima(minimum_energy(initial, goal, problem), at, problem, limits)
     miss = goal_miss(initial, goal, problem)
     controls, bound = minimum_energy(initial, goal, problem), np.zeros(len(miss))
     feasible, impossible = np.zeros((2, len(miss)), dtype=bool)
@@ -75,24 +82,27 @@ def decoupled_optima(
 
 
 def limited_optima(
-    initial: Formation, goal: Formation, problem: Problem, limits: Limits
+    controls: Controls, at: Arrivals, problem: Problem, limits: Limits
 ) -> DecoupledOptima:
-    """Decoupled optima by a cone program of all craft, or of each where that fails."""
-    miss, n = goal_miss(initial, goal, problem), len(initial)
-    controls, bound = minimum_energy(initial, goal, problem), np.zeros(n)
+    """Decoupled optima by a cone program of all craft, or of each where that fails.
+
+    The controls given are those of craft for which none are found.
+    """
+    n = len(at)
+    controls, bound = controls.copy(), np.zeros(n)
     feasible, not_possible = np.zeros((2, n), dtype=bool)
-    whole = least_of(miss, limits, problem)
+    whole = least_of(at, limits, problem)
     answers = [(slice(None), whole)]
     if whole[0] is None:
         each = [slice(k, k + 1) for k in range(n)]
-        answers = [(k, least_of(miss[k], limits[k], problem)) for k in each]
+        answers = [(k, least_of(at[k], limits[k], problem)) for k in each]
     for craft, (found, dual) in answers:
         if found is None:
-            not_possible[craft] = impossible(dual[0], miss[craft][0], limits[craft], problem)
+            not_possible[craft] = impossible(dual, at[craft], limits[craft], problem)
             continue
         feasible[craft] = True
-        controls[craft] = settled(found, miss[craft], limits[craft], problem)
-        bound[craft] = dual_bounds(dual, miss[craft], limits[craft], problem)
+        controls[craft] = settled(found, at[craft], limits[craft], problem)
+        bound[craft] = dual_bounds(dual, at[craft], limits[craft], problem)
     spent = bound * problem.time_step
     not_possible |= spent > limits.delta_v * (1 + FARKAS_MARGIN)
     return DecoupledOptima(

@@ -64,17 +64,19 @@ def _by_integers(asked: SearchProblem, result: SearchResult) -> SearchResult:
     """Search with programs whose thrusts are zero or large enough."""
     batch, optima = asked.batch, asked.batch.optima
     assert batch.limits is not None
+    assert batch.arrivals is not None
     controls = optima.controls.copy()
     for k in np.flatnonzero(_small(controls, batch.problem).any(axis=(1, 2))):
         craft = slice(k, k + 1)
-        sub = decoupled_program(batch.miss[craft], batch.limits[craft], batch.problem).sub
+        at = batch.arrivals[craft]
+        sub = decoupled_program(at, batch.limits[craft], batch.problem).sub
         try:
             alone = by_integers(sub).controls.reshape(1, -1, 3)
         except UnsolvableError as error:
             why = f"craft {k} alone: {error}"
             return replace(result, feasible=False, obstacle=why)
-        controls[craft] = settled(alone, batch.miss[craft], batch.limits[craft], batch.problem)
-    whole = Batch(batch.scenarios, batch.limits)
+        controls[craft] = settled(alone, at, batch.limits[craft], batch.problem)
+    whole = Batch(batch.scenarios, batch.limits, batch.arrivals)
     whole.optima = replace(optima, controls=controls)
     search = replace(asked, batch=whole, whole_burns=True)
     (found,) = Search(search, [result.controls]).run()
@@ -90,7 +92,7 @@ def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
         if not dropped.any():
             break
         limits = replace(batch.limits, burns=batch.limits.burns & ~dropped)
-        batch = Batch(batch.scenarios, limits)
+        batch = Batch(batch.scenarios, limits, batch.arrivals)
         if not batch.optima.feasible.all():
             k = int(batch.optima.feasible.argmin())
             why = f"no burns of craft {k} were found of at least {_least(batch)} each"

@@ -187,11 +187,12 @@ class Search:
     def _flown(
         self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
     ) -> Trajectory:
-        initial, goal, limits = self.batch.initial[craft], self.batch.goal[craft], self.batch.limits
-        if limits is None:
+        initial, goal, batch = self.batch.initial[craft], self.batch.goal[craft], self.batch
+        if batch.limits is None or batch.arrivals is None:
             exact = meet_goal(initial, controls, goal, self.problem)
         else:
-            exact = settled(controls, self.batch.miss[craft], limits[craft], self.problem)
+            at, limits = batch.arrivals[craft], batch.limits[craft]
+            exact = settled(controls, at, limits, self.problem)
         return Trajectory(exact, fly(initial, exact, self.problem))
 
     def _worth(self, flown: Trajectory, craft: Cluster) -> float:
@@ -269,11 +270,14 @@ class Search:
             unit=float(self.batch.unit[self.swarm[craft[0]]]),
             basis=None if basis is None else basis[craft],
         )
-        if batch.limits is None:
+        if batch.limits is None or batch.arrivals is None:
             return SOLVERS[self.settings.solver](sub)
-        weight = batch.weight
+        weight, at = batch.weight, batch.arrivals[craft]
         made = replace(
             sub,
+            reach=at.reach,
+            miss=at.miss,
+            asked=at.asked,
             thrust=self.problem.thrust,
             time_step=self.problem.time_step,
             limits=of_program(batch.limits[craft]),

@@ -117,7 +117,8 @@ def refuse_replanning(plan: Plan) -> None:
         raise InputError(
             "the scenario says more of thrust than max_acceleration, which guidance that plans "
             "anew does not know; expected no replanning, or a scenario without thrust, "
-            "max_acceleration_norm, min_delta_v, no_burn, objective and limits of its craft."
+            "max_acceleration_norm, min_delta_v, no_burn, objective, limits of its craft and "
+            "waypoints."
         )
     if (risk := plan.certificate.risk) is not None:
         raise InputError(

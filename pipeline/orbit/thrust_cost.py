@@ -14,6 +14,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
 ROUNDING = 1e-6  # share of a limit that counts as rounding
+NONE = 1e-12  # in place of a divisor of zero
 EXCESS = 1e3  # cost of a thrust beyond its limit, so that there is none where it can be avoided
 
 
@@ -62,11 +63,31 @@ def worth(
     component, norm = limits.component[:, None], limits.norm[:, None]
     beyond = np.maximum(polar(along, thrust) - 1, 0.0)
     if thrust.directions is None:
-        within = _times(np.minimum(norm, np.sqrt(3) * component), beyond)
+        within = np.minimum(_times(norm, beyond), _times(component, _worth_in_box(along)))
     else:
-        each = np.maximum(along @ thrust.directions.T - 1, 0.0).sum(axis=-1)
-        within = np.minimum(_times(component, each), _times(norm * dearest(thrust), beyond))
+        more = np.maximum(along @ thrust.directions.T - 1, 0.0)
+        together = dearest(thrust) * beyond
+        if thrust.model == COMPONENTS:  # in a ball the largest is this, exactly
+            together = np.linalg.norm(more, axis=-1)
+        within = np.minimum(_times(component, more.sum(axis=-1)), _times(norm, together))
     return np.asarray(np.where(limits.burns.any(axis=2), within, 0.0).sum(axis=1))
+
+
+def _worth_in_box(along: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """The largest v · u - ‖u‖₂ with no component of u beyond 1.
+
+    Where it is, uᵢ = min(1, r |vᵢ|) with r = ‖u‖₂: with the k largest at 1 and S the sum of squares
+    of the others of v, r² = k / (1 - S).
+    """
+    v = np.sort(np.abs(along), axis=-1)[..., ::-1]
+    best = np.zeros(along.shape[:-1])
+    for k in (1, 2, 3):
+        rest = np.square(v[..., k:]).sum(axis=-1)
+        r = np.sqrt(k / np.maximum(1 - rest, NONE))
+        fits = (rest < 1) & (r * v[..., k:].max(axis=-1, initial=0.0) <= 1 + ROUNDING)
+        value = v[..., :k].sum(axis=-1) - np.sqrt(k * np.maximum(1 - rest, 0.0))
+        best = np.where(fits, np.maximum(best, value), best)
+    return np.asarray(best)
 
 
 def support(

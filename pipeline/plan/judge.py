@@ -16,6 +16,7 @@ from pipeline.plan.certificate import Certificate, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
+from pipeline.scenario.waypoint import missed
 
 # What a craft does that is beyond its limits
 EXCEEDS = {
@@ -114,6 +115,9 @@ def violations(plan: Plan) -> dict[str, str]:
     position, velocity = found.goal_error, found.goal_velocity_error
     if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
         wrong["goal"] = f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
+    off = missed(plan.scenario.waypoints, plan.states, problem)
+    if not (off[0] <= POSITION_TOLERANCE and off[1] <= VELOCITY_TOLERANCE):
+        wrong["waypoints"] = f"misses a waypoint by {off[0]:.3g} m and {off[1]:.3g} m/s"
     limits = plan.scenario.limits
     if limits is not None:
         faults = [

@@ -75,6 +75,11 @@ class AsFlown:
         return [self._flown(one, plan) for one, plan in zip(asked, plans, strict=True)]
 
     def _about(self, scenario: Scenario) -> Scenario:
+        if scenario.waypoints:
+            raise InputError(
+                "the scenario has waypoints, which are met in linear motion alone; expected none "
+                "in a plan as flown: leave --world out, or the waypoints."
+            )
         orbit = self.orbit or scenario.problem.orbit
         if orbit is None:
             raise InputError(

@@ -33,6 +33,7 @@ from pipeline.orbit.thrust import Objective, Thrust
 from pipeline.scenario.scenario import MOST_CRAFT, Ends, Scenario
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.validation import check
+from pipeline.scenario.waypoint import Waypoint
 
 SCHEMA = "prolearn.scenario/1"
 WHAT = f"a scenario file (schema {SCHEMA})"
@@ -269,6 +270,22 @@ class SpacecraftDocument(BaseModel):
         return Spacecraft(**self.model_dump())
 
 
+Triple = tuple[Number, Number, Number]
+
+
+class WaypointDocument(BaseModel):
+    """A place that a craft must pass on its way, at a node."""
+
+    model_config = _strict()
+
+    craft: Whole = Field(ge=0, description="Number of the craft.")
+    position: Triple = Field(description="LVLH, m.")
+    velocity: Triple | None = Field(None, description="LVLH, m/s; null for any.")
+    time: Positive | None = Field(
+        None, description="Of the node, s since the first; null for that of least fuel."
+    )
+
+
 # Of both a reference and an orbit
 ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 
@@ -308,7 +325,7 @@ class ScenarioDocument(BaseModel):
         description="Limit on each component of the control, or on each thruster where thrust has "
         "directions, m/s²; null for none.",
     )
-    thrust: Literal["components", "norm"] | tuple[tuple[Number, Number, Number], ...] = Field(
+    thrust: Literal["components", "norm"] | tuple[Triple, ...] = Field(
         "components",
         description="components: thrusters along the three axes; norm: one that is pointed; or "
         "unit vectors, LVLH, of the accelerations that thrusters give.",
@@ -328,6 +345,9 @@ class ScenarioDocument(BaseModel):
     )
     craft: list[SpacecraftDocument] = Field(
         [], description="What each craft has of its own; empty where all are alike."
+    )
+    waypoints: list[WaypointDocument] = Field(
+        [], description="Places that craft must pass on their way, in the order of each craft."
     )
     initial: End = Field(description="Where each craft is at the first node.")
     goal: End = Field(description="Where each craft must be at the last node, in the same order.")
@@ -370,7 +390,9 @@ class ScenarioDocument(BaseModel):
         goal = _end_states(self.goal, problem.starting_at(problem.intervals))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         craft = tuple(one.craft() for one in self.craft)
-        about: dict[str, Any] = {"name": name, "reference": where, "craft": craft}
+        waypoints = tuple(Waypoint(**one.model_dump()) for one in self.waypoints)
+        about: dict[str, Any] = {"name": name, "reference": where}
+        about |= {"craft": craft, "waypoints": waypoints}
         return Scenario(problem, initial, goal, ends=self.ends, **about)
 
     def _thrust(self) -> Thrust:
@@ -420,6 +442,9 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
         fields["ends"] = scenario.ends
     if scenario.craft:
         fields["craft"] = [SpacecraftDocument.of(one) for one in scenario.craft]
+    if scenario.waypoints:
+        passed = [asdict(one) for one in scenario.waypoints]
+        fields["waypoints"] = [{k: v for k, v in one.items() if v is not None} for one in passed]
     if scenario.reference is None:
         return fields
     epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")

@@ -14,6 +14,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.thrust import ALONG_AXES, Limits
 from pipeline.scenario.spacecraft import Spacecraft, check_craft, limits_of
+from pipeline.scenario.waypoint import Waypoint, check_waypoints
 
 # Craft, few enough for a list of all pairs, and craft times nodes
 MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
@@ -38,6 +39,7 @@ class Scenario:
         reference: epoch and attitude of the reference orbit, or None; not used in planning.
         ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
         craft: of each craft what it has of its own; empty where all are alike.
+        waypoints: places that craft must pass on their way, in the order of each craft.
     """
 
     problem: Problem
@@ -48,6 +50,7 @@ class Scenario:
     reference: Reference | None = None
     ends: Ends = "passive"
     craft: tuple[Spacecraft, ...] = ()
+    waypoints: tuple[Waypoint, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
@@ -91,6 +94,7 @@ class Scenario:
             )
 
         check_craft(self.craft, self.n, self.problem.thrust)
+        check_waypoints(self.waypoints, self.n, self.problem)
 
     def __repr__(self) -> str:
         """Name, size and time grid; without the arrays."""
@@ -104,9 +108,12 @@ class Scenario:
 
     @cached_property
     def limits(self) -> Limits | None:
-        """What the thrusters of each craft can do; None where max_acceleration is all of it."""
+        """What the thrusters of each craft can do; None where max_acceleration is all of it.
+
+        With waypoints, too, plans are made by programs that know such limits.
+        """
         plain = self.problem.thrust == ALONG_AXES and not any(one.limited for one in self.craft)
-        return None if plain else limits_of(self.craft, self.n, self.problem)
+        return None if plain and not self.waypoints else limits_of(self.craft, self.n, self.problem)
 
     def taking(self, slots: Sequence[int]) -> "Scenario":
         """The scenario in which each craft goes to the goal of that number here."""
