@@ -19,6 +19,7 @@ from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
 from pipeline.scenario import Scenario, shared_problem
 from pipeline.scenario.spacecraft import limits_of
+from pipeline.scenario.waypoint import closest_pair
 
 
 class Batch:
@@ -122,10 +123,11 @@ class Batch:
             given = "within its limits of thrust and delta_v, in the intervals in which it may burn"
         reasons = []
         for scenario, craft, collisions in zip(self.scenarios, impossible, close, strict=True):
-            reason = _too_close(scenario) if collisions else ""
+            reason = _too_close(scenario) if collisions else _meeting(scenario)
             if craft.any():
                 k = int(craft.argmax())
-                reason = f"craft {k} cannot reach its goal {given}, which is proven"
+                way = " by its waypoints" if scenario.waypoints else ""
+                reason = f"craft {k} cannot reach its goal{way} {given}, which is proven"
             reasons.append(reason)
         return reasons
 
@@ -136,6 +138,19 @@ def _limits(scenarios: Sequence[Scenario]) -> Limits | None:
         return None
     both = zip(scenarios, parts, strict=True)
     return Limits.concatenated([part or limits_of(s.craft, s.n, s.problem) for s, part in both])
+
+
+def _meeting(scenario: Scenario) -> str:
+    """Which pair must be too close at a waypoint, or nothing."""
+    radius = scenario.problem.collision_radius
+    closest = closest_pair(scenario.waypoints, scenario.problem)
+    if closest is None or closest[0] > radius:
+        return ""
+    distance, i, j, time = closest
+    return (
+        f"craft {i} and {j} must be {distance:.6g} m apart at {time:g} s, by their waypoints; "
+        f"collision_radius is {radius:g} m"
+    )
 
 
 def _too_close(scenario: Scenario) -> str:

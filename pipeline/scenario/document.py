@@ -274,16 +274,50 @@ Triple = tuple[Number, Number, Number]
 
 
 class WaypointDocument(BaseModel):
-    """A place that a craft must pass on its way, at a node."""
+    """A place that a craft must pass on its way, at a node, or a formation that all must be in."""
 
     model_config = _strict()
 
-    craft: Whole = Field(ge=0, description="Number of the craft.")
-    position: Triple = Field(description="LVLH, m.")
+    craft: Annotated[int, Field(ge=0), BeforeValidator(_number)] | None = Field(
+        None, description="Number of the craft."
+    )
+    position: Triple | None = Field(None, description="Where it must be, LVLH, m.")
     velocity: Triple | None = Field(None, description="LVLH, m/s; null for any.")
+    formation: End | None = Field(
+        None, description="Instead of these: where each craft must be, as at the ends."
+    )
     time: Positive | None = Field(
         None, description="Of the node, s since the first; null for that of least fuel."
     )
+
+    @model_validator(mode="after")
+    def _one_or_all(self) -> "WaypointDocument":
+        if self.formation is None and None in (self.craft, self.position):
+            raise ValueError("give craft and position, or a formation")
+        if self.formation is not None:
+            if not self.model_fields_set <= {"formation", "time"}:
+                raise ValueError("a formation is of all craft; leave craft, position, velocity out")
+            if self.time is None:
+                raise ValueError("a formation is at one time; give it a time")
+        return self
+
+    @property
+    def n(self) -> int | None:
+        """Number of craft of a formation."""
+        if self.formation is None:
+            return None
+        end = self.formation
+        return end.n if isinstance(end, RingsDocument) else len(end)
+
+    def waypoints(self, problem: Problem) -> list[Waypoint]:
+        """The waypoints of one craft or of all."""
+        if self.formation is None:
+            assert self.craft is not None
+            assert self.position is not None
+            return [Waypoint(self.craft, self.position, self.velocity, self.time)]
+        node = round((self.time or 0.0) / problem.time_step)
+        states = _end_states(self.formation, problem.starting_at(node)).tolist()
+        return [Waypoint(k, tuple(s[:3]), tuple(s[3:]), self.time) for k, s in enumerate(states)]
 
 
 # Of both a reference and an orbit
@@ -362,6 +396,9 @@ class ScenarioDocument(BaseModel):
 
     @model_validator(mode="after")
     def _one_orbit(self) -> "ScenarioDocument":
+        for k, one in enumerate(self.waypoints):
+            if one.n not in (None, self.n):
+                raise ValueError(f"waypoints[{k}] has {one.n} craft and initial has {self.n}")
         given = [one for one in (self.mean_motion, self.altitude, self.orbit) if one is not None]
         if len(given) != 1:
             raise ValueError("give one of mean_motion (rad/s), altitude (m) and orbit")
@@ -390,7 +427,7 @@ class ScenarioDocument(BaseModel):
         goal = _end_states(self.goal, problem.starting_at(problem.intervals))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         craft = tuple(one.craft() for one in self.craft)
-        waypoints = tuple(Waypoint(**one.model_dump()) for one in self.waypoints)
+        waypoints = tuple(way for one in self.waypoints for way in one.waypoints(problem))
         about: dict[str, Any] = {"name": name, "reference": where}
         about |= {"craft": craft, "waypoints": waypoints}
         return Scenario(problem, initial, goal, ends=self.ends, **about)

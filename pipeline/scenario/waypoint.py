@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import combinations, groupby
 
 import numpy as np
 
@@ -69,6 +69,19 @@ def check_waypoints(waypoints: Sequence[Waypoint], n: int, problem: Problem) -> 
                 f"craft {craft} has {len(some)} waypoints, whose open times can be chosen in no "
                 f"way, or in more than {MOST_CHOICES}; expected fewer: give some a time."
             )
+
+
+def closest_pair(
+    waypoints: Sequence[Waypoint], problem: Problem
+) -> tuple[float, int, int, float] | None:
+    """Distance, craft and time of the two that must be closest at one node, or None: m and s."""
+    timed = [one for one in waypoints if one.time is not None]
+    apart = [
+        (float(np.linalg.norm(np.subtract(a.position, b.position))), a.craft, b.craft, a.time or 0)
+        for a, b in combinations(timed, 2)
+        if a.node(problem) == b.node(problem)
+    ]
+    return min(apart, default=None)
 
 
 def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
