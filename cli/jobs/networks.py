@@ -7,7 +7,7 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import REFINER, for_comparison
+from pipeline.networks.recipes import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
 from pipeline.planners.classical import BASELINES, Expert
@@ -37,7 +37,7 @@ Choice = Callable[[Where], list[ModelVersion]]
 """Which models take part where none is named, by the dataset."""
 
 
-def newest_on(data: Where) -> list[ModelVersion]:
+def planners_on(data: Where) -> list[ModelVersion]:
     """The newest trainings on a dataset; InputError where all models were trained on others."""
     manifest = read_manifest(data)
     found = newest_trainings({n: manifest.digest(n) for n in manifest.samples})
@@ -48,11 +48,6 @@ def newest_on(data: Where) -> list[ModelVersion]:
             f"or name models with --models (there are some trained on {known})."
         )
     return found
-
-
-def planners_on(data: Where) -> list[ModelVersion]:
-    """The newest trainings on a dataset, without those that only ablations are about."""
-    return [v for v in newest_on(data) if not for_comparison(v.arch, v.recipe)]
 
 
 def refiners_on(data: Where) -> list[ModelVersion]:

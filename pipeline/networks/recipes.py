@@ -77,10 +77,3 @@ RECIPES: Mapping[str, Recipe] = {
 
 REFINER = "refiner"
 """Name of the architecture of prolearn's own; it stands here so that torch need not be loaded."""
-
-SHORT, NO_THIRD, UNCROWDED = "short", "no-third", "uncrowded"
-
-
-def for_comparison(arch: str, recipe: str) -> bool:
-    """Whether a recipe is there to be compared with, and not to plan with."""
-    return arch == REFINER and recipe in (SHORT, NO_THIRD, UNCROWDED)
