@@ -22,7 +22,7 @@ from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes,
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_choice
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
@@ -159,8 +159,7 @@ def evaluate(settings: Evaluation, *, resume: bool = False, progress: Progress =
 def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress = SILENT) -> Done:
     """Experiment 3: an optimizer is started from every seed; each optimizer has its own runs."""
     optimizer = settings.optimizer
-    if optimizer not in OPTIMIZERS:
-        raise InputError(f"optimizer is {optimizer!r}; expected one of {', '.join(OPTIMIZERS)}.")
+    check_choice("optimizer", optimizer, OPTIMIZERS)
     sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
     ground = held_out(settings, int_list(sizes))
     scenarios = ground.scenarios
