@@ -39,8 +39,8 @@ TRAIN, VALID = examples(40, 0), examples(10, 1)
 
 
 def run(arch, name, *, epochs=1, **changes):
-    recipe = replace(recipe_for(arch, name), **changes)
-    return train(arch, recipe, TRAIN, VALID, device="cpu", epochs=epochs)
+    recipe = replace(recipe_for(arch, name), epochs=epochs, **changes)
+    return train(arch, recipe, TRAIN, VALID, device="cpu")
 
 
 def straight(data):

@@ -248,8 +248,8 @@ def test_the_gradient_of_a_round_is_how_the_loss_changes():
 
 def test_training_gives_a_model_that_answers_with_controls():
     data, held = (Examples(PROBLEM, *ends(5, 12)) for _ in range(2))
-    recipe = replace(recipe_for("refiner", "tuned"), batch_size=4)
-    first, again = (train("refiner", recipe, data, held, device="cpu", epochs=2) for _ in range(2))
+    recipe = replace(recipe_for("refiner", "tuned"), batch_size=4, epochs=2)
+    first, again = (train("refiner", recipe, data, held, device="cpu") for _ in range(2))
     assert first.model.answers == "controls"
     assert [e.valid_loss for e in first.history] == [e.valid_loss for e in again.history]
     assert first.history[0].train_loss != first.history[1].train_loss
