@@ -45,7 +45,8 @@ def write_plan_as(
     """Write a plan in one of FORMATS, and return the files.
 
     Messages name their objects by ``name``. Masses of craft at the first node, in kg, and specific
-    impulses of their thrusters, in s, are one number for all craft or one for each.
+    impulses of their thrusters, in s, are one number for all craft or one for each; by default the
+    scenario's masses.
 
     Raises:
         InputError: for masses that the format has no place for, or a plan that cannot be written.
@@ -54,7 +55,7 @@ def write_plan_as(
     for known, value in (("mass", mass), ("specific_impulse", specific_impulse)):
         if value is not None and known not in FORMATS[to].masses:
             raise InputError(f"{known} is given, and {to} has no place for it; leave it out.")
-    masses = Masses.of(plan.scenario.n, mass, specific_impulse)
+    masses = Masses.of_scenario(plan.scenario, mass, specific_impulse)
     match to:
         case "oem":
             return write_ephemerides(plan, path, name)

@@ -12,8 +12,10 @@ from pipeline.errors import InputError
 from pipeline.export.inertial import reference_frames
 from pipeline.export.messages import stamp
 from pipeline.files import write_rows
+from pipeline.orbit.thrust_cost import cost
 from pipeline.plan import Plan
 from pipeline.plan.judge import check_states
+from pipeline.scenario import Scenario
 
 GRAVITY = 9.80665  # standard acceleration of free fall, by which specific impulse is defined, m/s²
 AXES = ("x", "y", "z")
@@ -27,6 +29,19 @@ class Masses:
 
     mass: Float[Array, "n"]  # at the first node, kg
     specific_impulse: Float[Array, "n"] | None = None  # s; None: no propellant is counted
+
+    @classmethod
+    def of_scenario(
+        cls,
+        scenario: Scenario,
+        mass: PerCraft | None,
+        specific_impulse: PerCraft | None = None,
+    ) -> "Masses | None":
+        """Those given, as in ``of``; where no mass is, that of each craft by the scenario."""
+        own = [one.mass for one in scenario.craft if one.mass is not None]
+        if mass is None and own and len(own) == scenario.n:
+            mass = own
+        return cls.of(scenario.n, mass, specific_impulse)
 
     @classmethod
     def of(
@@ -62,13 +77,14 @@ def _per_craft(name: str, given: PerCraft, n: int) -> Float[Array, "n"]:
 class Burns:
     """Intervals in which craft thrust, in the order of craft and time; SI units, a row each.
 
-    Thrusters along the three LVLH axes hold the acceleration: they take propellant for ‖u‖₁.
+    Propellant is taken for what a control costs by the scenario's kind of thrust: ‖u‖₁ by thrusters
+    along the three LVLH axes.
     """
 
     craft: Array
     interval: Array  # from 0; it begins at the node of this number
     acceleration: Float[Array, "burns 3"]  # held along LVLH axes, m/s²
-    delta_v: Float[Array, "burns"]  # by thrusters along three axes, m/s
+    delta_v: Float[Array, "burns"]  # by the scenario's kind of thrust, m/s
     mass: Float[Array, "burns"]  # before, kg; NaN where none was given
     propellant: Float[Array, "burns"]  # that it takes, kg; NaN where it is not known
 
@@ -76,7 +92,8 @@ class Burns:
 def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
     """The burns of a plan; InputError where its states are not what the controls lead to."""
     check_states(plan)
-    used = plan.scenario.problem.time_step * np.abs(plan.controls).sum(axis=2)
+    problem = plan.scenario.problem
+    used = problem.time_step * cost(plan.controls, problem.thrust)
     craft, interval = np.nonzero(used)
     mass = propellant = np.full(used.shape, np.nan)
     if masses is not None:

@@ -1,4 +1,4 @@
-"""Waypoints: passed exactly, at least fuel, at given nodes or the best, held to cvxpy's programs."""
+"""Waypoints: passed exactly, at least fuel, at nodes given or the best; held to cvxpy."""
 
 from dataclasses import replace
 from itertools import combinations

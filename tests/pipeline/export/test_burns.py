@@ -14,12 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
+from pipeline.export import write_plan_as
 from pipeline.export.burns import Masses, write_burns
 from pipeline.export.ephemeris import write_ephemerides
 from pipeline.export.parameters import write_parameters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
+from pipeline.orbit.thrust import Thrust
 from pipeline.scenario import draw
+from pipeline.scenario.spacecraft import Spacecraft
 
 WHERE = Reference(datetime(2026, 3, 1, 23, 55, 0, 250000, tzinfo=UTC), 97.4, 40.0, 350.0)
 MU = 3.986004418e14
@@ -189,3 +192,25 @@ def test_an_opm_without_masses_or_a_place_is_refused(made, tmp_path):
     with pytest.raises(InputError, match='"reference"'):
         write_parameters(nowhere, tmp_path, "p", Masses.of(3, 12.0, 220.0))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_masses_and_the_kind_of_thrust_are_the_scenarios(made, tmp_path):
+    own = tuple(Spacecraft(mass=mass) for mass in MASS)
+    problem = replace(made.scenario.problem, thrust=Thrust("norm"))
+    plan = solve(replace(made.scenario, problem=problem, craft=own))
+    files = write_plan_as("burns", plan, tmp_path / "b.csv", "b", specific_impulse=IMPULSE)
+    with files[0].open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for craft, mass in enumerate(MASS):
+        mine = [row for row in rows if int(row["craft"]) == craft]
+        assert float(mine[0]["mass"]) == mass
+        used = [float(row["delta_v"]) for row in mine]
+        assert used == pytest.approx([float(row["delta_v_2norm"]) for row in mine], rel=1e-12)
+        left = mass * np.exp(-sum(used) / (9.80665 * IMPULSE))  # Tsiolkovsky
+        taken = sum(float(row["propellant"]) for row in mine)
+        assert mass - taken == pytest.approx(left, rel=1e-12)
+    total = sum(float(row["delta_v"]) for row in rows)
+    assert total == pytest.approx(plan.certificate.delta_v, rel=1e-9)
+    write_plan_as("burns", plan, tmp_path / "b.csv", "b", mass=9.0)
+    with files[0].open(newline="") as file:
+        assert {row["mass"] for row in csv.DictReader(file)} == {"9.0"}
