@@ -15,7 +15,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # Eight processes more of the UI, for evaluations of language models.
 export MLFLOW_SERVER_ENABLE_JOB_EXECUTION := false
 
-.PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights ablate report paper ui test coverage torture lint bench docs lock release clean
+.PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights report paper ui test coverage torture lint bench docs lock release clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -81,14 +81,13 @@ SEEDS ?= 1
 LSTM_SEEDS ?= $(SEEDS)
 REFINER_SEEDS ?= $(SEEDS)
 seeds = $(shell seq --separator=, 0 $$(($(1) - 1)))
-tuned-refiner = $(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
 train-all: $(BIN)/prolearn ## the six networks in both recipes and the refiner in its own, each trained SEEDS times
 	for recipe in tuned paper; do \
 	  for family in "$(FF) --seed $(call seeds,$(SEEDS))" "$(LSTM) --seed $(call seeds,$(LSTM_SEEDS))"; do \
 	    $(BIN)/prolearn train --arch $$family --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
 	  done; \
 	done
-	$(tuned-refiner)
+	$(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
 
 evaluate: $(BIN)/prolearn ## experiments 1 and 2, and swarms beyond n=30
 	$(BIN)/prolearn evaluate --data $(DATA) --resume
@@ -102,14 +101,6 @@ transfer-times: $(BIN)/prolearn ## experiment 4
 
 flights: $(BIN)/prolearn ## experiment 5
 	$(BIN)/prolearn flights --data $(DATA) --jobs $(JOBS) --resume
-
-ABLATIONS := short no-third uncrowded
-ablate: $(BIN)/prolearn ## what each idea of the refiner is worth, each trained SEEDS times; then make report
-	$(tuned-refiner)
-	for recipe in $(ABLATIONS); do \
-	  $(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(SEEDS)) --recipe $$recipe --data $(DATA) $(EPOCHS:%=--epochs %) --resume || exit; \
-	done
-	$(BIN)/python -m benchmarks.ablate --data $(DATA) --resume
 
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports

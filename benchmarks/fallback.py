@@ -22,15 +22,14 @@ import typer
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
-from benchmarks.rule import rule
 from benchmarks.tables import Row, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import load
-from pipeline.networks.refiner.packaged import FOLDER, packaged
+from pipeline.networks.refiner.packaged import FOLDER, TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import SOLVED, Plan
+from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import ONE_SOLVE, FallbackPlanner, NetworkPlanner
 from pipeline.scenario import Scenario, draw
@@ -73,6 +72,11 @@ def main(
     orbits = [_orbit(flown, *swarm, e) for swarm, e in track(both, "other orbits")]
     show("About other orbits, with J2", orbits)
     write_json(out / "fallback.json", {"reference": rows, "grids": grids, "orbits": orbits})
+
+
+def rule(rounds: int, requirements: Requirements = AT_ALL_TIMES) -> NetworkPlanner:
+    """The refiner's rounds without its network, which shows what is learned."""
+    return NetworkPlanner(TrainedRefiner(None, rounds, Problem(), ""), "rule", requirements)
 
 
 def _compared(

@@ -6,12 +6,13 @@ from typing import Annotated, Literal
 import typer
 
 from cli.app import FAILED, not_over, within_memory
+from cli.options import numbers
 from cli.output import echo
 from cli.settings import PlanFile, option
 from pipeline.errors import InputError
 from pipeline.files import STDIO, stem_of
 
-Form = Literal["oem", "csv", "parquet"]
+Form = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
 
 
 def convert(
@@ -19,44 +20,56 @@ def convert(
     to: Annotated[Form, option("Format.")],
     out: Annotated[
         Path | None,
-        option("A file, for OEM a folder, for CSV also -; by default named as the plan."),
+        option("A file or -, for OEM and OPM a folder; by default named as the plan."),
+    ] = None,
+    mass: Annotated[
+        str | None, option("Of craft at the first node, kg: for all, or one,for,each; default: scenario's.")
+    ] = None,
+    specific_impulse: Annotated[
+        str | None, option("Of their thrusters, s: for all, or one,for,each.")
     ] = None,
 ) -> None:
     """Write a plan in a format that other tools read.
 
     OEM: a CCSDS orbit ephemeris message for each craft, with a segment for each thrust arc, in
-    EME2000; the scenario must say where its reference orbit is. CSV and Parquet: a row for each
-    craft and node, in LVLH. A plan that is not safe is written too, and the exit status is 1.
+    EME2000; the scenario must say where its reference orbit is. OPM: an orbit parameter message
+    for each craft, its state at the first node, mass and manoeuvres. CSV and Parquet: a row for
+    each craft and node, in LVLH. Burns: a CSV with a row for each craft and interval with thrust.
+    Basilisk: a Python script that flies the burns in this simulator (PyPI: bsk), with J2 where
+    the plan's orbit has it. A plan that is not safe is written too, and the exit status is 1.
 
     Examples:
 
         prolearn convert plan.json --to oem --out ephemerides
+        prolearn convert plan.json --to opm --mass 12 --specific-impulse 220
         prolearn convert plan.json --to parquet
+        prolearn convert plan.json --to burns --out burns.csv
+        prolearn convert plan.json --to basilisk --out swarm.py
     """
-    from pipeline.export import write_csv, write_ephemerides, write_parquet
+    from pipeline.export import FORMATS, write_plan_as
     from pipeline.plan import SOLVED
     from pipeline.plan.document import read_plan
 
+    form, folder = FORMATS[to], not FORMATS[to].suffix
+    given = {"--mass": mass, "--specific-impulse": specific_impulse}
+    held, impulse = (None if text is None else numbers(text, name) for name, text in given.items())
     made = read_plan(plan)
-    beside = plan if plan == STDIO else plan.with_suffix("" if to == "oem" else f".{to}")
-    target = out or beside
-    if target == STDIO and to != "csv":
+    target = out or (plan if plan == STDIO else plan.with_suffix(form.suffix))
+    if target == STDIO and (folder or not form.text):
         raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
     not_over(plan, target)
-    if target.is_dir() != (to == "oem") and target.exists():
-        kind = "a folder" if to == "oem" else "a file"
+    if target.is_dir() != folder and target.exists():
+        kind = "a folder" if folder else "a file"
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
     try:
-        if to == "oem":
-            files = write_ephemerides(made, target, stem_of(plan))
-            echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
-        else:
-            (write_csv if to == "csv" else write_parquet)(made, target)
-            of = made.scenario
-            about = f"{target}: {of.n} craft at {of.problem.nodes} nodes."
-            echo(about, err=target == STDIO)
+        files = write_plan_as(to, made, target, stem_of(plan), mass=held, specific_impulse=impulse)
     except InputError as error:
         raise InputError(f"{plan}: {error}") from error
+    if folder:
+        echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
+    else:
+        of = made.scenario
+        echo(f"{target}: {of.n} craft at {of.problem.nodes} nodes.", err=target == STDIO)
     if made.separation == "nodes":
         echo(f"prolearn: {plan} keeps craft apart at the nodes only, as was asked.", err=True)
     if made.status != SOLVED:

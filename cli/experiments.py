@@ -126,8 +126,8 @@ def report(
     """Write tables, figures and the report of an evaluation.
 
     Warm starts, transfer times and trainings go in where they are of the same models on the same
-    data, flights and ablations where they are on the same data; the report says what is missing
-    or was made with other versions.
+    data, flights where they are on the same data; the report says what is missing or was made with
+    other versions.
 
     Examples:
 

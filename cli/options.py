@@ -94,8 +94,13 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
 
 def float_list(text: str, option: str) -> Sequence[float]:
     """Numbers written as 60 or 60,72.5,240, ascending."""
+    return sorted(set(numbers(text, option)))
+
+
+def numbers(text: str, option: str) -> Sequence[float]:
+    """Numbers written as 60 or 60,72.5,240, in this order."""
     try:
-        return sorted({float(part) for part in text.split(",")})
+        return [float(part) for part in text.split(",")]
     except ValueError as error:
         raise InputError(
             f"{option} is {text!r}; expected numbers such as 60 or 60,72.5,240."

@@ -76,9 +76,8 @@ def _trained(
     document = {**document_of(version), "earlier": earlier is not None}
     if contest is None:
         return document
-    champion = contest.champion and contest.champion.version
-    who = f"version {champion}" if champion else "none"
-    echo(f"Champion of {version.name}: {who}; {contest.reason}.")
+    champion = contest.champion.version
+    echo(f"Champion of {version.name}: version {champion}; {contest.reason}.")
     return {**document, "champion": champion}
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError, check_choice
+from pipeline.errors import InputError
 from pipeline.extras import told_which_extra
 from pipeline.figures.style import save
 from pipeline.figures.transfer import Example, transfer_figure
@@ -95,18 +95,34 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     return Plot(transfer_figure(Example(title, asked.initial, asked.goal, tracks, radius)))
 
 
-def convert(plan: Plan, to: Literal["oem", "csv", "parquet"], path: str | Path) -> list[Path]:
+def convert(
+    plan: Plan,
+    to: Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"],
+    path: str | Path,
+    *,
+    mass: float | Sequence[float] | None = None,
+    specific_impulse: float | Sequence[float] | None = None,
+) -> list[Path]:
     """Write a plan in a format that other tools read, and return the files.
 
-    OEM, CCSDS orbit ephemeris messages in EME2000, goes into a folder, a file a craft, and the
-    scenario needs a ``reference``; CSV and Parquet have a row for each craft and node.
-    """
-    from pipeline import export
+    Args:
+        plan: the plan.
+        to: oem and opm, CCSDS orbit ephemeris and parameter messages in EME2000, go into a folder,
+            a file a craft, and the scenario needs a ``reference``; csv and parquet have a row for
+            each craft and node, burns has one for each craft and interval with thrust; basilisk is
+            a Python script that flies them in this simulator.
+        path: of the file or folder.
+        mass: of the craft at the first node, kg, one for all or one for each; for burns, basilisk
+            and opm, which needs it.
+        specific_impulse: of their thrusters, s, likewise; for burns and opm.
 
-    check_choice("to", to, ("oem", "csv", "parquet"))
+    Raises:
+        InputError: for a plan that cannot be written so, or masses that are not used.
+    """
+    from pipeline.export import write_plan_as
+
     target = Path(path)
-    if to == "oem":
-        return export.write_ephemerides(plan, target, target.name)
     with told_which_extra():
-        (export.write_csv if to == "csv" else export.write_parquet)(plan, target)
-    return [target]
+        return write_plan_as(
+            to, plan, target, target.name, mass=mass, specific_impulse=specific_impulse
+        )

@@ -30,8 +30,7 @@ EVALUATION = "prolearn-evaluation"
 WARMSTART = "prolearn-warmstart"
 TRANSFER_TIMES = "prolearn-transfer-times"
 FLIGHTS = "prolearn-flights"
-ABLATIONS = "prolearn-ablations"
-EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, FLIGHTS, ABLATIONS)
+EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, FLIGHTS)
 
 TUNING = "prolearn-tuning"  # made when it is first needed: ``opened(TUNING)``
 REACH_SECONDS = 4.0  # how long a tracking server may take to say anything at all

@@ -25,7 +25,7 @@ from pipeline.files import write_text
 from pipeline.networks.document import WEIGHTS_FILE
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
-from pipeline.networks.recipes import Recipe, for_comparison
+from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
@@ -117,9 +117,8 @@ def record_training(
 ) -> ModelVersion:
     """Record a training in MLflow and register its network as ``prolearn-<arch>``.
 
-    The first version of a model becomes its champion, but for recipes that are there to be
-    compared with. Where the store fails, the network is kept in ``unregistered/``, as the
-    ProlearnError says.
+    The first version of a model becomes its champion. Where the store fails, the network is kept
+    in ``unregistered/``, as the ProlearnError says.
     """
     with scratch_folder() as scratch:
         folder = scratch / "network"
@@ -169,7 +168,7 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> ModelVersio
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
             number = _new_version(store, PREFIX + arch, run_id, model_id, tags)
         aliases = store.client.get_registered_model(PREFIX + arch).aliases
-        if CHAMPION not in aliases and not for_comparison(arch, str(params["recipe"])):
+        if CHAMPION not in aliases:
             store.client.set_registered_model_alias(PREFIX + arch, CHAMPION, number)
         return read_version(store, PREFIX + arch, number)
 

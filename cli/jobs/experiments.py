@@ -8,21 +8,14 @@ from typing import Any
 
 import pandas as pd
 
-from cli.jobs.networks import (
-    Choice,
-    EvaluatedNetwork,
-    networks,
-    planners_on,
-    refiners_on,
-    unlearned,
-)
+from cli.jobs.networks import EvaluatedNetwork, networks, unlearned
 from cli.jobs.run_tables import add_to_model
 from cli.options import float_list, int_list, name_list
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_choice
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
@@ -36,6 +29,7 @@ from pipeline.experiments.trials import (
 )
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.experiments.warmstart import run_warmstarts
+from pipeline.networks.recipes import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.planners.classical import BASELINES, Expert
@@ -100,13 +94,11 @@ class HeldOut:
             return Done(record(experiment, table, params=params, files=scratch, dataset=used))
 
 
-def held_out(
-    settings: ExperimentSettings, sizes: Sequence[int] | None, choice: Choice = planners_on
-) -> HeldOut:
+def held_out(settings: ExperimentSettings, sizes: Sequence[int] | None, arch: str = "") -> HeldOut:
     """The test scenarios and networks of an experiment; of each size the first scenarios by index.
 
-    Without sizes those of the dataset, and without models in the settings ``choice`` takes part.
-    An InputError names models or sizes that cannot.
+    Without sizes those of the dataset, and without models in the settings the newest trained on it
+    take part, of ``arch`` alone if given. An InputError names models or sizes that cannot.
     """
     data, trials = settings.data, settings.trials
     if trials is not None and trials < 1:
@@ -119,7 +111,7 @@ def held_out(
                 f"{public_url(data)} has no test scenarios of n={n}; expected some: sample more."
             )
         scenarios[n] = found[:trials]
-    chosen = networks(name_list(settings.models), data, choice)
+    chosen = networks(name_list(settings.models), data, arch)
     return HeldOut(settings, manifest.digest(), scenarios, chosen)
 
 
@@ -159,8 +151,7 @@ def evaluate(settings: Evaluation, *, resume: bool = False, progress: Progress =
 def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress = SILENT) -> Done:
     """Experiment 3: an optimizer is started from every seed; each optimizer has its own runs."""
     optimizer = settings.optimizer
-    if optimizer not in OPTIMIZERS:
-        raise InputError(f"optimizer is {optimizer!r}; expected one of {', '.join(OPTIMIZERS)}.")
+    check_choice("optimizer", optimizer, OPTIMIZERS)
     sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
     ground = held_out(settings, int_list(sizes))
     scenarios = ground.scenarios
@@ -216,7 +207,7 @@ def flights(
     any.
     """
     workers = Workers(jobs)
-    ground = held_out(settings, [settings.n], refiners_on)
+    ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = ground.scenarios[settings.n], []
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
         larger = scenarios_of(solved_rows(settings.data, LARGEST_SIZE, "test", COLUMNS))

@@ -1,13 +1,12 @@
 """Registered networks as planners, in the experiments and for the command ``plan``."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import REFINER, for_comparison
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
 from pipeline.planners.classical import BASELINES, Expert
@@ -33,10 +32,6 @@ class EvaluatedNetwork(EvaluatedPlanner):
         return replace(self, planner=NetworkPlanner(model, self.planner.name), predictor=model)
 
 
-Choice = Callable[[Where], list[ModelVersion]]
-"""Which models take part where none is named, by the dataset."""
-
-
 def newest_on(data: Where) -> list[ModelVersion]:
     """The newest trainings on a dataset; InputError where all models were trained on others."""
     manifest = read_manifest(data)
@@ -50,29 +45,16 @@ def newest_on(data: Where) -> list[ModelVersion]:
     return found
 
 
-def planners_on(data: Where) -> list[ModelVersion]:
-    """The newest trainings on a dataset, without those that only ablations are about."""
-    return [v for v in newest_on(data) if not for_comparison(v.arch, v.recipe)]
-
-
-def refiners_on(data: Where) -> list[ModelVersion]:
-    """The newest refiners that were trained on a dataset; the paper's networks read one T alone."""
-    return [version for version in planners_on(data) if version.arch == REFINER]
-
-
-def networks(
-    references: Sequence[str], data: Where, choice: Choice = planners_on
-) -> list[EvaluatedNetwork]:
+def networks(references: Sequence[str], data: Where, arch: str = "") -> list[EvaluatedNetwork]:
     """The networks of some references; without any, the newest that were trained on some data.
 
-    They are in the same order whatever that of the references is; ``choice`` is made where there
-    are none. An InputError names a model that is none, or of another orbit or time grid than the
-    data's.
+    These are of one architecture alone where it is given. The order is the same whatever that of
+    the references is. An InputError names a model that is none, or of another orbit or time grid
+    than the data's.
     """
     named = {v.uri: v for v in map(resolve, references)}.values()
-    chosen = sorted(
-        named or choice(data), key=lambda v: (v.arch, v.recipe, v.training_seed, v.version)
-    )
+    chosen = named or [v for v in newest_on(data) if arch in ("", v.arch)]
+    chosen = sorted(chosen, key=lambda v: (v.arch, v.recipe, v.training_seed, v.version))
     found, problem = [], read_manifest(data).problem
     for version in chosen:
         # A name with the version, where an average over seeds would be over different trainings.

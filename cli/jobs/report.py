@@ -13,14 +13,13 @@ from pipeline.experiments.records import OPTIMIZERS
 from pipeline.experiments.trials import read_example
 from pipeline.figures.transfer import Example
 from pipeline.markdown import formatted
-from pipeline.networks.recipes import for_comparison
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder
 from registry.environment import versions_of
 from registry.models import ModelVersion, list_versions
 from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, unusable
-from registry.store import ABLATIONS, FLIGHTS, TRANSFER_TIMES, WARMSTART
+from registry.store import FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import training_tables
 
 EVALUATED = "Experiments 1 and 2, examples"
@@ -50,8 +49,6 @@ PARTS = {
     "Experiment 4": Part(TRANSFER_TIMES, "prolearn transfer-times"),
     # Of the networks, those alone take part whose plans can be made anew on the way.
     "Experiment 5": Part(FLIGHTS, "prolearn flights", same=DATA),
-    # Refiners that lack something take part in no evaluation.
-    "Ablations": Part(ABLATIONS, "make ablate", same=DATA),
 }
 """By name."""
 
@@ -194,11 +191,7 @@ def _other_models(parts: Mapping[str, Found]) -> list[str]:
     """Notes on parts with other models than the evaluation."""
     evaluated, notes = _model_names(parts[EVALUATED].run), []
     for name, part in parts.items():
-        others = [
-            version.uri
-            for version in part.models
-            if version.uri not in evaluated and not for_comparison(version.arch, version.recipe)
-        ]
+        others = [version.uri for version in part.models if version.uri not in evaluated]
         if others:
             notes.append(f"{name}: {', '.join(others)} took part there and not in this evaluation.")
     return notes

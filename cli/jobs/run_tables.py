@@ -8,7 +8,6 @@ from pandas.api.types import infer_dtype
 
 from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages as columns
-from pipeline.experiments.ablations import summarize_ablations
 from pipeline.experiments.averages import sizes_of_paper, summarize
 from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
 from pipeline.experiments.experiment3 import summarize_warmstarts
@@ -23,7 +22,7 @@ from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
 from registry.results import TABLE, Run, experiment_run, table_of, unusable
-from registry.store import ABLATIONS, EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
+from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import add_model_results
 
 COMPARED = {
@@ -47,7 +46,6 @@ KINDS: Mapping[str, tuple[str, Callable[[pd.DataFrame], pd.DataFrame]]] = {
     WARMSTART: ("warmstarts", summarize_warmstarts),
     TRANSFER_TIMES: ("transfer_times", summarize_times),
     FLIGHTS: ("flights", summarize_flights),
-    ABLATIONS: ("ablations", summarize_ablations),
 }
 """By experiment: its table's name in ``TABLES`` and ``Results``, and how trials are averaged."""
 

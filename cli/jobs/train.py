@@ -14,7 +14,7 @@ from pipeline.experiments.trials import EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import Recipe, for_comparison
+from pipeline.networks.recipes import Recipe
 from pipeline.planners.network import NetworkPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.families import SEEDS
@@ -45,7 +45,7 @@ SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"  # metrics of a 
 class Contest:
     """The outcome of comparing a version with the champion: who is it now, and why."""
 
-    champion: ModelVersion | None
+    champion: ModelVersion
     reason: str
 
 
@@ -146,9 +146,7 @@ def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
 def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Contest:
     """Make a new version the champion where it does better on its validation data."""
     champion = champion_of(version.name)
-    if for_comparison(version.arch, version.recipe):
-        reason = f"recipe {version.recipe} is there to be compared with"
-    elif champion is None or champion.version == version.version:
+    if champion is None or champion.version == version.version:
         first = version.version == 1
         reason = "the first version of its model" if first else "there is no other"
         champion = set_champion(version)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from itertools import pairwise
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.scenario import SPLITS
 from pipeline.scenario.families import SEEDS, check_family
 
@@ -20,12 +20,8 @@ class Sample:
 
     def __post_init__(self) -> None:
         check_family(self.family)
-        if self.count < 1:
-            raise InputError(f"count is {self.count}; expected at least one scenario.")
-        if not 0 <= self.seed < SEEDS:
-            raise InputError(f"seed is {self.seed}; expected 0 to {SEEDS - 1}.")
-        if self.shard_rows < 1:
-            raise InputError(f"shard_rows is {self.shard_rows}; expected at least 1.")
+        for name, least in (("count", 1), ("seed", 0), ("shard_rows", 1)):
+            check_range(name, getattr(self, name), least, SEEDS - 1)
         if not (min(self.shares) >= 0 and abs(sum(self.shares) - 1) <= 1e-9):  # NaN fails both
             raise InputError(
                 f"the shares of {', '.join(SPLITS)} are {self.shares}; expected three numbers "

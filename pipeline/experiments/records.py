@@ -138,7 +138,5 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
     "curves": get_type_hints(EpochLosses),
     "transfer_times": {"varied": str, NODES: int, TIME_STEP: float, **_TRIAL},
     "flights": get_type_hints(Flight),
-    # The scenarios' family, rounds taken, and rounds of the network's own answer.
-    "ablations": {"family": str, "rounds": int, "own_rounds": int, **_TRIAL},
 }
 """Columns of each table and the type of their values."""

@@ -1,17 +1,25 @@
 """Independent scenarios stacked along the craft axis."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 
 from pipeline.arrays import Array
+from pipeline.expert.arrivals import Arrivals
+from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
-from pipeline.orbit.arrays import Formation
+from pipeline.expert.waypoints import arrivals_at_least_fuel
+from pipeline.orbit.arrays import Controls, Formation, Indices, Values
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.separation import swarm_node_collisions
+from pipeline.orbit.thrust import Limits
+from pipeline.orbit.thrust_cost import cost
 from pipeline.scenario import Scenario, participants, shared_problem
+from pipeline.scenario.spacecraft import limits_of
+from pipeline.scenario.waypoint import closest_pair
 
 NAMES = {"initial": "start", "goal": "goal"}  # of ends, in words
 
@@ -19,7 +27,12 @@ NAMES = {"initial": "start", "goal": "goal"}  # of ends, in words
 class Batch:
     """Scenarios of one problem, at least one, and the craft of all of them one after the other."""
 
-    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        limits: Limits | None = None,
+        arrivals: Arrivals | None = None,
+    ) -> None:
         self.scenarios, self.problem = scenarios, shared_problem(scenarios)
         self.swarms = participants(scenarios)
         self.initial: Formation = np.concatenate([scenario.initial for scenario in scenarios])
@@ -31,11 +44,57 @@ class Batch:
         self.unit = np.maximum.reduceat(control_units(self.miss, self.problem), starts)
         ends = [*starts[1:].tolist(), None]
         self.craft = [slice(*both) for both in zip(starts.tolist(), ends, strict=True)]
+        # What the thrusters of each craft can do; None where max_acceleration is all of it.
+        self.limits = _limits(scenarios) if limits is None else limits
+        # Where each craft must be, and a lower bound that holds for every choice of open times.
+        self.arrivals, self.open_bound = arrivals, np.full(len(self.initial), np.inf)
+        if self.limits is not None and arrivals is None:
+            self.arrivals, self.open_bound = self._arrivals(self.limits)
 
     @cached_property
     def optima(self) -> DecoupledOptima:
         """Decoupled optimum of every craft."""
-        return decoupled_optima(self.initial, self.goal, self.problem)
+        ends = self.initial, self.goal, self.problem
+        optima = decoupled_optima(*ends, self.limits, self.arrivals)
+        return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
+
+    def _arrivals(self, limits: Limits) -> tuple[Arrivals, Float[Array, "n"]]:
+        """Goals and waypoints, at the nodes where they cost least, and a bound over all others."""
+        waypoints = [
+            replace(one, craft=one.craft + start)
+            for scenario, start in zip(self.scenarios, self.swarms.starts.tolist(), strict=True)
+            for one in scenario.waypoints
+        ]
+        return arrivals_at_least_fuel(self.initial, self.goal, self.problem, limits, waypoints)
+
+    @cached_property
+    def weight(self) -> Float[Array, "n"] | None:
+        """Weight of each craft's fuel in its scenario's largest share; None where all counts."""
+        if self.problem.thrust.objective == "total":
+            return None
+        assert self.limits is not None
+        left = self.limits.delta_v
+        mean = [left[craft].mean() for craft in self.craft]
+        return np.repeat(mean, self.swarms.sizes) / left
+
+    def objective(self, controls: Controls, craft: Indices | slice) -> float:
+        """What is to be least, m/s², of some craft with such controls."""
+        if self.limits is None:
+            return float(np.abs(controls).sum())
+        return self.objective_of(cost(controls, self.problem.thrust).sum(axis=1), craft)
+
+    def objective_of(self, used: Values, craft: Indices | slice) -> float:
+        """What is to be least, m/s², of some craft that burn so much each."""
+        if self.weight is None:
+            return float(used.sum())
+        return float((self.weight[craft] * used).max() + FUEL_SHARE * used.sum())
+
+    def least_share(self, craft: slice) -> float:
+        """Lower bound on the largest share of its Δv that one of some craft burns; 0 without."""
+        if self.weight is None or self.limits is None:
+            return 0.0
+        least = self.optima.lower_bound[craft] * self.problem.time_step
+        return float((least / self.limits.delta_v[craft]).max())
 
     def bound(self, k: int) -> tuple[float, str]:
         """Lower bound on the fuel of a scenario, m/s², and how it is proven."""
@@ -50,8 +109,11 @@ class Batch:
 
     def part(self, which: Sequence[int]) -> "Batch":
         """Some of the scenarios; their decoupled optima are not computed again."""
-        part = Batch([self.scenarios[k] for k in which])
-        part.optima = self.optima[np.isin(self.swarms.label, which)]
+        craft = np.isin(self.swarms.label, which)
+        limits = None if self.limits is None else self.limits[craft]
+        arrivals = None if self.arrivals is None else self.arrivals[craft]
+        part = Batch([self.scenarios[k] for k in which], limits, arrivals)
+        part.optima = self.optima[craft]
         return part
 
     def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:
@@ -69,14 +131,20 @@ class Batch:
         within = self.problem.collision_radius, self.swarms, slice(None, None, last)
         close = swarm_node_collisions(ends, *within)
         impossible = self.split(self.optima.impossible)
-        limited = self.problem.max_acceleration is not None
-        given = "within max_acceleration" if limited else "with any thrust, however large"
+        given = "with any thrust, however large"
+        if self.problem.max_acceleration is not None:
+            given = "within max_acceleration"
+        if self.limits is not None:
+            given = "within its limits of thrust and delta_v, in the intervals in which it may burn"
         reasons = []
         for scenario, craft, collisions in zip(self.scenarios, impossible, close, strict=True):
-            reason = _too_close(scenario) if collisions else _outside(scenario)
+            reason = _outside(scenario) or _meeting(scenario)
+            if collisions:
+                reason = _too_close(scenario)
             if craft.any():
                 k = int(craft.argmax())
-                reason = f"craft {k} cannot reach its goal {given}, which is proven"
+                way = " by its waypoints" if scenario.waypoints else ""
+                reason = f"craft {k} cannot reach its goal{way} {given}, which is proven"
             reasons.append(reason)
         return reasons
 
@@ -87,6 +155,28 @@ def _outside(scenario: Scenario) -> str:
         inside = f"corridors[{corridor}], {scenario.corridors[corridor].inside}"
         return f"craft {craft} is {-margin:.6g} m outside {inside} at the {NAMES[end]}"
     return ""
+
+
+def _limits(scenarios: Sequence[Scenario]) -> Limits | None:
+    parts = [scenario.limits for scenario in scenarios]
+    if all(part is None for part in parts):
+        return None
+    both = zip(scenarios, parts, strict=True)
+    return Limits.concatenated([part or limits_of(s.craft, s.n, s.problem) for s, part in both])
+
+
+def _meeting(scenario: Scenario) -> str:
+    """Which pair must be too close at a waypoint, or nothing."""
+    closest = closest_pair(scenario.waypoints, scenario.problem, scenario.radii)
+    if closest is None:
+        return ""
+    distance, i, j, time = closest
+    if distance > scenario.radii[[i, j]].sum():
+        return ""
+    return (
+        f"craft {i} and {j} must be {distance:.6g} m apart at {time:g} s, by their waypoints; "
+        f"{scenario.wanted(i, j)}"
+    )
 
 
 def _too_close(scenario: Scenario) -> str:

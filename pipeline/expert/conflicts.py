@@ -43,10 +43,6 @@ class Trajectory(Rows):
         """Replace the motion of some craft."""
         self.controls[craft], self.states[craft] = part.controls, part.states
 
-    def fuel(self, craft: Craft) -> float:
-        """Eq. 4 of some craft, m/s²."""
-        return float(np.abs(self.controls[craft]).sum())
-
 
 @dataclass(frozen=True)
 class BackOff:

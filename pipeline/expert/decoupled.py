@@ -6,18 +6,21 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
+from pipeline.expert.arrivals import Arrivals, arrivals_of
+from pipeline.expert.limited import dual_bounds, impossible, least_of, settled
 from pipeline.expert.solvers import OPTIMAL, clarabel_solver
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Formation, Marked, Rows
 from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
+from pipeline.orbit.thrust import Limits
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
 BOUND_TOLERANCE = 1e-8  # relative, of the programs of single craft, and so of their lower bound
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
-PROGRAM = "multipliers of each craft's own linear program"
+PROGRAM = "multipliers of each craft's own convex program"
 LIMIT_SHARE = 1 - 1e-7  # share of the thrust limit that programs use, rounding staying within it
 
 
@@ -40,12 +43,22 @@ class DecoupledOptima(Rows):
         return float(self.lower_bound[craft].sum()), proof
 
 
-def decoupled_optima(initial: Formation, goal: Formation, problem: Problem) -> DecoupledOptima:
-    """Least ‖u‖₁ that joins the two states of each craft, m and m/s.
+def decoupled_optima(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    limits: Limits | None = None,
+    arrivals: Arrivals | None = None,
+) -> DecoupledOptima:
+    """Least fuel that joins the two states of each craft, m and m/s.
 
     By table where the optimum without a thrust limit keeps to it, for then it is the optimum with
-    it too; the others by one linear program each.
+    it too; the others by one linear program each. With limits of each craft, by cone programs, and
+    perhaps to other places than their goals.
     """
+    if limits is not None:
+        at = arrivals or arrivals_of(initial, goal, problem, {})
+        return limited_optima(minimum_energy(initial, goal, problem), at, problem, limits)
     miss = goal_miss(initial, goal, problem)
     controls, bound = minimum_energy(initial, goal, problem), np.zeros(len(miss))
     feasible, impossible = np.zeros((2, len(miss)), dtype=bool)
@@ -66,6 +79,35 @@ def decoupled_optima(initial: Formation, goal: Formation, problem: Problem) -> D
     exact = meet_goal(initial, controls, goal, problem)
     basis = None if found is None else found.basis
     return DecoupledOptima(exact, bound, feasible, impossible, tabled, basis)
+
+
+def limited_optima(
+    controls: Controls, at: Arrivals, problem: Problem, limits: Limits
+) -> DecoupledOptima:
+    """Decoupled optima by a cone program of all craft, or of each where that fails.
+
+    The controls given are those of craft for which none are found.
+    """
+    n = len(at)
+    controls, bound = controls.copy(), np.zeros(n)
+    feasible, not_possible = np.zeros((2, n), dtype=bool)
+    whole = least_of(at, limits, problem)
+    answers = [(slice(None), whole)]
+    if whole[0] is None:
+        each = [slice(k, k + 1) for k in range(n)]
+        answers = [(k, least_of(at[k], limits[k], problem)) for k in each]
+    for craft, (found, dual) in answers:
+        if found is None:
+            not_possible[craft] = impossible(dual, at[craft], limits[craft], problem)
+            continue
+        feasible[craft] = True
+        controls[craft] = settled(found, at[craft], limits[craft], problem)
+        bound[craft] = dual_bounds(dual, at[craft], limits[craft], problem)
+    spent = bound * problem.time_step
+    not_possible |= spent > limits.delta_v * (1 + FARKAS_MARGIN)
+    return DecoupledOptima(
+        controls, bound, feasible & ~not_possible, not_possible, np.zeros(n, dtype=bool)
+    )
 
 
 def goal_miss(initial: Formation, goal: Formation, problem: Problem) -> Formation:

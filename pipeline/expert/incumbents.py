@@ -24,6 +24,7 @@ class SearchResult:
     feasible: bool = False  # whether the controls were seen to be safe as a whole
     obstacle: str = ""  # what stood in the way of a safe plan, or nothing
     infeasible: bool = False  # whether it is proven to stand in the way of every plan
+    fuel_without: float | None = None  # of the plan without regard to the smallest burn, m/s²
 
 
 class Incumbents:
@@ -44,7 +45,11 @@ class Incumbents:
 
     def update(self, controls: Controls, safe: Bool[Array, "swarms"]) -> None:
         """Keep iterates that are safe as a whole and cheaper than any before."""
-        fuel = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), self._batch.swarms.starts)
+        batch = self._batch
+        if batch.limits is None:
+            fuel = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), batch.swarms.starts)
+        else:
+            fuel = np.array([batch.objective(controls[craft], craft) for craft in batch.craft])
         better = safe & (fuel < self._cheapest)
         self._cheapest[better] = fuel[better]
         self._best[better[self._swarm]] = controls[better[self._swarm]]

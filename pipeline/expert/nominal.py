@@ -10,6 +10,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, Trajectory
+from pipeline.expert.impulse_bit import without_small_burns
 from pipeline.expert.incumbents import SearchResult
 from pipeline.expert.scp import Search, SearchProblem, Seeds, cluster_labels
 from pipeline.expert.seeds import checked_seed
@@ -57,7 +58,10 @@ def nominal_plans(
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
     made = [
-        Made(result.controls, *batch.bound(k), result.convex_solves, timing)
+        Made(
+            *(result.controls, *batch.bound(k), result.convex_solves, timing),
+            least_share=batch.least_share(batch.craft[k]),
+        )
         for k, result in enumerate(results)
     ]
     plans = planned_all("expert", scenarios, made, requirements)
@@ -74,6 +78,9 @@ def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls
 
 def _explained(plan: Plan, result: SearchResult) -> Plan:
     """The plan with its status and the reason, where it is none to fly."""
+    if (smallest := plan.certificate.smallest_burn) is not None:
+        smallest = replace(smallest, fuel_without=result.fuel_without or plan.certificate.fuel)
+        plan = replace(plan, certificate=replace(plan.certificate, smallest_burn=smallest))
     if result.infeasible:
         return replace(plan, status=INFEASIBLE, message=result.obstacle)
     if plan.status == UNSAFE and has_one_plan(plan.scenario.problem) and _meet(plan):
@@ -118,17 +125,20 @@ def _search(asked: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
             better=lambda _, best, other: other if other.feasible else best,
         )
     # The sides on which craft pass each other decide which local optimum a search ends in.
-    bounds = [float(one.sum()) for one in part.batch.split(optima.lower_bound)]
+    batch = part.batch
+    bounds = [batch.objective_of(optima.lower_bound[craft], craft) for craft in batch.craft]
 
     def dear(k: int, result: SearchResult) -> bool:
-        fuel = float(np.abs(result.controls).sum())
-        return gap_of(fuel, bounds[k], part.batch.problem) > settings.gap_tolerance
+        fuel = batch.objective(result.controls, batch.craft[k])
+        return gap_of(fuel, bounds[k], batch.problem) > settings.gap_tolerance
 
     found = _again(
         *(part, found, settings.starts - 1),
         wanting=dear,
         better=lambda k, best, other: _better(part.part([k]), best, other),
     )
+    if batch.problem.thrust.min_delta_v is not None:
+        found = without_small_burns(part, found)
     for k, result in zip(left, found, strict=True):
         results[k] = result
     return results
@@ -201,8 +211,12 @@ def _better(asked: SearchProblem, best: SearchResult, other: SearchResult) -> Se
     (scenario,) = asked.batch.scenarios
     both = np.concatenate([best.joined, other.joined])
     labels = cluster_labels(scenario.n, *both.T)
-    saved = np.abs(best.controls).sum(axis=(1, 2)) - np.abs(other.controls).sum(axis=(1, 2))
-    cheaper = (np.bincount(labels, saved, scenario.n) > 0)[labels]
+    saved = np.zeros(scenario.n)
+    for label in np.unique(labels):
+        craft = np.flatnonzero(labels == label)
+        worth = (asked.batch.objective(one.controls[craft], craft) for one in (best, other))
+        saved[label] = next(worth) - next(worth)
+    cheaper = (saved > 0)[labels]
     controls = np.where(cheaper[:, None, None], other.controls, best.controls)
     flown = Trajectory(controls, fly(scenario.initial, controls, scenario.problem))
     radius = scenario.problem.collision_radius

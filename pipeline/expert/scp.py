@@ -26,15 +26,19 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
+from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit
 from pipeline.expert.incumbents import Incumbents, SearchResult
+from pipeline.expert.limited import of_program, settled
+from pipeline.expert.mixed_integer import by_integers
 from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.arrays import Controls, Indices, Marked, Values, Vectors
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.thrust_cost import exceeds
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Requirements, gap_of
 
@@ -79,6 +83,7 @@ class SearchProblem:
     settings: Settings  # of the expert
     requirements: Requirements  # what the plans must satisfy, but for a risk
     back_off: BackOff | None = None  # beyond the collision radius, because craft err
+    whole_burns: bool = False  # whether programs know the smallest impulse bit
 
     @cached_property
     def detection(self) -> ConflictDetection:
@@ -137,7 +142,7 @@ class Search:
             beside=self.settings.beside,
         )
         controls = self.reference.controls
-        too_strong = np.abs(controls).max(axis=(1, 2)) > control_limit(self.problem)
+        too_strong = self._too_strong(controls)
         unfit = near.first[bound <= self.provable], np.flatnonzero(too_strong)
         safe = np.zeros(len(self.batch.scenarios), dtype=bool)
         safe[list(chosen)] = True
@@ -172,12 +177,27 @@ class Search:
         self.iterate.controls[kept] = self.reference.controls[kept]
         return self.incumbents.results(self.iterate.controls, self.cuts, self.active & ~kept)
 
+    def _too_strong(self, controls: Controls) -> Marked:
+        """Craft that burn more than they can."""
+        if self.batch.limits is None:
+            return np.abs(controls).max(axis=(1, 2)) > control_limit(self.problem)
+        found = exceeds(controls, self.batch.limits, self.problem)
+        return np.asarray(np.any([*found.values()], axis=0))
+
     def _flown(
         self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
     ) -> Trajectory:
-        initial, goal = self.batch.initial[craft], self.batch.goal[craft]
-        exact = meet_goal(initial, controls, goal, self.problem)
+        initial, goal, batch = self.batch.initial[craft], self.batch.goal[craft], self.batch
+        if batch.limits is None or batch.arrivals is None:
+            exact = meet_goal(initial, controls, goal, self.problem)
+        else:
+            at, limits = batch.arrivals[craft], batch.limits[craft]
+            exact = settled(controls, at, limits, self.problem)
         return Trajectory(exact, fly(initial, exact, self.problem))
+
+    def _worth(self, flown: Trajectory, craft: Cluster) -> float:
+        """What is to be least of a cluster's trajectory, m/s²."""
+        return self.batch.objective(flown.controls[craft], craft)
 
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
@@ -230,7 +250,7 @@ class Search:
             i, j = self.cuts.first[cuts[k]], self.cuts.second[cuts[k]]
             self.incumbents.note_slack(int(i), int(j), float(best.slack[k]))
         for craft in clusters:
-            gained_nothing = self.iterate.fuel(craft) >= self.reference.fuel(craft)
+            gained_nothing = self._worth(self.iterate, craft) >= self._worth(self.reference, craft)
             if self.accepted[craft].all() and gained_nothing:
                 self._go_back(craft)
         moved = np.concatenate(clusters)
@@ -238,7 +258,7 @@ class Search:
         return [craft for craft in clusters if not self.failed[craft].any()]
 
     def _solve_cluster(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> Optimum:
-        basis = self.batch.optima.basis
+        batch, basis = self.batch, self.batch.optima.basis
         sub = Subproblem(
             reach=transfer_maps(self.problem).reach[-1],
             miss=self.batch.miss[craft],
@@ -250,7 +270,20 @@ class Search:
             unit=float(self.batch.unit[self.swarm[craft[0]]]),
             basis=None if basis is None else basis[craft],
         )
-        return SOLVERS[self.settings.solver](sub)
+        if batch.limits is None or batch.arrivals is None:
+            return SOLVERS[self.settings.solver](sub)
+        weight, at = batch.weight, batch.arrivals[craft]
+        made = replace(
+            sub,
+            reach=at.reach,
+            miss=at.miss,
+            asked=at.asked,
+            thrust=self.problem.thrust,
+            time_step=self.problem.time_step,
+            limits=of_program(batch.limits[craft]),
+            weight=None if weight is None else weight[craft],
+        )
+        return by_integers(made) if self.asked.whole_burns else by_cones(made)
 
     def _go_back(self, craft: Cluster) -> None:
         """End a cluster's search with its safe iterate; it is judged again, since others moved."""
@@ -299,12 +332,13 @@ class Search:
 
     def _accept(self, craft: Cluster, promised: float) -> None:
         """Linearize about a safe iterate from now on; done where that promises no more."""
-        settings, fuel = self.settings, self.iterate.fuel(craft)
-        before = self.reference.fuel(craft)
+        settings, fuel = self.settings, self._worth(self.iterate, craft)
+        before = self._worth(self.reference, craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf
         self.reference.set(craft, self.iterate[craft])
         self.accepted[craft] = True
-        gap = gap_of(fuel, float(self.batch.optima.lower_bound[craft].sum()), self.problem)
+        bound = self.batch.objective_of(self.batch.optima.lower_bound[craft], craft)
+        gap = gap_of(fuel, bound, self.problem)
         self.active[craft] = not (
             settings.stop == "first-safe"
             or gap <= settings.gap_tolerance

@@ -9,6 +9,7 @@ also solve the program of a single craft, and are the reference for the simplex 
 from collections.abc import Callable
 from functools import lru_cache
 from threading import local
+from typing import Any
 
 import clarabel
 import highspy
@@ -24,15 +25,13 @@ OPTIMAL = ("Solved", "AlmostSolved")  # what Clarabel calls an optimum
 
 # Of HiGHS
 OPTIONS = {
-    "output_flag": False,
     "presolve": "off",
     "solver": "simplex",
     "simplex_scale_strategy": 0,  # these programs are scaled
-    "threads": 1,
 }
 
 _STATUS = np.array([highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic], dtype=object)
-_ROWWISE, _MINIMIZE = int(highspy.MatrixFormat.kRowwise), int(highspy.ObjSense.kMinimize)
+ROWWISE, _MINIMIZE = int(highspy.MatrixFormat.kRowwise), int(highspy.ObjSense.kMinimize)
 _thread = local()
 
 
@@ -48,7 +47,7 @@ def by_simplex(sub: Subproblem) -> Optimum:
     least = np.concatenate([wanted, sub.required / LENGTH])
     start, column, value = _rows(sub)
     solver.passModel(
-        *(len(most), len(least), len(value), _ROWWISE, _MINIMIZE, 0.0),
+        *(len(most), len(least), len(value), ROWWISE, _MINIMIZE, 0.0),
         *(sub.cost(), np.zeros(len(most)), most),
         *(least, np.concatenate([wanted, np.full(k, np.inf)])),
         *(start, column, value, np.zeros(len(most), dtype=np.int32)),
@@ -86,10 +85,16 @@ SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {
 def _highs() -> highspy.Highs:
     """A solver of this thread, made once."""
     if not hasattr(_thread, "solver"):
-        _thread.solver = highspy.Highs()
-        for name, value in OPTIONS.items():
-            _thread.solver.setOptionValue(name, value)
+        _thread.solver = new_highs(**OPTIONS)
     return _thread.solver
+
+
+def new_highs(**options: Any) -> highspy.Highs:
+    """A silent solver with some options, on one thread, as instances run side by side."""
+    solver = highspy.Highs()
+    for name, value in {"output_flag": False, "threads": 1, **options}.items():
+        solver.setOptionValue(name, value)
+    return solver
 
 
 def _rows(sub: Subproblem) -> tuple[Int[Array, "_"], Int[Array, "e"], Float[Array, "e"]]:
@@ -118,11 +123,24 @@ def _basis(sub: Subproblem, decoupled: Int[Array, "n 6"]) -> highspy.HighsBasis:
 def clarabel_solver(
     sub: Subproblem, *, tolerance: float = TOLERANCE, careful: bool = False
 ) -> clarabel.DefaultSolver:
-    """Clarabel with the subproblem as A x + s = b, s in cones; one thread, as instances run beside.
+    """Clarabel with the subproblem as A x + s = b, s in cones.
 
-    The rows are the goals, the signs of the variables, the limits and the half-spaces. The
-    tolerance is relative. A careful solver has equilibration and iterative refinement, which these
-    well-scaled programs hardly ever need and which take half of the time.
+    The rows are the goals, the signs of the variables, the limits and the half-spaces.
+    """
+    settings = clarabel_settings(tolerance, careful=careful)
+    n, m, k = sub.shape
+    cost, A, equalities = sub.cost(), _constraints(sub), 6 * n
+    limits = np.full(2 * n * m if np.isfinite(sub.limit) else 0, sub.limit / sub.unit)
+    b = np.concatenate([sub.goals(), np.zeros(2 * n * m + k), limits, -sub.required / LENGTH])
+    cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(b) - equalities)]
+    return clarabel.DefaultSolver(_no_curvature(len(cost)), cost, A, b, cones, settings)
+
+
+def clarabel_settings(tolerance: float, *, careful: bool) -> clarabel.DefaultSettings:
+    """Settings of Clarabel: a relative tolerance, and one thread, as instances run side by side.
+
+    A careful solver has equilibration and iterative refinement, which these well-scaled programs
+    hardly ever need and which take half of the time.
     """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -130,12 +148,7 @@ def clarabel_solver(
     settings.presolve_enable = False  # which only drops rows without a bound, and there is none
     settings.equilibrate_enable = settings.iterative_refinement_enable = careful
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    n, m, k = sub.shape
-    cost, A, equalities = sub.cost(), _constraints(sub), 6 * n
-    limits = np.full(2 * n * m if np.isfinite(sub.limit) else 0, sub.limit / sub.unit)
-    b = np.concatenate([sub.goals(), np.zeros(2 * n * m + k), limits, -sub.required / LENGTH])
-    cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(b) - equalities)]
-    return clarabel.DefaultSolver(_no_curvature(len(cost)), cost, A, b, cones, settings)
+    return settings
 
 
 @lru_cache(maxsize=1024)

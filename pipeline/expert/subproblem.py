@@ -19,11 +19,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
-from pipeline.orbit.arrays import Formation, Indices, Values
+from pipeline.orbit.arrays import Indices, Values
+from pipeline.orbit.thrust import ALONG_AXES, Limits, Thrust
 
 LENGTH = 10.0  # scale of half-space rows, m
 NEGLIGIBLE = 1e-13  # entries of a scaled map below this are structural zeros
@@ -49,8 +50,9 @@ class Optimum:
 class Subproblem:
     """One convex program, for n craft and k half-spaces, in SI units."""
 
-    reach: Float[Array, "6 m"]  # effect of a craft's flattened controls on its final state
-    miss: Formation  # change of final state that each craft's controls must bring about, m and m/s
+    # effect of a craft's flattened controls on its final state, and on those at waypoints
+    reach: Float[Array, "r m"]
+    miss: Float[Array, "n r"]  # change of these that each craft's controls must bring about
     first: Indices  # craft of each half-space
     second: Indices
     row: Float[Array, "k m"]  # effect of the first craft's controls along the normal, m per m/s²
@@ -64,6 +66,13 @@ class Subproblem:
     # effect of the second craft's controls against the normal; None where it is ``row``, as it is
     # for two craft that fly their plans
     other: Float[Array, "k m"] | None = None
+    # where thrust is more than axes with one limit: what it is, what each craft can do, the length
+    # of an interval, s, and the weight of each craft's fuel in the largest share
+    thrust: Thrust = ALONG_AXES
+    limits: Limits | None = None
+    time_step: float = 1.0
+    weight: Float[Array, "n"] | None = None
+    asked: Bool[Array, "n r"] | None = None  # which changes are asked of which craft; or all
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -71,7 +80,7 @@ class Subproblem:
         return len(self.miss), self.reach.shape[1], len(self.required)
 
     @cached_property
-    def goal_scale(self) -> Float[Array, "6"]:
+    def goal_scale(self) -> Float[Array, "r"]:
         """Factors on the goals that make their rows of order one."""
         return 1 / (np.sqrt(np.square(self.reach).sum(axis=1)) * self.unit)
 

@@ -1,6 +1,72 @@
-"""Plans as files that other tools read: orbit ephemeris messages, and tables."""
+"""Plans as files that other tools read: tables, orbit data messages, a script for a simulator."""
 
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.errors import InputError, check_choice
+from pipeline.export.basilisk import write_basilisk
+from pipeline.export.burns import Masses, PerCraft, write_burns
 from pipeline.export.ephemeris import write_ephemerides
+from pipeline.export.parameters import write_parameters
 from pipeline.export.tables import write_csv, write_parquet
+from pipeline.plan import Plan
 
-__all__ = ["write_csv", "write_ephemerides", "write_parquet"]
+__all__ = ["FORMATS", "Format", "write_plan_as"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """What a plan becomes in a format: a file, or a folder with a file for each craft."""
+
+    suffix: str = ""  # of the file; a folder has none
+    text: bool = True
+    masses: tuple[str, ...] = ()  # that it has a place for: mass, specific_impulse
+
+
+FORMATS = {
+    "oem": Format(),
+    "opm": Format(masses=("mass", "specific_impulse")),
+    "csv": Format(".csv"),
+    "parquet": Format(".parquet", text=False),
+    "burns": Format(".burns.csv", masses=("mass", "specific_impulse")),
+    "basilisk": Format(".basilisk.py", masses=("mass",)),
+}
+
+
+def write_plan_as(
+    to: str,
+    plan: Plan,
+    path: Path,
+    name: str,
+    *,
+    mass: PerCraft | None = None,
+    specific_impulse: PerCraft | None = None,
+) -> list[Path]:
+    """Write a plan in one of FORMATS, and return the files.
+
+    Messages name their objects by ``name``. Masses of craft at the first node, in kg, and specific
+    impulses of their thrusters, in s, are one number for all craft or one for each; by default the
+    scenario's masses.
+
+    Raises:
+        InputError: for masses that the format has no place for, or a plan that cannot be written.
+    """
+    check_choice("to", to, FORMATS)
+    for known, value in (("mass", mass), ("specific_impulse", specific_impulse)):
+        if value is not None and known not in FORMATS[to].masses:
+            raise InputError(f"{known} is given, and {to} has no place for it; leave it out.")
+    masses = Masses.of_scenario(plan.scenario, mass, specific_impulse)
+    match to:
+        case "oem":
+            return write_ephemerides(plan, path, name)
+        case "opm":
+            return write_parameters(plan, path, name, masses)
+        case "burns":
+            write_burns(plan, path, masses)
+        case "basilisk":
+            write_basilisk(plan, path, masses)
+        case "csv":
+            write_csv(plan, path)
+        case _:
+            write_parquet(plan, path)
+    return [path]

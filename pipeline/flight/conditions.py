@@ -41,16 +41,12 @@ class Conditions:
             argument_of_latitude_deg=reference.argument_of_latitude_deg % 360,
         )
 
-    def world(self, problem: Problem, n: int) -> NonlinearWorld:
-        """The world of these conditions for swarms of n craft.
+    def orbit(self, problem: Problem) -> ReferenceOrbit:
+        """The reference orbit of these conditions, of a problem's mean motion.
 
         Raises:
-            InputError: where the orbit is too low for the model of the air.
+            InputError: where it is too low for the model of the air.
         """
-        return NonlinearWorld.of(problem.about(self.orbit(problem)), n)
-
-    def orbit(self, problem: Problem) -> ReferenceOrbit:
-        """The reference orbit of these conditions, of a problem's mean motion."""
         return self.sized(radius_at(problem.mean_motion))
 
     def sized(self, semi_major_axis: float) -> ReferenceOrbit:
@@ -79,7 +75,6 @@ def in_world(scenario: Scenario, conditions: Conditions) -> Scenario:
     return replace(scenario, problem=problem.about(orbit), reference=reference)
 
 
-def world_of(scenario: Scenario, conditions: Conditions | None) -> NonlinearWorld:
+def world_of(scenario: Scenario, conditions: Conditions) -> NonlinearWorld:
     """The world about a scenario's own reference orbit, or that of the conditions without one."""
-    problem = in_world(scenario, conditions or Conditions()).problem
-    return NonlinearWorld.of(problem, scenario.n)
+    return NonlinearWorld.of(in_world(scenario, conditions).problem, scenario.n)

@@ -58,9 +58,7 @@ def fly_controls(
     return np.stack(nodes, axis=1), reduce(nearer, closest).separation()
 
 
-def effects(
-    scenario: Scenario, controls: Controls, conditions: Conditions | None = None
-) -> list[Effect]:
+def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> list[Effect]:
     """Fly a plan's controls (m/s²) with one effect more each time, up to all of the conditions.
 
     Effects are added in this order: curvature, two bodies on a circular orbit instead of the
@@ -73,10 +71,7 @@ def effects(
     """
     problem, goal = scenario.problem, scenario.goal
     refuse_distance(scenario, controls)
-    worlds = [
-        (PLAN, LinearWorld(problem.dynamics)),
-        *_worlds(scenario, conditions),
-    ]
+    worlds = [(PLAN, LinearWorld(problem.dynamics)), *_worlds(scenario, conditions)]
     flights = [fly_controls(world, scenario.initial, controls, problem) for _, world in worlds]
     errors = np.stack([states[:, -1] - goal for states, _ in flights])
     added = np.diff(errors, axis=0, prepend=np.zeros((1, *goal.shape)))
@@ -89,9 +84,9 @@ def effects(
     return [Effect(name, *flight, *rest) for (name, _), flight, *rest in rows]
 
 
-def _worlds(scenario: Scenario, conditions: Conditions | None) -> Iterator[tuple[str, World]]:
+def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, World]]:
     """Worlds by the effect that is new in each."""
-    if conditions is None or scenario.problem.orbit is not None:
+    if scenario.problem.orbit is not None:
         yield "curvature", world_of(scenario, conditions)
         return
     bare = replace(conditions, eccentricity=0.0, j2=False, ballistic=None)
@@ -105,7 +100,7 @@ def _worlds(scenario: Scenario, conditions: Conditions | None) -> Iterator[tuple
     before = None
     for name, one in steps.items():
         if one != before:
-            yield name, one.world(scenario.problem, scenario.n)
+            yield name, world_of(scenario, one)
         before = one
 
 
@@ -133,10 +128,7 @@ def refuse_distance(scenario: Scenario, controls: Controls) -> None:
 
 
 def flight_report(
-    plan: Plan,
-    conditions: Conditions | None,
-    found: Sequence[Effect],
-    orbits: float | None = None,
+    plan: Plan, conditions: Conditions, found: Sequence[Effect], orbits: float | None
 ) -> dict[str, Any]:
     """The last flight, with all effects, and under ``effects`` each of them; SI units.
 
@@ -158,7 +150,7 @@ def flight_report(
         "separation": plan.separation,
         "safe": safe,
         "collision_radius": problem.collision_radius,
-        "conditions": _orbit_of(plan.scenario, conditions),
+        "conditions": OrbitDocument.of(world_of(plan.scenario, conditions).orbit).model_dump(),
         "fuel": used,
         "delta_v": used * problem.time_step,
         **_of(last),
@@ -179,16 +171,12 @@ def flight_report(
 
 
 def _passive_safety(
-    plan: Plan, conditions: Conditions | None, states: States, orbits: float
+    plan: Plan, conditions: Conditions, states: States, orbits: float
 ) -> PassiveSafety:
     """How close craft come in a flight's world after a loss of thrust, for so many orbits."""
     Requirements(passive_safety=orbits)  # refuses numbers that are none
-    problem = in_world(plan.scenario, conditions or Conditions()).problem
+    problem = in_world(plan.scenario, conditions).problem
     return PassiveSafety.of(orbits, least_adrift_in_world(states, plan.controls, problem, orbits))
-
-
-def _orbit_of(scenario: Scenario, conditions: Conditions | None) -> dict[str, Any]:
-    return OrbitDocument.of(world_of(scenario, conditions).orbit).model_dump()
 
 
 def _of(effect: Effect) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
+from pipeline.errors import check_range
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.scenario.families import SEEDS
@@ -83,8 +83,7 @@ class Draws:
 
 def check_seed(seed: int) -> None:
     """Refuse a root seed out of range with an InputError."""
-    if not 0 <= seed < SEEDS:
-        raise InputError(f"seed is {seed}; expected 0 to {SEEDS - 1}.")
+    check_range("seed", seed, 0, SEEDS - 1)
 
 
 def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.flight.closed_loop import ClosedLoop, apart_at
 from pipeline.flight.errors import Errors, check_seed, draws
 from pipeline.flight.trials import Trials, fly_trials, open_loop
@@ -96,7 +96,7 @@ def fly_loops(
     Raises:
         InputError: for no trials, more than MOST_TRIALS, or a seed that is none.
     """
-    refuse_trials(trials)
+    check_range("trials", trials, 1, MOST_TRIALS)
     check_seed(seed)
     portion = portion_of(scenario.n)
     parts = [range(k, min(k + portion, trials)) for k in range(0, trials, portion)]
@@ -108,23 +108,24 @@ def fly_loops(
 
 
 def refuse_replanning(plan: Plan) -> None:
-    """Refuse to plan anew for a risk, which is one of open loop.
+    """Refuse to plan anew for a risk, which is one of open loop, or with other limits of thrust.
 
     Raises:
-        InputError: where the plan was asked for one.
+        InputError: where the plan was asked for one, or has some.
     """
+    if plan.scenario.limits is not None:
+        raise InputError(
+            "the scenario says more of thrust than max_acceleration, which guidance that plans "
+            "anew does not know; expected no replanning, or a scenario without thrust, "
+            "max_acceleration_norm, min_delta_v, no_burn, objective, limits of its craft and "
+            "waypoints."
+        )
     if (risk := plan.certificate.risk) is not None:
         raise InputError(
             f"the plan was asked for a risk of at most {risk.asked:g} in open loop, which planning "
             "anew does not keep; expected no replanning, or a plan without a risk: a margin is "
             "what keeps craft apart from their errors then."
         )
-
-
-def refuse_trials(trials: int) -> None:
-    """Raise InputError for a number of trials that nobody flies."""
-    if not 1 <= trials <= MOST_TRIALS:
-        raise InputError(f"trials is {trials}; expected 1 to {MOST_TRIALS}.")
 
 
 def default_margin(errors: Errors, controls: Controls, problem: Problem) -> float:

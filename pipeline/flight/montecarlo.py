@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range
 from pipeline.flight.errors import Errors, check_seed
-from pipeline.flight.loops import PORTION, Loop, refuse_trials
+from pipeline.flight.loops import MOST_TRIALS, PORTION, Loop
 from pipeline.flight.trials import Trials
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers, check_worker
@@ -157,7 +157,7 @@ def fly_all(
             begun with other settings or versions.
         ProlearnError: where the folder cannot be written to or workers are killed again and again.
     """
-    refuse_trials(trials)
+    check_range("trials", trials, 1, MOST_TRIALS)
     folder, workers = open_folder(where), workers or Workers()
     with open_ledger(folder, OWNED, lambda: _begin(folder), progress) as ledger:
         portions = [one for loop in loops for one in _portions(of, loop, trials)]

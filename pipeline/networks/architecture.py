@@ -11,7 +11,7 @@ from jaxtyping import Float, Float64
 from torch import Tensor, nn
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError, ProlearnError
+from pipeline.errors import InputError, ProlearnError, check_choice
 from pipeline.networks.catalogue import entry_point
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
@@ -146,9 +146,7 @@ def recipe_for(arch: str, name: str) -> Recipe:
     architecture or recipe, or departures that make none.
     """
     own = find(arch).recipes
-    if name not in {**RECIPES, **own}:
-        known = ", ".join(dict.fromkeys([*RECIPES, *own]))
-        raise InputError(f"recipe is {name!r}; expected one of {known}.")
+    check_choice("recipe", name, {**RECIPES, **own})
     try:
         return replace(RECIPES.get(name, RECIPES["tuned"]), **{"name": name, **own.get(name, {})})
     except TypeError as error:

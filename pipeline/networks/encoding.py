@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pipeline.arrays import Array
 from pipeline.dataset.examples import ExampleSource
-from pipeline.errors import InputError
+from pipeline.errors import check_choice
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 
@@ -58,8 +58,8 @@ class Encoding:
 
     def __post_init__(self) -> None:
         """Refuse names that mean nothing here."""
-        _check_name("interior", self.interior, tuple(INTERIORS))
-        _check_name("target", self.target, TARGETS)
+        check_choice("interior", self.interior, INTERIORS)
+        check_choice("target", self.target, TARGETS)
 
     def inputs(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
@@ -95,8 +95,8 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
     there are no plans, the inputs stand for them. InputError for an unknown interior, target or
     scaling.
     """
-    _check_name("interior", interior, tuple(INTERIORS))
-    _check_name("scaling", scaling, SCALINGS)
+    check_choice("interior", interior, INTERIORS)
+    check_choice("scaling", scaling, SCALINGS)
     count, squares = 0, np.zeros((2, 6))
     for part in examples.parts():
         given = INTERIORS[interior](part.initial, part.goal, part.problem)
@@ -115,8 +115,3 @@ def _scale(size: Float[Array, "6"], scaling: str) -> tuple[float, ...]:
     kind = np.repeat(size.reshape(2, 3).max(axis=1), 3)  # positions, velocities
     size = np.maximum(size, LEAST_SHARE * kind)
     return tuple(float(s) for s in np.where(size > 0, size, 1.0))
-
-
-def _check_name(what: str, given: str, known: tuple[str, ...]) -> None:
-    if given not in known:
-        raise InputError(f"{what} is {given!r}; expected one of {', '.join(known)}.")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_choice, check_range
 
 MOST = 1_000_000  # of whatever a recipe counts: instances, passes, scenarios that are drawn
 
@@ -47,10 +47,7 @@ class Recipe:
         check_range("learning_rate", self.learning_rate, 1e-30, 1e30)
         for name in ("collision_weight", "gradient_limit"):
             check_range(name, getattr(self, name), 0, 1e12)
-        if self.schedule not in SCHEDULES:
-            raise InputError(
-                f"schedule is {self.schedule!r}; expected one of {', '.join(SCHEDULES)}."
-            )
+        check_choice("schedule", self.schedule, SCHEDULES)
 
 
 RECIPES: Mapping[str, Recipe] = {
@@ -77,10 +74,3 @@ RECIPES: Mapping[str, Recipe] = {
 
 REFINER = "refiner"
 """Name of the architecture of prolearn's own; it stands here so that torch need not be loaded."""
-
-SHORT, NO_THIRD, UNCROWDED = "short", "no-third", "uncrowded"
-
-
-def for_comparison(arch: str, recipe: str) -> bool:
-    """Whether a recipe is there to be compared with, and not to plan with."""
-    return arch == REFINER and recipe in (SHORT, NO_THIRD, UNCROWDED)

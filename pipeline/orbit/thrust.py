@@ -1,7 +1,6 @@
 """Thrust: what a control costs, how large it may be, and when it may be."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -115,7 +114,7 @@ class Limits(Rows):
     component: Float[Array, "n"]  # largest component of a control, or thrust of a thruster, m/s²
     norm: Float[Array, "n"]  # largest ‖u‖₂, m/s²
     delta_v: Float[Array, "n"]  # what is left in all, m/s
-    burns: Bool[Array, "n intervals"]  # intervals in which it may burn
+    burns: Bool[Array, "n intervals 3"]  # components that may be other than zero
 
 
 def blocked(windows: Windows, time_step: float, intervals: int) -> Bool[Array, "intervals"]:
@@ -125,20 +124,3 @@ def blocked(windows: Windows, time_step: float, intervals: int) -> Bool[Array, "
     for begin, end in windows:
         found |= (starts < end) & (starts + time_step > begin)
     return found
-
-
-@lru_cache(maxsize=32)
-def _gauge(directions: tuple[Direction, ...]) -> Float[Array, "F 3"]:
-    """Normals of the hull's facets, scaled so that the gauge of u is the largest of normal · u."""
-    planes = ConvexHull(np.array(directions)).equations
-    return np.asarray(planes[:, :3] / -planes[:, 3:])
-
-
-def cost(controls: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
-    """What each control costs, m/s²: the least sum of the thrusters' thrusts that give it."""
-    if thrust.model == COMPONENTS:
-        return np.asarray(np.abs(controls).sum(axis=-1))
-    if thrust.model == NORM:
-        return np.asarray(np.linalg.norm(controls, axis=-1))
-    assert not isinstance(thrust.model, str)
-    return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))

@@ -16,6 +16,9 @@ from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import collision_risk
 from pipeline.orbit.separation import Separation, least_separations, swarm_node_collisions
+from pipeline.orbit.thrust import ALONG_AXES
+from pipeline.orbit.thrust_cost import burn_sizes
+from pipeline.orbit.thrust_cost import spent as fuel_of
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, refuse_risk
 from pipeline.scenario import Scenario, participants, shared_problem
@@ -167,11 +170,41 @@ class PassiveSafety:
 
 
 @dataclass(frozen=True)
+class LargestShare:
+    """The largest share of its Δv that a craft burns.
+
+    Attributes:
+        craft: which.
+        share: of what it has left.
+        bound: in no transfer, safe or not, is the largest share less.
+    """
+
+    craft: int
+    share: float
+    bound: float
+
+
+@dataclass(frozen=True)
+class SmallestBurn:
+    """The smallest burn of a plan whose burns must reach an impulse bit.
+
+    Attributes:
+        asked: least Δv of a thruster's burn in an interval, m/s.
+        least: that of the plan, m/s; None where there is no burn.
+        fuel_without: fuel of the planner's plan without regard to it, m/s², or None.
+    """
+
+    asked: float
+    least: float | None
+    fuel_without: float | None = None
+
+
+@dataclass(frozen=True)
 class Certificate:
     """What a plan is worth, all of it recomputable from the plan and its scenario.
 
     Attributes:
-        fuel: Eq. 4, m/s².
+        fuel: Eq. 4, m/s², or Σ‖u‖₂, or the sum of thrusts, by the scenario's kind of thrust.
         delta_v: time step times fuel, of all craft, m/s.
         fuel_lower_bound: no transfer, safe or not, needs less, m/s².
         optimality_gap: fuel / fuel_lower_bound - 1.
@@ -187,9 +220,13 @@ class Certificate:
         fuel_lower_bound_proof: how the bound is proven, in words.
         risk: the risk in open loop, where a limit was asked for, or None.
         passive_safety: how close craft come after a loss of thrust, where that was asked for.
-        craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s; they sum to delta_v. Thrusters along the
-            three axes have to provide it. Earlier files have none.
-        craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s: of one thruster that is turned.
+        craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s. Thrusters along the three axes have to
+            provide it. Earlier files have none.
+        craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s: of one thruster that is pointed.
+        craft_delta_v_thrusters: of each craft, by thrusters of given directions, m/s, where the
+            scenario has some. That of the scenario's kind of thrust sums to delta_v.
+        largest_share: of what a craft has left, where that is to be least, or None.
+        smallest_burn: where burns must reach an impulse bit, or None.
         clearance: by how much participants are further apart than their sizes ask for, where craft
             have radii of their own or there are obstacles.
         corridor: how far inside of their corridors craft stay, where there are any.
@@ -212,8 +249,20 @@ class Certificate:
     passive_safety: PassiveSafety | None = None
     craft_delta_v: tuple[float, ...] = ()
     craft_delta_v_2norm: tuple[float, ...] = ()
+    craft_delta_v_thrusters: tuple[float, ...] = ()
+    largest_share: LargestShare | None = None
+    smallest_burn: SmallestBurn | None = None
     clearance: Clearance | None = None
     corridor: CorridorMargin | None = None
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Least separations of scenarios in flights about their orbit."""
+
+    closest: Sequence[Separation]  # of craft
+    adrift: Sequence[Separation] | None = None  # of craft after a loss of thrust
+    clear: Sequence[Separation] | None = None  # of participants, where sizes differ
 
 
 def certify(
@@ -222,28 +271,32 @@ def certify(
     controls: Controls,
     bounds: Sequence[tuple[float, str]],
     requirements: Requirements = AT_ALL_TIMES,
-    closest: Sequence[Separation] | None = None,
-    adrift: Sequence[Separation] | None = None,
-    clear: Sequence[Separation] | None = None,
+    flights: Flights | None = None,
+    least_shares: Sequence[float] = (),
 ) -> list[Certificate]:
     """The certificates of scenarios of one problem, from states and controls of all their craft.
 
-    Bounds are lower bounds on the fuel, m/s², and how they are proven. Passive safety and risk are
-    looked at only where they are required. Motion is linear, unless the least separations of
-    flights are given whose nodes the states are, and of craft adrift where these are looked at, and
-    of participants where sizes differ.
+    Bounds are lower bounds on the fuel, m/s², and how they are proven; least shares, where the
+    largest share is to be least, lower bounds on it. Passive safety and risk are
+    looked at only where they are required. Motion is linear, unless flights are given whose nodes
+    the states are.
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     starts, step, all_of = swarms.starts, problem.time_step, participants(scenarios)
     unlike = all_of if isinstance(all_of, Participants) else None
     spent, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
-    used = np.add.reduceat(spent, starts).tolist()
+    burned = spent
+    if problem.thrust != ALONG_AXES:
+        of_each = zip(np.split(controls, starts[1:]), scenarios, strict=True)
+        burned = np.concatenate([fuel_of(one, problem.thrust, s.limits) for one, s in of_each])
+    used = np.add.reduceat(burned, starts).tolist()
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, starts)
     defect = np.zeros(len(states))
-    if closest is None:
+    if flights is None:
         defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
-        closest = _least_separations(states, controls, problem, swarms)
+        flights = Flights(_least_separations(states, controls, problem, swarms))
+    closest = flights.closest
     columns: dict[str, Sequence[Any]] = {
         "fuel": used,
         "delta_v": [fuel * step for fuel in used],
@@ -264,13 +317,27 @@ def certify(
         "craft_delta_v_2norm": [tuple(one.tolist()) for one in np.split(step * turned, starts[1:])],
     }
     if unlike is not None:
-        clear = clear or _least_separations(states, controls, problem, unlike)
+        clear = flights.clear or _least_separations(states, controls, problem, unlike)
         columns["clearance"] = list(map(Clearance.of, clear, scenarios))
-        each = np.split(states, starts[1:]), np.split(controls, starts[1:])
-        columns["corridor"] = list(map(CorridorMargin.of, *each, scenarios))
+        flown = np.split(states, starts[1:]), np.split(controls, starts[1:])
+        columns["corridor"] = list(map(CorridorMargin.of, *flown, scenarios))
+    if not isinstance(problem.thrust.model, str):
+        each = np.split(step * burned, starts[1:])
+        columns["craft_delta_v_thrusters"] = [tuple(one.tolist()) for one in each]
+    if problem.thrust.objective == "fair":
+        left = np.concatenate([s.limits.delta_v for s in scenarios if s.limits is not None])
+        shares = np.split(step * burned / left, starts[1:])
+        columns["largest_share"] = [
+            LargestShare(int(one.argmax()), float(one.max()), bound)
+            for one, bound in zip(shares, least_shares, strict=True)
+        ]
+    if problem.thrust.min_delta_v is not None:
+        sizes = np.split(burn_sizes(controls, problem.thrust), starts[1:])
+        least = [step * float(one[one > 0].min()) if one.any() else None for one in sizes]
+        columns["smallest_burn"] = [SmallestBurn(problem.thrust.min_delta_v, one) for one in least]
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
-        adrift = adrift or least_after_loss(states, controls, problem, orbits, swarms)
+        adrift = flights.adrift or least_after_loss(states, controls, problem, orbits, swarms)
         columns["passive_safety"] = [PassiveSafety.of(orbits, least) for least in adrift]
         if unlike is not None:
             spaced = least_after_loss(states, controls, problem, orbits, unlike)

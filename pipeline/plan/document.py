@@ -25,7 +25,10 @@ from pipeline.scenario.document import (
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
 # Claims of a certificate that are there where they were asked for, or where sizes differ
-OPTIONAL = ("risk", "passive_safety", "clearance", "corridor")
+OPTIONAL = (
+    *("risk", "passive_safety", "largest_share", "smallest_burn", "craft_delta_v_thrusters"),
+    *("clearance", "corridor"),
+)
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -121,7 +124,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     if plan.as_flown and problem.orbit is not None:
         asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
     claims = asdict(plan.certificate)
-    given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) is not None}
+    given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) not in (None, ())}
     if plan.certificate.passive_safety is not None:
         given["passive_safety"] = plan.certificate.passive_safety.document()
     for name, value in claims.items():

@@ -7,15 +7,25 @@ from time import perf_counter
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.arrays import Controls
+from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.nonlinear import clear_in_world, fly_in_world, least_adrift_in_world
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust_cost import exceeds
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
-from pipeline.plan.certificate import Certificate, PassiveSafety, certify
+from pipeline.plan.certificate import Certificate, Flights, PassiveSafety, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, participants, shared_problem
+from pipeline.scenario.waypoint import missed
 
+# What a craft does that is beyond its limits
+EXCEEDS = {
+    "max_acceleration": "uses more than its max_acceleration",
+    "max_acceleration_norm": "uses more than its max_acceleration_norm",
+    "delta_v": "burns more than its delta_v",
+    "no_burn": "burns in a stretch of no_burn",
+    "min_delta_v": "has a burn smaller than min_delta_v",
+}
 POSITION_TOLERANCE = 1e-6  # largest miss of a position that counts as rounding, m
 VELOCITY_TOLERANCE = 1e-9  # largest miss of a velocity that counts as rounding, m/s
 
@@ -29,6 +39,7 @@ class Made:
     proof: str = ""  # of that bound, in words
     convex_solves: int = 0  # joint convex programs that it took
     timing: Mapping[str, float] = field(default_factory=dict)  # seconds by stage
+    least_share: float = 0.0  # lower bound on the largest share, where that is to be least
 
 
 def planned_all(
@@ -45,36 +56,18 @@ def planned_all(
     """
     if not scenarios:
         return []
-    started, orbits = perf_counter(), requirements.passive_safety
-    closest, adrift, clear = None, None, None
+    started, flights = perf_counter(), None
     problem = shared_problem(scenarios)
     controls = np.concatenate([one.controls for one in made])
     if as_flown:
-        if any(scenario.corridors for scenario in scenarios):
-            raise InputError(
-                "the scenario has corridors, and its plan is asked for as flown, where that is not "
-                "proven; expected one of the two: leave --world out."
-            )
-        both = zip(scenarios, made, strict=True)
-        flights = [fly_in_world(s.initial, one.controls, problem) for s, one in both]
-        states, closest = np.concatenate([s for s, _ in flights]), [apart for _, apart in flights]
-        if any(scenario.unlike for scenario in scenarios):
-            clear = [
-                clear_in_world(s.initial, one.controls, problem, participants([s]))
-                for s, one in zip(scenarios, made, strict=True)
-            ]
-        if orbits is not None:
-            adrift = [
-                least_adrift_in_world(nodes, one.controls, problem, orbits)
-                for (nodes, _), one in zip(flights, made, strict=True)
-            ]
+        states, flights = _flights(scenarios, made, requirements.passive_safety)
     else:
         controls = with_coasts(controls, problem)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    certificates = certify(
-        scenarios, states, controls, bounds, requirements, closest, adrift, clear
-    )
+    shares = [one.least_share for one in made]
+    flown_by = scenarios, states, controls
+    certificates = certify(*flown_by, bounds, requirements, flights, shares)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
@@ -85,6 +78,31 @@ def planned_all(
         plan = Plan(scenario, *made_so, separation=requirements.separation, as_flown=as_flown)
         plans.append(judged(plan))
     return plans
+
+
+def _flights(
+    scenarios: Sequence[Scenario], made: Sequence[Made], orbits: float | None
+) -> tuple[States, Flights]:
+    """Node states in the nonlinear flight, and how close craft come there, adrift as well."""
+    if any(scenario.corridors for scenario in scenarios):
+        raise InputError(
+            "the scenario has corridors, and its plan is asked for as flown, where that is not "
+            "proven; expected one of the two: leave --world out."
+        )
+    problem, both = scenarios[0].problem, [*zip(scenarios, made, strict=True)]
+    flights = [fly_in_world(s.initial, one.controls, problem) for s, one in both]
+    states, closest = [s for s, _ in flights], [apart for _, apart in flights]
+    clear, adrift = None, None
+    if any(scenario.sized for scenario in scenarios):
+        clear = [
+            clear_in_world(s.initial, one.controls, problem, participants([s])) for s, one in both
+        ]
+    if orbits is not None:
+        adrift = [
+            least_adrift_in_world(nodes, one.controls, problem, orbits)
+            for nodes, (_, one) in zip(states, both, strict=True)
+        ]
+    return np.concatenate(states), Flights(closest, adrift, clear)
 
 
 def planned(
@@ -114,7 +132,19 @@ def violations(plan: Plan) -> dict[str, str]:
     position, velocity = found.goal_error, found.goal_velocity_error
     if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
         wrong["goal"] = f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
-    if limit is not None and not used.max() <= problem.most_control:
+    off = missed(plan.scenario.waypoints, plan.states, problem)
+    if not (off[0] <= POSITION_TOLERANCE and off[1] <= VELOCITY_TOLERANCE):
+        wrong["waypoints"] = f"misses a waypoint by {off[0]:.3g} m and {off[1]:.3g} m/s"
+    limits = plan.scenario.limits
+    if limits is not None:
+        faults = [
+            f"craft {int(craft.argmax())} {EXCEEDS[name]}"
+            for name, craft in exceeds(plan.controls, limits, problem).items()
+            if craft.any()
+        ]
+        if faults:
+            wrong["thrust"] = ", and ".join(faults)
+    elif limit is not None and not used.max() <= problem.most_control:
         wrong["thrust"] = f"uses {used.max():.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if not is_safe(found, problem, plan.requirements):
         wrong["separation"] = _too_close(found, radius)

@@ -10,6 +10,7 @@ missed, as by differential drag, and where craft come too close, it plans again 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,11 +23,13 @@ from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.nonlinear import ends_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import Thrust
 from pipeline.orbit.transfer import COAST, fly, state_weight, transfer_maps
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
+from pipeline.scenario.spacecraft import Spacecraft
 
 CORRECTIONS = 8  # steps at most; each leaves about the square of what was missed
 MET = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that no further step is worth, m and m/s
@@ -72,6 +75,11 @@ class AsFlown:
         return [self._flown(one, plan) for one, plan in zip(asked, plans, strict=True)]
 
     def _about(self, scenario: Scenario) -> Scenario:
+        if scenario.waypoints:
+            raise InputError(
+                "the scenario has waypoints, which are met in linear motion alone; expected none "
+                "in a plan as flown: leave --world out, or the waypoints."
+            )
         orbit = self.orbit or scenario.problem.orbit
         if orbit is None:
             raise InputError(
@@ -136,7 +144,24 @@ def _eased(scenario: Scenario, wider: float = 0.0) -> Scenario:
     scenario = scenario.wider(wider)
     problem = scenario.problem
     limit = None if problem.max_acceleration is None else problem.max_acceleration * LIMIT_SHARE
-    return replace(scenario, problem=replace(problem, max_acceleration=limit))
+    eased = replace(problem, max_acceleration=limit, thrust=_less(problem.thrust))
+    return replace(scenario, problem=eased, craft=tuple(map(_less, scenario.craft)))
+
+
+Limited = TypeVar("Limited", Thrust, Spacecraft)
+
+
+def _less(given: Limited) -> Limited:
+    """The same with a little less of every limit, and larger burns where there is a least."""
+    share = {
+        "max_acceleration": LIMIT_SHARE,
+        "max_acceleration_norm": LIMIT_SHARE,
+        "delta_v": LIMIT_SHARE,
+        "min_delta_v": 1 / LIMIT_SHARE,
+    }
+    values = {name: getattr(given, name, None) for name in share}
+    eased = {name: share[name] * one for name, one in values.items() if one is not None}
+    return replace(given, **eased)
 
 
 def _rank(plan: Plan) -> tuple[bool, float]:
@@ -185,14 +210,19 @@ def _made(scenario: Scenario, controls: Controls, end: Formation, linear: Plan) 
     """Controls with the bound of the linear programs about the flight, with such an end."""
     problem, initial, found = scenario.problem, scenario.initial, linear.certificate
     goal = scenario.goal - _left_out(scenario, controls, end)
-    bound, proof = decoupled_optima(initial, goal, problem).bound()
+    optima = decoupled_optima(initial, goal, problem, scenario.limits)
+    bound, proof = optima.bound()
     if linear.assignment is not None:  # the bound of all assignments changes as this one's
-        change = (
-            bound - decoupled_optima(initial, scenario.goal, _eased(scenario).problem).bound()[0]
-        )
+        eased = _eased(scenario)
+        linear_optima = decoupled_optima(initial, scenario.goal, eased.problem, eased.limits)
+        change = bound - linear_optima.bound()[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     timing = {"plan": linear.timing.get("plan", 0.0)}
-    return Made(controls, bound, PROOF.format(proof), linear.convex_solves, timing)
+    least = 0.0
+    if problem.thrust.objective == "fair" and scenario.limits is not None:
+        least = float((optima.lower_bound * problem.time_step / scenario.limits.delta_v).max())
+    proven = bound, PROOF.format(proof)
+    return Made(controls, *proven, linear.convex_solves, timing, least_share=least)
 
 
 def _changed(controls: Controls, miss: Formation, problem: Problem) -> Controls:

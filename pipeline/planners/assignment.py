@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.arrays import Array
 from pipeline.expert import decoupled_optima
+from pipeline.expert.batch import Batch
 from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, goal_miss
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.scenario import Scenario
@@ -47,6 +48,8 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     """
     n, problem = scenario.n, scenario.problem
     initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
+    if scenario.limits is not None:
+        return DecoupledCosts(_limited_costs(scenario), PROGRAM)
     found = least_fuel(goal_miss(initial, goal, problem), problem)
     if found is None:  # no table
         optima = decoupled_optima(initial, goal, problem)
@@ -65,6 +68,17 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
         best = next(ranked(fuel), ())
         asked = () if true[range(len(best)), best].all() else best
     return DecoupledCosts(fuel, proof)
+
+
+def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
+    """The costs where thrust is more than axes with one limit, or craft pass waypoints."""
+    n, craft = scenario.n, np.arange(scenario.n)
+    fuel = np.zeros((n, n))
+    for shift in range(n):
+        slots = (craft + shift) % n
+        optima = Batch([scenario.taking(slots.tolist())]).optima
+        fuel[craft, slots] = np.where(optima.impossible, np.inf, optima.lower_bound)
+    return fuel
 
 
 def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:

@@ -29,7 +29,10 @@ def certified(
     controls = answer(batch)
     timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
     made = [
-        Made(controls[craft], *batch.bound(k), timing=timing) for k, craft in enumerate(batch.craft)
+        Made(
+            *(controls[craft], *batch.bound(k)), timing=timing, least_share=batch.least_share(craft)
+        )
+        for k, craft in enumerate(batch.craft)
     ]
     plans = planned_all(planner, scenarios, made, requirements)
     return [

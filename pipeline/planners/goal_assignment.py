@@ -8,6 +8,7 @@ from itertools import islice
 
 import numpy as np
 
+from pipeline.errors import InputError
 from pipeline.orbit.infeasibility import forced_goals
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, Requirements, gap_of
 from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs, ranked
@@ -26,8 +27,8 @@ DEAR = 1e-2  # gap from which the cheapest assignment's plan is dear: others are
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
 IMPOSSIBLE = (
-    "whichever goals they take, some craft cannot reach its own within max_acceleration, which is "
-    "proven"
+    "whichever goals they take, some craft cannot reach its own within its limits of thrust, which "
+    "is proven"
 )
 
 ADRIFT = (
@@ -69,6 +70,11 @@ class GoalAssignment:
         """
         if not scenarios:
             return []
+        if any(one.problem.thrust.objective == "fair" for one in scenarios):
+            raise InputError(
+                "objective is fair and craft may take each other's goals, which are assigned by "
+                "the fuel of all; expected one of the two: leave the assignment out."
+            )
         started = time.perf_counter()
         candidates = [_Candidates(one, decoupled_costs(one), self.most) for one in scenarios]
         asked = [[one.first or one.given] for one in candidates]

@@ -7,7 +7,6 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.experiments import (
-    ablations,
     experiment1,
     experiment2,
     experiment3,
@@ -65,7 +64,6 @@ def build_report(results: Results, out: Path) -> ReportFiles:
         experiment3.section(results.warmstarts, look),
         experiment4.section(results.transfer_times, look),
         experiment5.section(results.flights, look),
-        ablations.section(results.ablations, look),
         examples(results.examples),
         provenance(results.provenance),
     ]
@@ -98,7 +96,6 @@ def questions(results: Results, summary: pd.DataFrame, n: int) -> Section:
         *experiment3.findings(results.warmstarts),
         *experiment4.findings(results.transfer_times, training),
         *experiment5.findings(results.flights),
-        *ablations.findings(results.ablations),
         *experiment1.paper_findings(summary),
     ]
     table = Table("questions", pd.DataFrame(map(asdict, found)), QUESTIONS) if found else None

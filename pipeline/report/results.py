@@ -38,7 +38,6 @@ class Results:
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
     notes: Sequence[str] = ()
     transfer_times: pd.DataFrame = field(default_factory=partial(no_rows, "transfer_times"))
-    ablations: pd.DataFrame = field(default_factory=partial(no_rows, "ablations"))
     flights: pd.DataFrame = field(default_factory=partial(no_rows, "flights"))
 
     def __post_init__(self) -> None:
@@ -58,7 +57,7 @@ class Results:
     @property
     def planners(self) -> set[str]:
         """Every planner that some table names."""
-        tables = (self.trials, self.transfer_times, self.flights, self.ablations)
+        tables = (self.trials, self.transfer_times, self.flights)
         named = [table["planner"] for table in tables]
         named += [self.training["arch"], self.curves["arch"]]
         return {*pd.concat(named), *map(planner_of, self.warmstarts["seed"])} - {NO_SEED}

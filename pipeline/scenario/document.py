@@ -1,7 +1,7 @@
 """scenario.json (schema prolearn.scenario/1): read with an answer to every mistake, and written."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -35,6 +35,7 @@ from pipeline.orbit.thrust import Objective, Thrust
 from pipeline.scenario.scenario import MOST_CRAFT, Ends, Scenario
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.validation import check
+from pipeline.scenario.waypoint import Waypoint
 
 SCHEMA = "prolearn.scenario/1"
 WHAT = f"a scenario file (schema {SCHEMA})"
@@ -279,7 +280,7 @@ class SpacecraftDocument(BaseModel):
         return Spacecraft(**self.model_dump())
 
 
-Position = tuple[Number, Number, Number]
+Triple = tuple[Number, Number, Number]
 
 
 class ObstacleDocument(BaseModel):
@@ -298,7 +299,7 @@ class ObstacleDocument(BaseModel):
     state: State | None = Field(
         None, description="At the first node, LVLH, m and m/s, of one that drifts."
     )
-    position: Position | None = Field(
+    position: Triple | None = Field(
         None, description="Instead: where it is held, LVLH, m; about a circle, or at the origin."
     )
     radius: Positive | None = Field(None, description="Of the sphere that it takes up, m.")
@@ -335,8 +336,8 @@ class BoxDocument(BaseModel):
 
     model_config = _strict()
 
-    min: Position = Field(description="Least coordinates, LVLH, m.")
-    max: Position = Field(description="Largest coordinates, LVLH, m.")
+    min: Triple = Field(description="Least coordinates, LVLH, m.")
+    max: Triple = Field(description="Largest coordinates, LVLH, m.")
 
 
 class ConeDocument(BaseModel):
@@ -344,8 +345,8 @@ class ConeDocument(BaseModel):
 
     model_config = _strict()
 
-    apex: Position = Field(description="LVLH, m.")
-    axis: Position = Field(description="Direction in which it opens, LVLH, of any length.")
+    apex: Triple = Field(description="LVLH, m.")
+    axis: Triple = Field(description="Direction in which it opens, LVLH, of any length.")
     half_angle_deg: Positive = Field(le=STEEPEST, description="Between axis and edge, deg.")
 
 
@@ -383,6 +384,53 @@ class CorridorDocument(BaseModel):
         assert given is not None  # by ``_one_of_both``
         kind = Box if self.box else Cone
         return Corridor(kind(**given.model_dump()), self.begin, self.end, self.craft)
+
+
+class WaypointDocument(BaseModel):
+    """A place that a craft must pass on its way, at a node, or a formation that all must be in."""
+
+    model_config = _strict()
+
+    craft: Annotated[int, Field(ge=0), BeforeValidator(_number)] | None = Field(
+        None, description="Number of the craft."
+    )
+    position: Triple | None = Field(None, description="Where it must be, LVLH, m.")
+    velocity: Triple | None = Field(None, description="LVLH, m/s; null for any.")
+    formation: End | None = Field(
+        None, description="Instead of these: where each craft must be, as at the ends."
+    )
+    time: Positive | None = Field(
+        None, description="Of the node, s since the first; null for that of least fuel."
+    )
+
+    @model_validator(mode="after")
+    def _one_or_all(self) -> "WaypointDocument":
+        if self.formation is None and None in (self.craft, self.position):
+            raise ValueError("give craft and position, or a formation")
+        if self.formation is not None:
+            if not self.model_fields_set <= {"formation", "time"}:
+                raise ValueError("a formation is of all craft; leave craft, position, velocity out")
+            if self.time is None:
+                raise ValueError("a formation is at one time; give it a time")
+        return self
+
+    @property
+    def n(self) -> int | None:
+        """Number of craft of a formation."""
+        if self.formation is None:
+            return None
+        end = self.formation
+        return end.n if isinstance(end, RingsDocument) else len(end)
+
+    def waypoints(self, problem: Problem) -> list[Waypoint]:
+        """The waypoints of one craft or of all."""
+        if self.formation is None:
+            assert self.craft is not None
+            assert self.position is not None
+            return [Waypoint(self.craft, self.position, self.velocity, self.time)]
+        node = round((self.time or 0.0) / problem.time_step)
+        states = _end_states(self.formation, problem.starting_at(node)).tolist()
+        return [Waypoint(k, tuple(s[:3]), tuple(s[3:]), self.time) for k, s in enumerate(states)]
 
 
 # Of both a reference and an orbit
@@ -424,7 +472,7 @@ class ScenarioDocument(BaseModel):
         description="Limit on each component of the control, or on each thruster where thrust has "
         "directions, m/s²; null for none.",
     )
-    thrust: Literal["components", "norm"] | tuple[tuple[Number, Number, Number], ...] = Field(
+    thrust: Literal["components", "norm"] | tuple[Triple, ...] = Field(
         "components",
         description="components: thrusters along the three axes; norm: one that is pointed; or "
         "unit vectors, LVLH, of the accelerations that thrusters give.",
@@ -445,6 +493,9 @@ class ScenarioDocument(BaseModel):
     craft: list[SpacecraftDocument] = Field(
         [], description="What each craft has of its own; empty where all are alike."
     )
+    waypoints: list[WaypointDocument] = Field(
+        [], description="Places that craft must pass on their way, in the order of each craft."
+    )
     obstacles: list[ObstacleDocument] = Field(
         [], description="What craft keep clear of at all times and no plan moves."
     )
@@ -464,6 +515,9 @@ class ScenarioDocument(BaseModel):
 
     @model_validator(mode="after")
     def _one_orbit(self) -> "ScenarioDocument":
+        for k, one in enumerate(self.waypoints):
+            if one.n not in (None, self.n):
+                raise ValueError(f"waypoints[{k}] has {one.n} craft and initial has {self.n}")
         given = [one for one in (self.mean_motion, self.altitude, self.orbit) if one is not None]
         if len(given) != 1:
             raise ValueError("give one of mean_motion (rad/s), altitude (m) and orbit")
@@ -492,10 +546,12 @@ class ScenarioDocument(BaseModel):
         goal = _end_states(self.goal, problem.starting_at(problem.intervals))
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         craft = tuple(one.craft() for one in self.craft)
-        made = Scenario(problem, initial, goal, name=name, reference=where, ends=self.ends)
-        obstacles = tuple(one.obstacle() for one in self.obstacles)
-        corridors = tuple(one.corridor() for one in self.corridors)
-        return replace(made, craft=craft, obstacles=obstacles, corridors=corridors)
+        waypoints = tuple(way for one in self.waypoints for way in one.waypoints(problem))
+        about: dict[str, Any] = {"name": name, "reference": where}
+        about |= {"craft": craft, "waypoints": waypoints}
+        about["obstacles"] = tuple(one.obstacle() for one in self.obstacles)
+        about["corridors"] = tuple(one.corridor() for one in self.corridors)
+        return Scenario(problem, initial, goal, ends=self.ends, **about)
 
     def _thrust(self) -> Thrust:
         limits = self.max_acceleration_norm, self.min_delta_v
@@ -548,6 +604,9 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
         fields["obstacles"] = [ObstacleDocument.of(one) for one in scenario.obstacles]
     if scenario.corridors:
         fields["corridors"] = [CorridorDocument.of(one) for one in scenario.corridors]
+    if scenario.waypoints:
+        passed = [asdict(one) for one in scenario.waypoints]
+        fields["waypoints"] = [{k: v for k, v in one.items() if v is not None} for one in passed]
     if scenario.reference is None:
         return fields
     epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")

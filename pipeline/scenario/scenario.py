@@ -17,6 +17,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.thrust import ALONG_AXES, Limits
 from pipeline.scenario.spacecraft import Spacecraft, check_craft, limits_of
+from pipeline.scenario.waypoint import Waypoint, check_waypoints
 
 # Craft, few enough for a list of all pairs, and craft times nodes
 MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
@@ -41,6 +42,7 @@ class Scenario:
         reference: epoch and attitude of the reference orbit, or None; not used in planning.
         ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
         craft: of each craft what it has of its own; empty where all are alike.
+        waypoints: places that craft must pass on their way, in the order of each craft.
         obstacles: what craft keep clear of and no plan moves.
         corridors: boxes and approach cones that craft stay inside of for some time.
     """
@@ -53,6 +55,7 @@ class Scenario:
     reference: Reference | None = None
     ends: Ends = "passive"
     craft: tuple[Spacecraft, ...] = ()
+    waypoints: tuple[Waypoint, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     corridors: tuple[Corridor, ...] = ()
 
@@ -97,7 +100,8 @@ class Scenario:
                 "one of each for every spacecraft."
             )
 
-        check_craft(self.craft, self.n)
+        check_craft(self.craft, self.n, self.problem.thrust)
+        check_waypoints(self.waypoints, self.n, self.problem)
         check_obstacles(self.obstacles, self.problem)
         check_corridors(self.corridors, self.n, self.problem)
         if self.unlike and self.n > MOST_UNLIKE:
@@ -118,9 +122,12 @@ class Scenario:
 
     @cached_property
     def limits(self) -> Limits | None:
-        """What the thrusters of each craft can do; None where max_acceleration is all of it."""
+        """What the thrusters of each craft can do; None where max_acceleration is all of it.
+
+        With waypoints, too, plans are made by programs that know such limits.
+        """
         plain = self.problem.thrust == ALONG_AXES and not any(one.limited for one in self.craft)
-        return None if plain else limits_of(self.craft, self.n, self.problem)
+        return None if plain and not self.waypoints else limits_of(self.craft, self.n, self.problem)
 
     @property
     def sized(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.problem import RANGES, Problem
-from pipeline.orbit.thrust import Limits, Windows, blocked, check_windows
+from pipeline.orbit.thrust import Limits, Thrust, Windows, blocked, check_windows
 
 
 @dataclass(frozen=True)
@@ -56,19 +56,24 @@ def limits_of(craft: Sequence[Spacecraft], n: int, problem: Problem) -> Limits:
     component, norm = (np.full(n, np.inf if one is None else one) for one in both)
     delta_v = np.full(n, np.inf)
     grid = problem.time_step, problem.intervals
-    burns = np.tile(~blocked(thrust.no_burn, *grid), (n, 1))
+    burns = np.tile(~blocked(thrust.no_burn, *grid)[:, None], (n, 1, 3))
     for k, one in enumerate(craft):
         given = one.max_acceleration, one.max_acceleration_norm, one.delta_v
         for limit, value in zip((component, norm, delta_v), given, strict=True):
             if value is not None:
                 limit[k] = value
-        burns[k] &= ~blocked(one.no_burn, *grid)
+        burns[k] &= ~blocked(one.no_burn, *grid)[:, None]
     return Limits(component, norm, delta_v, burns)
 
 
-def check_craft(craft: Sequence[Spacecraft], n: int) -> None:
-    """Refuse a list of craft that is not of all craft with an InputError."""
+def check_craft(craft: Sequence[Spacecraft], n: int, thrust: Thrust) -> None:
+    """Refuse a list of craft that is not of all craft, or lacks what is asked of each."""
     if craft and len(craft) != n:
         raise InputError(
             f"craft has {len(craft)} entries and there are {n} spacecraft; expected one of each."
+        )
+    if thrust.objective == "fair" and not (craft and all(one.delta_v for one in craft)):
+        raise InputError(
+            "objective is fair and not every craft has a delta_v; expected what each has left: "
+            "give craft a delta_v, m/s, each."
         )

@@ -19,11 +19,13 @@ from pipeline.orbit.rings import energy_mismatch
 from pipeline.orbit.separation import least_separations
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import Scenario, participants
+from pipeline.scenario.waypoint import closest_pair
 
 FASTER = 1e-3  # m/s; change of vy for the derivative of the drift
 ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
 APART, MATCHED, INSIDE = "craft apart", "energy-matched", "inside corridors"
 PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
+WAYPOINTS = "waypoints apart"
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     if scenario.ends == "any":
         found = [_meant(one) for one in found]
     inside = [_inside(scenario)] if scenario.corridors else []
-    return [*found, *inside, _reachable(scenario), _linear(scenario)]
+    return [*found, *inside, *_waypoints(scenario), _reachable(scenario), _linear(scenario)]
 
 
 def _inside(scenario: Scenario) -> Diagnostic:
@@ -322,6 +324,21 @@ def _out_of_reach(k: int, least: float, limit: float) -> Case:
     times = f"{least / limit:.4g} times max_acceleration"
     text = f"craft {k} needs at least {enough:.4g} m/s², {times}"
     return Case((k,), text, {"least_limit": least})
+
+
+def _waypoints(scenario: Scenario) -> Iterator[Diagnostic]:
+    """Whether craft that must pass places at one time are apart there."""
+    closest = closest_pair(scenario.waypoints, scenario.problem, scenario.radii)
+    if closest is None:
+        return
+    distance, i, j, time = closest
+    text = f"craft {i} and {j} must be {distance:.4g} m apart at {time:g} s, the closest of all"
+    if distance > scenario.radii[[i, j]].sum():
+        yield Diagnostic(WAYPOINTS, "transfer", text)
+        return
+    case = Case((i, j), f"that is within {_within(scenario)}", {"distance": distance})
+    cure = "move one of them, or give them other times"
+    yield Diagnostic(WAYPOINTS, "transfer", text, (case,), cure)
 
 
 def _linear(scenario: Scenario) -> Diagnostic:

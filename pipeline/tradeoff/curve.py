@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError, check_choice
+from pipeline.errors import InputError, check_choice, check_range
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner
@@ -63,8 +63,7 @@ class Point:
 
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
     """At most ``steps`` numbers of arcs over a range of durations, s; InputError if none fits."""
-    if not 1 <= steps <= MOST_NODES:
-        raise InputError(f"steps is {steps}; expected 1 to {MOST_NODES} durations.")
+    check_range("steps", steps, 1, MOST_NODES)
     least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)
     if least < FEWEST:
         raise InputError(

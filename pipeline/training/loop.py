@@ -117,21 +117,16 @@ def train(
     *,
     seed: int = 0,
     device: str = "auto",
-    epochs: int | None = None,
     progress: Progress = SILENT,
 ) -> Trained:
     """Train a network; on one machine's CPU the same arguments give the same bits.
 
     The n and problem of the training examples become the model's; those for validation decide when
     to stop and which weights to keep. The seed is of initial weights, order and dropout; the device
-    "auto", "cpu", "cuda" or "mps"; ``epochs`` the most passes over the data, instead of the
-    recipe's. InputError for an unknown architecture or device, or examples that cannot be used.
-    ProlearnError where loss or score cease to be finite numbers.
+    "auto", "cpu", "cuda" or "mps". InputError for an unknown architecture or device, or examples
+    that cannot be used. ProlearnError where loss or score cease to be finite numbers.
     """
     started = time.perf_counter()
-    most = recipe.epochs if epochs is None else epochs
-    if most < 1:
-        raise InputError(f"epochs is {most}; expected at least 1.")
     architecture, where = find(arch), training_device(device)
     check_examples(train, valid)
     encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
@@ -140,17 +135,17 @@ def train(
         objective = Objective(architecture, network, encoding, recipe)
         preparation = Preparation(architecture, encoding, where)
         data = batches(train, preparation), batches(valid, preparation)
-        history, best = _improve(objective, *data, most, seed, progress)
+        history, best = _improve(objective, *data, seed, progress)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
     return Trained(model, history, best, seconds, str(where), torch.get_num_threads())
 
 
 def _improve(
-    objective: Objective, train: Batches, valid: Batches, epochs: int, seed: int, progress: Progress
+    objective: Objective, train: Batches, valid: Batches, seed: int, progress: Progress
 ) -> tuple[tuple[Epoch, ...], int]:
     """All epochs and the number of the best, whose weights the network is left with."""
-    recipe = objective.recipe
+    recipe, epochs = objective.recipe, objective.recipe.epochs
     descent = Descent(objective.network, recipe, epochs * math.ceil(len(train) / recipe.batch_size))
     scored = replace(objective, network=descent.result)
     order = torch.Generator().manual_seed(seed)

@@ -1,7 +1,11 @@
 """prolearn convert: a plan in the formats of others, or a sentence that says why not."""
 
+import csv
 import json
+import subprocess
+import sys
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from hostile import HOSTILE, SEEN
@@ -17,6 +21,8 @@ WHERE = {
     "raan_deg": 40,
     "argument_of_latitude_deg": 0,
 }
+
+MASSES = ("--mass", 12, "--specific-impulse", 220)
 
 
 @pytest.fixture
@@ -115,7 +121,7 @@ def test_a_plan_without_its_scenario_is_refused_in_a_sentence(prolearn, planned,
     assert "prolearn.plan/1, which leaves out the scenario" in done.stderr
 
 
-@pytest.mark.parametrize("form", ["csv", "parquet", "oem"])
+@pytest.mark.parametrize("form", ["csv", "parquet", "oem", "opm", "burns", "basilisk"])
 @pytest.mark.parametrize("node", [0, 5])
 def test_a_plan_whose_states_are_not_its_controls_is_no_file(
     prolearn, planned, tmp_path, form, node
@@ -125,20 +131,78 @@ def test_a_plan_whose_states_are_not_its_controls_is_no_file(
     document = json.loads((tmp_path / "p.json").read_text())
     document["states"][2][node][1] += 0.1
     (tmp_path / "p.json").write_text(json.dumps(document))
-    done = prolearn("convert", "p.json", "--to", form, "--out", "o")
+    masses = MASSES if form == "opm" else ()
+    done = prolearn("convert", "p.json", "--to", form, "--out", "o", *masses)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("prolearn: p.json: the plan's states are up to 0.1 m off")
     assert not (tmp_path / "o").exists()
 
 
-def test_files_of_craft_that_an_earlier_plan_had_do_not_stay_beside_a_new_one(prolearn, tmp_path):
+@pytest.mark.parametrize("form", ["oem", "opm"])
+def test_files_of_craft_that_an_earlier_plan_had_do_not_stay_beside_a_new_one(
+    prolearn, tmp_path, form
+):
     (tmp_path / "out").mkdir()
-    (tmp_path / "out/craft-7.oem").write_text("of somebody else")
+    others = {"craft-7.oem", "craft-7.opm"}
+    for name in others:
+        (tmp_path / "out" / name).write_text("of somebody else")
     where = ("--epoch", WHERE["epoch"], "--inclination", "97", "--raan", "4")
+    masses = MASSES if form == "opm" else ()
     for n in (12, 5):
         name, place = f"{n}.json", ("--argument-of-latitude", "0")
         prolearn("scenario", "new", name, "--n", n, *where, *place)
         prolearn("plan", name, "--out", "p.json")
-        assert prolearn("convert", "p.json", "--to", "oem", "--out", "out").returncode == 0
+        done = prolearn("convert", "p.json", "--to", form, "--out", "out", *masses)
+        assert done.returncode == 0
     kept = {file.name for file in (tmp_path / "out").iterdir()}
-    assert kept == {*(f"craft-{k}.oem" for k in range(5)), "craft-7.oem"}
+    assert kept == {*(f"craft-{k}.{form}" for k in range(5)), *others}
+
+
+def test_a_script_for_basilisk_ends_where_fly_says(prolearn, tmp_path):
+    wide = ("--from", "craft=3,size=2000", "--to", "craft=3,size=1500,tilt_deg=20")
+    prolearn("scenario", "new", "s.json", *wide, "--eccentricity", 0.01)
+    assert prolearn("plan", "s.json", "--out", "p.json").returncode == 0
+    done = prolearn("convert", "p.json", "--to", "basilisk", "--mass", "4,8,12")
+    assert (done.returncode, done.stdout) == (0, "p.basilisk.py: 3 craft at 11 nodes.\n")
+    command = [sys.executable, "p.basilisk.py", "nodes.csv"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    with (tmp_path / "nodes.csv").open(newline="") as file:
+        last = [row for row in csv.DictReader(file) if row["node"] == "10"]
+    ends = [[float(row[name]) for name in ("x", "y", "z", "vx", "vy", "vz")] for row in last]
+    goal = json.loads((tmp_path / "p.json").read_text())["scenario"]["goal"]
+    flown = json.loads(prolearn("fly", "p.json", "--json").stdout)
+    assert np.array(ends) - goal == pytest.approx(np.array(flown["goal_errors"]), abs=0.005)
+    assert flown["goal_error"] > 0.05, "or this would be the plan's own motion"
+
+
+def test_an_unsafe_plan_is_a_list_of_burns_too_with_status_1(prolearn, planned, tmp_path):
+    planned(planner="decoupled-optimum")
+    done = prolearn("convert", "p.json", "--to", "burns", "--mass", 12)
+    assert (done.returncode, done.stdout) == (1, "p.burns.csv: 11 craft at 11 nodes.\n")
+    burns = json.loads((tmp_path / "p.json").read_text())["controls"]
+    thrusting = sum(any(control) for craft in burns for control in craft)
+    assert len((tmp_path / "p.burns.csv").read_text().splitlines()) == 1 + thrusting
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("opm",), "expected mass (kg) and specific_impulse (s)"),
+        (("opm", "--mass", "12"), "expected mass (kg) and specific_impulse (s)"),
+        (("opm", "--mass", "1,2", "--specific-impulse", "220"), "mass is 1, 2; expected a posi"),
+        (("burns", "--specific-impulse", "220"), "specific_impulse is given without mass"),
+        (("burns", "--mass", "heavy"), "--mass is 'heavy'; expected numbers"),
+        (("basilisk", *MASSES), "specific_impulse is given, and basilisk has no place for it"),
+        (("oem", "--mass", "12"), "mass is given, and oem has no place for it"),
+        (("opm", "--out", "-", *MASSES), "opm is no text for standard output"),
+    ],
+)
+def test_masses_that_are_missing_or_not_used_are_refused_in_a_sentence(
+    prolearn, planned, tmp_path, arguments, words
+):
+    planned(WHERE)
+    before = sorted(tmp_path.iterdir())
+    done = prolearn("convert", "p.json", "--to", *arguments)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert words in done.stderr
+    assert sorted(tmp_path.iterdir()) == before

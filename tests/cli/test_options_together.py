@@ -10,7 +10,7 @@ from judge import Case, closest_adrift, judge_plan
 from judged import document
 from trials import Errors, frequency, wilson
 
-from benchmarks.rule import rule
+from benchmarks.fallback import rule
 from cli.jobs.planner import planner_of
 from pipeline.errors import InputError
 from pipeline.expert import solve

@@ -7,7 +7,6 @@ import fsspec
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.ablate import Ablations, ablate
 from cli.main import app
 from pipeline.errors import InputError
 
@@ -102,15 +101,6 @@ def test_no_message_of_ours_shows_the_secrets_of_a_url_that_was_typed(run, monke
 
     monkeypatch.setattr("cli.jobs.experiments.evaluate", careless)
     assert "is odd; expected another" in run("evaluate", *form, status=2)
-
-
-def test_ablations_without_a_refiner_name_the_data_without_the_secrets(run, here):
-    run("sample", "--n", 3, "--count", 12, "--shares", ".5,.4,.1", "--out", URL, "--jobs", 1)
-    run("solve", URL, "--jobs", 1)
-    run("train", "--arch", "ff1", "--data", URL, "--n", 3, "--epochs", 1)
-    with pytest.raises(InputError, match="trained on memory://box/my n4 as it is now") as raised:
-        ablate(Ablations(data=URL, sizes="3", rounds="2", trials=1, dense=0, timed=0))
-    assert not any(secret in str(raised.value) for secret in SECRETS)
 
 
 def test_a_damaged_shard_is_named_without_the_secrets(run):

@@ -26,6 +26,7 @@ def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
     assert through("show", "-", given=plan).startswith("<!doctype html>")
     table = through("convert", "-", "--to", "csv", given=plan)
     assert len(table.splitlines()) == 1 + 3 * 11
+    assert through("convert", "-", "--to", "burns", given=plan).startswith("craft,node,time_s,utc,")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,6 +1,8 @@
 """What `import prolearn` gives does what the commands do, and its plans stand before the judge."""
 
 import json
+from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -204,10 +206,20 @@ def test_a_page_stands_in_a_notebook_and_in_a_file(plan, tmp_path):
         prolearn.plot([])
 
 
-@pytest.mark.parametrize("to", ["csv", "parquet"])
+@pytest.mark.parametrize("to", ["csv", "parquet", "burns"])
 def test_a_plan_is_written_for_other_tools(plan, tmp_path, to):
     (file,) = prolearn.convert(plan, to, tmp_path / f"plan.{to}")
     assert file.stat().st_size > 1000
+
+
+def test_masses_go_into_what_is_written(plan, tmp_path):
+    where = Reference(datetime(2026, 3, 1, tzinfo=UTC), 97.4, 40.0, 0.0)
+    placed = replace(plan, scenario=replace(plan.scenario, reference=where))
+    masses = {"mass": np.linspace(4, 9, plan.scenario.n).tolist(), "specific_impulse": 220}
+    files = prolearn.convert(placed, "opm", tmp_path / "opm", **masses)
+    assert len(files) == plan.scenario.n and "MASS = 9\n" in files[-1].read_text()
+    with pytest.raises(InputError, match="csv has no place for it"):
+        prolearn.convert(plan, "csv", tmp_path / "plan.csv", mass=4.0)
 
 
 def test_every_public_name_is_there_and_documented():

@@ -5,6 +5,7 @@ import socket
 import sys
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,12 +58,14 @@ def recipe() -> Recipe:
 
 @pytest.fixture(scope="session")
 def trained(recipe: Recipe) -> Trained:
-    return train("ff1", recipe, examples(20, 0), examples(5, 20), seed=3, device="cpu", epochs=2)
+    few = replace(recipe, epochs=2)
+    return train("ff1", few, examples(20, 0), examples(5, 20), seed=3, device="cpu")
 
 
 @pytest.fixture(scope="session")
 def trained_lstm(recipe: Recipe) -> Trained:
-    return train("lstm1", recipe, examples(8, 0), examples(4, 20), seed=3, device="cpu", epochs=1)
+    few = replace(recipe, epochs=1)
+    return train("lstm1", few, examples(8, 0), examples(4, 20), seed=3, device="cpu")
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,6 @@
 """Two versions on the same validation data: the safer one is better, then the cheaper one."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from cli.jobs.train import challenge, flown_metrics, promote, train_model, valid
 from cli.settings import TrainingSettings
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import REFINER, SHORT
 from registry.models import ModelVersion, list_versions, resolve
 
 Register = Callable[..., tuple[ModelVersion, Model]]
@@ -31,32 +29,6 @@ def test_a_version_that_burns_less_on_the_same_validation_data_takes_the_champio
     held = challenge(dear, validation_trials(model, solved, 3), solved)
     assert held.champion.version == 2
     assert [v.aliases for v in list_versions()] == [(), ("champion",), ()]
-
-
-def test_what_is_there_to_be_compared_with_is_no_champion_however_good_it_is(
-    register: Register, solved: Path
-) -> None:
-    register(1.0)
-    better, model = register(0.0)
-    short = replace(better, arch=REFINER, recipe=SHORT)
-    held = challenge(short, validation_trials(model, solved, 3), solved)
-    assert held.champion.version == 1
-    assert held.reason == "recipe short is there to be compared with"
-
-
-def test_a_first_version_that_is_there_to_be_compared_with_is_no_champion(
-    folder: Path, solved: Path
-) -> None:
-    """In a fresh store; the next version by a recipe to plan with is it."""
-    changes = {"epochs": 1, "crowded": 0}
-    how = TrainingSettings(recipe=SHORT, data=str(solved), n=3, device="cpu", **changes)
-    version, held = train_model(REFINER, 0, how)
-    assert (version.aliases, held.champion) == ((), None)
-    with pytest.raises(InputError, match="no model 'refiner'"):
-        resolve(REFINER)
-    version, held = train_model(REFINER, 0, replace(how, recipe="tuned"))
-    assert held.champion.version == version.version == 2
-    assert resolve(REFINER).version == 2
 
 
 def test_a_worse_version_becomes_champion_only_by_force(register: Register) -> None:

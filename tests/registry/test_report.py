@@ -14,7 +14,9 @@ from cli.main import app
 from cli.settings import Evaluation, TransferTimes, WarmStarts
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from registry.store import connect
+from registry.models import list_versions
+from registry.running import recorded_run
+from registry.store import connect, opened
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
@@ -96,3 +98,18 @@ def test_what_was_made_with_other_versions_is_said(done: dict[str, str], folder:
     assert (
         "Experiment 4 was made with torch 1.0, the evaluation with 2" in made(folder / "earlier")[0]
     )
+
+
+def test_an_experiment_of_an_earlier_version_in_the_store_changes_nothing(
+    folder: Path, solved: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo
+) -> None:
+    """Runs of `make ablate` and refiners by its recipes, which are no more."""
+    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    evaluate(Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0))
+    before = report(folder / "before").markdown.read_bytes()
+    gone = "prolearn-ablations"
+    with opened(gone) as store, recorded_run(store, gone, "ablations", {}):
+        pass
+    record_training(trained, recipe=replace(recipe, name="no-third"), seed=0, dataset=on_solved)
+    assert report(folder / "after").markdown.read_bytes() == before
+    assert [version.recipe for version in list_versions()] == ["tuned", "no-third"]

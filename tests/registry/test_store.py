@@ -74,7 +74,7 @@ def test_several_processes_may_start_a_fresh_store_at_once(fresh: Path) -> None:
         (count,) = database.execute(
             "SELECT count(*) FROM experiments WHERE name LIKE 'prolearn-%'"
         ).fetchone()
-    assert count == 6
+    assert count == 5
 
 
 def test_reading_a_store_that_is_not_there_names_the_command_that_makes_one(fresh: Path) -> None:

@@ -44,5 +44,5 @@ def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
 
 
 def test_an_optimizer_that_is_not_there_is_refused(registered: None, solved: Path) -> None:
-    with pytest.raises(InputError, match="optimizer is 'magic'; expected one of expert, plain"):
+    with pytest.raises(InputError, match="optimizer is 'magic'; expected expert or plain"):
         warmstart(WarmStarts(data=str(solved), sizes=f"{CRAFT}", optimizer="magic"))

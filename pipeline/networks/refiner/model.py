@@ -76,8 +76,8 @@ FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter
 FEATURES = 18  # F: edge features, as one of the two craft sees them
 
 Weights = Mapping[str, Any]
-"""Weights of the network by name: ``read``, ``tell``, ``weigh`` and ``offer``, and ``hears``, which
-is 0 where messages are left out and else 1."""
+"""Weights of the network by name: ``read``, ``tell``, ``weigh`` and ``offer``, and ``hears``, 1 but
+in stored models that were trained without messages, where it is 0."""
 
 
 # Message passing: who gives way by how much.

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.recipes import COSINE, NO_THIRD, SHORT, UNCROWDED, Recipe
+from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
@@ -34,7 +34,6 @@ from pipeline.networks.refiner.model import (
 )
 from pipeline.orbit.separation import drift_separations
 
-EPOCHS = 6  # of ``short`` and of every recipe that it is compared with
 UNSAFE = 0.1  # what an unsafe swarm counts as in the score, as fuel over the lower bound
 CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
 
@@ -63,14 +62,12 @@ class LossSettings(BaseModel):
     # distance beyond r_col up to which it lacks something; nobody is seen beyond ``WATCHED``
     clear: float = Field(default=0.008, ge=0, le=WATCHED - 1)
     earlier: float = 0.5  # weight of a round, as a share of that of the next
-    raised: bool = True  # whether collision radii are raised
-    third: bool = True  # whether craft tell each other of their other encounters
 
 
 class MessagePassing(nn.Module):
     """The weights of the network; ``model.agree`` is its forward pass. Untrained, trades are 0."""
 
-    hears: Float[Tensor, ""]  # 1, or 0 where messages are left out; stored with the weights
+    hears: Float[Tensor, ""]  # 1; stored with the weights, 0 where trained without messages
 
     def __init__(self, width: int, message: int, rounds: int) -> None:
         super().__init__()
@@ -109,7 +106,7 @@ class Refiner:
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """One that learns from fuel and separation, without plans; and what it is tried against."""
+        """One that learns from fuel and separation, without plans."""
         tuned = {
             "learning_rate": 2e-3,
             "batch_size": 32,
@@ -119,15 +116,9 @@ class Refiner:
             "schedule": COSINE,
             "gradient_limit": 1.0,
             "averaging": 0.998,
-            "options": _options(),
+            "options": LossSettings().model_dump(),
         }
-        short = {**tuned, "epochs": EPOCHS}
-        return {
-            "tuned": tuned,
-            SHORT: short,
-            NO_THIRD: {**short, "options": _options(third=False)},
-            UNCROWDED: {**short, "options": _options(raised=False), "crowded": 0},
-        }
+        return {"tuned": tuned}
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """The network that all encounters share; it has no dropout."""
@@ -151,8 +142,7 @@ class Refiner:
         """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
-        network.hears.fill_(float(settings.third))  # before the first step, kept with the weights
-        given = _turned(_crowded(batch, encoding, settings))
+        given = _turned(_crowded(batch, encoding))
         ends = given.initial, given.goal, given.collision_radius
         data, terms = problem_data(given.problem, *ends, given.initial.device), []
         now, weights = start(data), network.weights
@@ -188,20 +178,16 @@ class Refiner:
         return torch.from_numpy(answer(network.arrays, network.rounds, swarms.problem, *ends))
 
 
-def _options(**changes: Any) -> dict[str, Any]:
-    return LossSettings(**changes).model_dump(mode="json")
-
-
 def _ratio(data: ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
     """Fuel over the lower bound of each swarm, 1 where none is needed."""
     bound = data.fuel(torch.from_numpy(data.own.controls).to(controls))
     return data.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
 
 
-def _crowded(batch: TensorBatch, encoding: Encoding, settings: LossSettings) -> Swarms:
+def _crowded(batch: TensorBatch, encoding: Encoding) -> Swarms:
     """The swarms with collision radii drawn up to the most that they may be."""
     least, most = batch["radius"], batch["most"]
-    radius = least + (most - least) * torch.rand_like(least) if settings.raised else least
+    radius = least + (most - least) * torch.rand_like(least)
     return Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
 
 

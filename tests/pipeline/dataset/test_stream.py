@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -152,12 +152,12 @@ def test_a_stream_is_shuffled_across_shards_by_its_seed_alone(folder):
 
 
 def test_networks_learn_as_well_from_a_stream_as_from_memory(folder):
-    recipe, losses = recipe_for("ff1", "tuned"), []
+    recipe, losses = replace(recipe_for("ff1", "tuned"), epochs=8), []
     for train_on, valid in (
         (examples(folder, 3, "train"), examples(folder, 3, "valid")),
         (streamed(folder), streamed(folder, "valid", 5)),
     ):
-        trained = train("ff1", recipe, train_on, valid, device="cpu", epochs=8)
+        trained = train("ff1", recipe, train_on, valid, device="cpu")
         losses.append([epoch.valid_loss for epoch in trained.history])
     whole, stream = losses
     assert stream[-1] < 0.95 * stream[0]
@@ -171,6 +171,7 @@ def test_memory_that_is_none_is_refused(folder):
 
 TRAIN = """
 import sys
+from dataclasses import replace
 from pathlib import Path
 import torch
 from pipeline.dataset.reading import examples_within
@@ -180,7 +181,7 @@ torch.set_num_threads(1)
 folder, memory = sys.argv[1], float(sys.argv[2])
 def run(split_size, memory):
     data = [examples_within(folder, n, s, memory) for n, s in split_size]
-    train("ff1", recipe_for("ff1", "tuned"), *data, device="cpu", epochs=1)
+    train("ff1", replace(recipe_for("ff1", "tuned"), epochs=1), *data, device="cpu")
 def peak():
     (line,) = [x for x in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in x]
     return int(line.split()[1]) * 1024

@@ -7,6 +7,7 @@ import pytest
 from judge import Case, exact_step, judge_plan, least_inside
 from scipy.optimize import linprog
 
+import prolearn
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions, in_world
 from pipeline.flight.effects import effects
@@ -208,3 +209,17 @@ def test_what_does_not_count_them_refuses_them():
 def test_what_is_no_corridor_is_refused_in_a_sentence(make, said):
     with pytest.raises(InputError, match=said):
         make()
+
+
+def test_a_trade_off_keeps_corridors_and_refuses_those_beyond_a_shorter_transfer():
+    early = approach(1, corridors=(replace(BOX, end=700.0),))
+    points = prolearn.tradeoff(early, 960.0, 1200.0, steps=2)
+    assert [point.safe for point in points] == [True, True]
+    assert all(inside(point.plan) > 0 for point in points)
+    with pytest.raises(InputError, match=r"corridors\[0\] is from 0 to 1200 s"):
+        prolearn.tradeoff(approach(1, corridors=(BOX,)), 960.0, 1200.0, steps=2)
+
+
+def test_scenarios_made_in_python_have_them():
+    made = prolearn.scenario(FAR.tolist(), NEAR.tolist(), corridors=[BOX, CONE])
+    assert made.corridors == (BOX, CONE)

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.expert import solve
-from pipeline.export import write_csv, write_parquet
+from pipeline.export.tables import write_csv, write_parquet
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 

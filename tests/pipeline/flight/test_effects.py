@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
-from pipeline.flight.conditions import Conditions, in_world
+from pipeline.flight.conditions import Conditions, in_world, world_of
 from pipeline.flight.effects import effects, fly_controls
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
@@ -27,7 +27,8 @@ def test_effects_sum_to_the_error_of_a_flight_with_all_of_them():
     found = effects(SCENARIO, CONTROLS, ALL)
     assert [one.name for one in found] == ["plan", "curvature", "eccentricity", "J2", "drag"]
     problem = SCENARIO.problem
-    states, nearest = fly_controls(ALL.world(problem, 5), SCENARIO.initial, CONTROLS, problem)
+    world = world_of(SCENARIO, ALL)
+    states, nearest = fly_controls(world, SCENARIO.initial, CONTROLS, problem)
     missed = states[:, -1] - SCENARIO.goal
     np.testing.assert_allclose(sum(one.added for one in found), missed, atol=1e-9)
     assert sum(one.share for one in found) == pytest.approx(1.0, abs=1e-9)
@@ -70,7 +71,7 @@ def test_a_reference_orbit_of_the_scenario_is_taken():
     reference = Reference(datetime(2026, 3, 1, tzinfo=UTC), 51.6, -40.0, 370.0)
     there = Conditions(eccentricity=0.002).about(reference)
     assert there == Conditions(0.002, 51.6, 320.0, 90.0, 10.0)
-    mean = there.world(Problem(), 1).orbit.mean_elements
+    mean = there.orbit(Problem()).mean_elements
     assert np.degrees(mean.inclination) == pytest.approx(51.6, abs=1e-9)
     assert mean.semi_major_axis == pytest.approx(radius_at(Problem().mean_motion), rel=1e-12)
     bare = replace(there, j2=False).orbit(Problem())

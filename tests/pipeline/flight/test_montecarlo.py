@@ -241,8 +241,8 @@ def test_another_plan_does_not_either(undisturbed):
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda folder: fly(folder, trials=0), "trials is 0; expected 1 to"),
-        (lambda folder: replace(OF, seed=-1), "seed is -1; expected 0 to"),
+        (lambda folder: fly(folder, trials=0), "trials is 0; expected a number from 1 to"),
+        (lambda folder: replace(OF, seed=-1), "seed is -1; expected a number from 0 to"),
         (lambda folder: fly(folder, jobs=0), "jobs is 0"),
     ],
 )

@@ -109,9 +109,9 @@ def test_data_without_any_motion_still_has_scales():
 
 
 def test_unknown_interiors_and_targets_are_refused_by_name():
-    with pytest.raises(InputError, match=r"'arc'.*line, zeros, minimum-energy"):
+    with pytest.raises(InputError, match=r"'arc'.*line or zeros or minimum-energy"):
         fit(examples(), "arc", "states")
-    with pytest.raises(InputError, match="scaling is 'none'; expected one of common, component"):
+    with pytest.raises(InputError, match="scaling is 'none'; expected common or component"):
         fit(examples(), "line", "states", "none")
-    with pytest.raises(InputError, match=r"'controls'.*states, offset"):
+    with pytest.raises(InputError, match=r"'controls'.*states or offset"):
         Encoding(PROBLEM, 3, "line", "controls", (1.0,) * 6, (1.0,) * 6)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.rule import rule
+from benchmarks.fallback import rule
 from pipeline.errors import InputError
 from pipeline.expert import solve_many
 from pipeline.orbit.problem import Problem

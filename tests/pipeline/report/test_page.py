@@ -12,10 +12,7 @@ from pipeline.report import Results, build_report
 from pipeline.report.html import html_page
 
 COMMANDS = ("warmstart", "transfer-times", "flights")
-EXPERIMENTS = (
-    *(f"prolearn {command}" for command in COMMANDS),
-    "python -m benchmarks.ablate",
-)
+EXPERIMENTS = [f"prolearn {command}" for command in COMMANDS]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +75,7 @@ def test_the_contents_lead_to_the_sections(report):
     page = References()
     page.feed(report.html.read_text())
     anchors = [v[1:] for v in page.found if v.startswith("#")]
-    assert len(anchors) == 10
+    assert len(anchors) == 9
     assert set(anchors) <= page.ids
 
 

@@ -8,8 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clohessy import position
+from judge import exact_step
 
 from pipeline.expert import decoupled_optima, solve
+from pipeline.orbit.corridors import Box, Corridor
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Made, planned
 from pipeline.scenario import draw
@@ -219,3 +222,23 @@ def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, op
         "return [...document.querySelectorAll('.modebar-btn')].map((b) => b.dataset.title)"
     )
     assert titles and not any("hare" in title or "loud" in title for title in titles)
+
+
+def test_obstacles_are_drawn_where_they_drift_and_as_large_as_they_are(browser, opened):
+    problem = Problem()
+    drift = (30.0, -80.0, 20.0, 0.0, -60 * problem.mean_motion, 0.01)
+    debris = Obstacle("debris", drift, radius=10.0)
+    target = Obstacle("target", (0.0,) * 6, semi_axes=(20.0, 60.0, 15.0), hold=True)
+    inside = Corridor(Box((-900.0,) * 3, (900.0,) * 3), 0.0, 1200.0)
+    scenario = draw("rings", 0, 3, 0, problem)
+    plan = solve(replace(scenario, obstacles=(target, debris), corridors=(inside,)))
+    opened(plan)
+    by(browser, "#time").send_keys("\ue010")  # the key End
+    wait_for(browser, "return !state.due")  # drawn with the next frame
+    centres = browser.execute_script(CENTRES, 5)
+    truth = exact_step(problem.mean_motion, 1200.0)[0][:3] @ np.array(drift)
+    assert np.allclose(centres[3], 0, atol=0.02)
+    assert np.allclose(centres[4], truth, atol=0.02)
+    assert browser.execute_script(RADIUS, 5) == pytest.approx(7.5, abs=0.01)
+    lines = browser.execute_script("return document.getElementById('space').data[5].x")
+    assert {900.0, -900.0} <= set(lines)

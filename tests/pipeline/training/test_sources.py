@@ -52,8 +52,8 @@ def valid(count=60):
 
 
 def trained(arch, *, seed=0, epochs=3, source=FRESH, **changes):
-    recipe = replace(recipe_for(arch, "tuned"), batch_size=16, **changes)
-    return train(arch, recipe, source, valid(), seed=seed, device="cpu", epochs=epochs)
+    recipe = replace(recipe_for(arch, "tuned"), batch_size=16, epochs=epochs, **changes)
+    return train(arch, recipe, source, valid(), seed=seed, device="cpu")
 
 
 def weights(found):

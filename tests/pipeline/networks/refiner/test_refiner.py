@@ -224,7 +224,7 @@ def test_what_a_swarm_lacks_is_counted_once_for_each_time_that_a_pair_turns():
 def test_the_gradient_of_a_round_is_how_the_loss_changes():
     """What the sides see of a round is no way for gradients, so it is tried on the first round."""
     made, recipe = network(), recipe_for("refiner", "tuned")
-    recipe = replace(recipe, options={**recipe.options, "rounds": 1, "raised": False})
+    recipe = replace(recipe, options={**recipe.options, "rounds": 1})
     batch = REFINER.prepare(swarms(PROBLEM, *ends(10, 12, family="dense")), ENCODING)
 
     def loss():
@@ -248,11 +248,26 @@ def test_the_gradient_of_a_round_is_how_the_loss_changes():
 
 def test_training_gives_a_model_that_answers_with_controls():
     data, held = (Examples(PROBLEM, *ends(5, 12)) for _ in range(2))
-    recipe = replace(recipe_for("refiner", "tuned"), batch_size=4)
-    first, again = (train("refiner", recipe, data, held, device="cpu", epochs=2) for _ in range(2))
+    recipe = replace(recipe_for("refiner", "tuned"), batch_size=4, epochs=2)
+    first, again = (train("refiner", recipe, data, held, device="cpu") for _ in range(2))
     assert first.model.answers == "controls"
     assert [e.valid_loss for e in first.history] == [e.valid_loss for e in again.history]
     assert first.history[0].train_loss != first.history[1].train_loss
+
+
+def test_a_stored_model_that_was_trained_without_messages_plans_without_them(tmp_path):
+    """As the recipe no-third once did; other weights of the messages then change nothing."""
+    stored = model()
+    stored.network.hears.fill_(0)
+    save(stored, tmp_path)
+    initial, goal = ends(8, 4, family="dense")
+    for made, same in ((load(tmp_path), True), (model(), False)):
+        assert bool(made.network.hears) != same
+        before = made.answer(initial, goal, 15.0)
+        with torch.no_grad():
+            made.network.tell.weight += 0.3
+            made.network.tell.bias += 0.3
+        assert np.array_equal(made.answer(initial, goal, 15.0), before) == same
 
 
 def test_collision_radii_are_raised_as_far_as_free_drift_allows():

@@ -1,10 +1,10 @@
-"""The rule alone, and refiners asked for other numbers of rounds."""
+"""The refiner's rule alone, without its network."""
 
 import numpy as np
 import pytest
 from judged import judged
 
-from benchmarks.rule import rule, with_rounds
+from benchmarks.fallback import rule
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
@@ -18,11 +18,12 @@ REFINER = find("refiner")
 SCENARIOS = [draw("dense", 0, 8, k, PROBLEM, "valid") for k in range(4)]
 
 
-def untrained():
+def untrained(rounds):
     """A refiner that has learned nothing yet, so that it goes by the rule."""
     encoding = Encoding(PROBLEM, 10, "line", "offset", (1.0,) * 6, (1.0,) * 6)
-    network = REFINER.network(REFINER.config, encoding, 0.0)
-    return Model("refiner", REFINER.config, "tuned", encoding, network)
+    config = {**REFINER.config, "rounds": rounds}
+    network = REFINER.network(config, encoding, 0.0)
+    return Model("refiner", config, "tuned", encoding, network)
 
 
 def test_the_judge_finds_of_the_rule_s_plans_what_they_claim():
@@ -34,12 +35,9 @@ def test_the_judge_finds_of_the_rule_s_plans_what_they_claim():
 
 @pytest.mark.parametrize("rounds", [0, 1, 2, 4])
 def test_an_untrained_refiner_burns_what_the_rule_does_after_as_many_rounds(rounds):
-    model = untrained()
-    asked = with_rounds(model, rounds)
-    assert (model.network.rounds, asked.network.rounds) == (REFINER.config["rounds"], rounds)
     fuels = [
         [plan.certificate.fuel for plan in planner.plan(SCENARIOS)]
-        for planner in (rule(rounds), NetworkPlanner(asked, "refiner"))
+        for planner in (rule(rounds), NetworkPlanner(untrained(rounds), "refiner"))
     ]
     np.testing.assert_allclose(*fuels, rtol=1e-7)
 

@@ -1,0 +1,66 @@
+"""Where each craft must be: its goal, and the waypoints on its way, as linear equations."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.arrays import Formation
+from pipeline.orbit.decoupled import acceleration_scale
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import state_weight, transfer_maps
+from pipeline.scenario.waypoint import Waypoint
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    """Equations reach · u = miss in the flattened controls u of each craft, SI units.
+
+    The first six are those of the goal; then there are six for each node with a waypoint.
+    """
+
+    reach: Float[Array, "r m"]
+    miss: Float[Array, "n r"]  # what the controls of each craft must bring about, m and m/s
+    asked: Bool[Array, "n r"]  # of which craft; of others the miss is 0
+    weight: Float[Array, "r"]  # by which velocities count like positions, m
+    scale: Float[Array, "r"]  # to accelerations of one order, m/s²
+
+    def __len__(self) -> int:
+        return len(self.miss)
+
+    def __getitem__(self, craft: Any) -> "Arrivals":
+        """Those of some craft."""
+        return replace(self, miss=self.miss[craft], asked=self.asked[craft])
+
+
+def arrivals_of(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    passed: Mapping[int, Sequence[tuple[int, Waypoint]]],
+) -> Arrivals:
+    """The equations of n craft, some of which pass waypoints at nodes."""
+    maps, n = transfer_maps(problem), len(initial)
+    inner = sorted({node for some in passed.values() for node, _ in some})
+    nodes = [problem.intervals, *inner]
+    wanted = np.zeros((n, len(nodes), 6))
+    asked = np.zeros(wanted.shape, dtype=bool)
+    wanted[:, 0], asked[:, 0] = goal, True
+    for craft, some in passed.items():
+        for node, one in some:
+            row = 1 + inner.index(node)
+            wanted[craft, row, :3], asked[craft, row, :3] = one.position, True
+            if one.velocity is not None:
+                wanted[craft, row, 3:], asked[craft, row, 3:] = one.velocity, True
+    miss = np.where(asked, wanted - np.matvec(maps.drift[nodes], initial[:, None]), 0.0)
+    times = len(nodes)
+    return Arrivals(
+        reach=maps.reach[nodes].reshape(6 * times, -1),
+        miss=miss.reshape(n, -1),
+        asked=asked.reshape(n, -1),
+        weight=np.tile(state_weight(problem), times),
+        scale=np.tile(acceleration_scale(problem), times),
+    )

@@ -1,0 +1,113 @@
+"""The smallest impulse bit: a plan with burns below it is searched again, with none of them.
+
+Where programs are linear, their thrusts become zero or large enough, which is a mixed-integer
+program. Where they have cones, plans are made in turn, each without the smaller half of the burns
+that were still too small before, and the next begins about the last.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool
+
+from pipeline.arrays import Array
+from pipeline.expert.batch import Batch
+from pipeline.expert.incumbents import SearchResult
+from pipeline.expert.limited import decoupled_program, settled
+from pipeline.expert.mixed_integer import by_integers
+from pipeline.expert.scp import Search, SearchProblem
+from pipeline.expert.subproblem import UnsolvableError
+from pipeline.orbit.arrays import Controls
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust_cost import burn_sizes, cost, too_small
+
+ROUNDS = 16  # plans at most, each without more of the small burns
+
+
+def without_small_burns(
+    asked: SearchProblem, results: Sequence[SearchResult]
+) -> list[SearchResult]:
+    """The results of searches, those with burns that are too small searched again without."""
+    found = list(results)
+    for k, result in enumerate(results):
+        if not result.obstacle:
+            found[k] = _again(asked.part([k]), result)
+    return found
+
+
+def _again(asked: SearchProblem, result: SearchResult) -> SearchResult:
+    """The result of one scenario, searched again where a burn is too small."""
+    batch, limits = asked.batch, asked.batch.limits
+    assert limits is not None
+    if not _small(result.controls, batch.problem).any():
+        return result
+    has_cones = batch.problem.thrust.directions is None or np.isfinite(limits.norm).any()
+    found = (_without if has_cones else _by_integers)(asked, result)
+    if result.feasible:
+        fuel = cost(result.controls, batch.problem.thrust)
+        found = replace(found, fuel_without=float(fuel.sum()))
+    if not found.obstacle and _small(found.controls, batch.problem).any():
+        found = replace(found, feasible=False, obstacle=f"not all burns reach {_least(batch)}")
+    return found
+
+
+def _small(controls: Controls, problem: Problem) -> Bool[Array, "n intervals 3"]:
+    return too_small(controls, problem.thrust, problem.time_step)
+
+
+def _least(batch: Batch) -> str:
+    return f"{batch.problem.thrust.min_delta_v:g} m/s"
+
+
+def _by_integers(asked: SearchProblem, result: SearchResult) -> SearchResult:
+    """Search with programs whose thrusts are zero or large enough."""
+    batch, optima = asked.batch, asked.batch.optima
+    assert batch.limits is not None
+    assert batch.arrivals is not None
+    controls = optima.controls.copy()
+    for k in np.flatnonzero(_small(controls, batch.problem).any(axis=(1, 2))):
+        craft = slice(k, k + 1)
+        at = batch.arrivals[craft]
+        sub = decoupled_program(at, batch.limits[craft], batch.problem).sub
+        try:
+            alone = by_integers(sub).controls.reshape(1, -1, 3)
+        except UnsolvableError as error:
+            why = f"craft {k} alone: {error}"
+            return replace(result, feasible=False, obstacle=why)
+        controls[craft] = settled(alone, at, batch.limits[craft], batch.problem)
+    whole = Batch(batch.scenarios, batch.limits, batch.arrivals)
+    whole.optima = replace(optima, controls=controls)
+    search = replace(asked, batch=whole, whole_burns=True)
+    (found,) = Search(search, [result.controls]).run()
+    return replace(found, convex_solves=result.convex_solves + found.convex_solves)
+
+
+def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
+    """The result of one scenario whose burns are all large enough, or else the last tried."""
+    batch, solves = asked.batch, result.convex_solves
+    assert batch.limits is not None
+    for _ in range(ROUNDS):
+        dropped = smaller_half(result.controls, batch.problem)
+        if not dropped.any():
+            break
+        limits = replace(batch.limits, burns=batch.limits.burns & ~dropped)
+        batch = Batch(batch.scenarios, limits, batch.arrivals)
+        if not batch.optima.feasible.all():
+            k = int(batch.optima.feasible.argmin())
+            why = f"no burns of craft {k} were found of at least {_least(batch)} each"
+            return replace(result, convex_solves=solves, feasible=False, obstacle=why)
+        (result,) = Search(replace(asked, batch=batch), [result.controls]).run()
+        solves += result.convex_solves
+    return replace(result, convex_solves=solves)
+
+
+def smaller_half(controls: Controls, problem: Problem) -> Bool[Array, "n intervals 3"]:
+    """Of the burns of each craft that are too small, the smaller half, and at least one."""
+    small = _small(controls, problem)
+    size = burn_sizes(controls, problem.thrust)
+    dropped = np.zeros(controls.shape, dtype=bool)
+    for k in np.flatnonzero(small.any(axis=(1, 2))):
+        middle = np.quantile(size[k][small[k]], 0.5, method="higher")
+        dropped[k] = small[k] & (size[k] <= middle)
+    return dropped

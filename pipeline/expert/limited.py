@@ -1,0 +1,132 @@
+"""Decoupled optima where thrust is more than axes with one limit, and the bounds they prove."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.expert.arrivals import Arrivals
+from pipeline.expert.conic import TOLERANCE, ConicProgram
+from pipeline.expert.solvers import OPTIMAL
+from pipeline.expert.subproblem import Subproblem
+from pipeline.orbit.arrays import Controls
+from pipeline.orbit.decoupled import SHORT
+from pipeline.orbit.problem import RANGES, Problem
+from pipeline.orbit.thrust import Limits
+from pipeline.orbit.thrust_cost import burn_sizes, polar, support, worth
+from pipeline.orbit.transfer import transfer_maps
+
+LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying within it
+FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
+BURN = 1e-5  # share of a craft's largest control under which one is rounding, of a cone program
+MET = 1e-9  # change of a final state that counts as none, m; velocities over e
+
+
+def decoupled_program(at: Arrivals, limits: Limits, problem: Problem) -> ConicProgram:
+    """The cone program of craft that do not see each other; their fuel is least, whatever else."""
+    none: Int[Array, 0] = np.zeros(0, dtype=int)
+    m = at.reach.shape[1]
+    largest = np.abs(np.matvec(transfer_maps(problem).to_goal, at.miss[:, :6])).max()
+    sub = Subproblem(
+        *(at.reach, at.miss, none, none, np.zeros((0, m)), np.zeros(0), np.inf, 0.0),
+        asked=at.asked,
+        unit=float(max(largest, problem.evasive_control)),
+        thrust=replace(problem.thrust, objective="total"),
+        limits=of_program(limits, budget=False),
+        time_step=problem.time_step,
+    )
+    return ConicProgram(sub)
+
+
+def of_program(limits: Limits, *, budget: bool = True) -> Limits:
+    """The limits that programs are given, so that rounding stays within them."""
+    component, norm, delta_v = (
+        LIMIT_SHARE * one for one in (limits.component, limits.norm, limits.delta_v)
+    )
+    return Limits(component, norm, delta_v if budget else np.inf * delta_v, limits.burns)
+
+
+def least_of(
+    at: Arrivals, limits: Limits, problem: Problem
+) -> tuple[Controls | None, Float[Array, "n r"]]:
+    """Controls of least fuel of all craft in one program, or None, and dual variables y."""
+    program = decoupled_program(at, limits, problem)
+    for careful in (False, True):
+        found = program.solver(TOLERANCE, careful=careful).solve()
+        if str(found.status) in OPTIMAL:
+            break
+    sub = program.sub
+    dual = np.zeros(at.miss.shape)
+    dual[at.asked] = -np.asarray(found.z)[: at.asked.sum()]
+    dual = dual * sub.goal_scale * sub.unit
+    if str(found.status) not in OPTIMAL:
+        return None, dual
+    return program.controls_of(program.solved(np.asarray(found.x))).reshape(len(at), -1, 3), dual
+
+
+def dual_bounds(
+    y: Float[Array, "n r"], at: Arrivals, limits: Limits, problem: Problem
+) -> Float[Array, "n"]:
+    """The lower bound on the fuel of each craft, m/s², that any dual variables prove.
+
+    By weak duality: for any y, a control u costs at least y · (reach u), less the worth of y's
+    prices; and also where y is shrunk until nothing is worth more than it costs.
+    """
+    along, value = _along(y, at), np.vecdot(at.miss, y)
+    most = np.where(limits.burns.any(axis=2), polar(along, problem.thrust), 0.0).max(axis=1)
+    bound = value / np.maximum(1.0, most)
+    with np.errstate(invalid="ignore"):
+        bound = np.fmax(bound, value - worth(along, limits, problem.thrust))
+    return np.fmax(bound, 0.0)
+
+
+def impossible(y: Float[Array, "1 r"], at: Arrivals, limits: Limits, problem: Problem) -> bool:
+    """Whether it is proven that the controls of one craft bring it nowhere where it must be.
+
+    They do at most their support along y (Farkas' lemma), and, for the largest limit that a problem
+    may have, along the directions in which controls as good as do nothing.
+    """
+    if np.isfinite(y).all():
+        most = float(support(_along(y, at), limits, problem.thrust)[0])
+        if float(at.miss[0] @ y[0]) > most * (1 + FARKAS_MARGIN):
+            return True
+    asked, columns = at.asked[0], limits.burns[0].ravel()
+    scale, miss, reach = at.scale[asked], at.miss[0, asked], at.reach[asked][:, columns]
+    directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
+    changes = np.abs(directions @ miss)
+    furthest = RANGES["max_acceleration"][1] * np.abs(directions @ reach).sum(axis=1)
+    return bool((changes > furthest + SHORT * np.abs(miss * scale).max()).any())
+
+
+def _along(y: Float[Array, "n r"], at: Arrivals) -> Float[Array, "n intervals 3"]:
+    """What each control does along y, per m/s²."""
+    return (y @ at.reach).reshape(len(y), -1, 3)
+
+
+def settled(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) -> Controls:
+    """The controls without what is rounding in them, which lead exactly where craft must be.
+
+    By the least change of the burns that are left; where those cannot, of all that may be.
+    """
+    allowed = limits.burns
+    size = burn_sizes(controls, problem.thrust)
+    largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
+    burns = allowed & (size > BURN * largest)
+    kept = np.where(burns, controls, 0.0)
+    for free in (burns, allowed):
+        kept = _completed(kept, free, at)
+    return kept
+
+
+def _completed(controls: Controls, free: Array, at: Arrivals) -> Controls:
+    """Controls with the least change of those that are free after which nothing is missed."""
+    n, asked = len(controls), at.asked
+    reach = at.weight[:, None] * at.reach
+    left = at.weight * at.miss - np.matvec(reach, controls.reshape(n, -1)) * asked
+    short = np.abs(left).max(axis=1) > MET
+    if not short.any():
+        return controls
+    columns = reach * free.reshape(n, 1, -1) * asked[..., None]
+    added = np.matvec(np.linalg.pinv(columns, rcond=1e-9), left) * free.reshape(n, -1)
+    return np.where(short[:, None, None], controls + added.reshape(controls.shape), controls)

@@ -1,0 +1,41 @@
+"""The nodes at which craft pass waypoints whose times are open: those of least decoupled fuel."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.expert.arrivals import Arrivals, arrivals_of
+from pipeline.expert.decoupled import decoupled_optima
+from pipeline.orbit.arrays import Formation
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import Limits
+from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft
+
+
+def arrivals_at_least_fuel(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    limits: Limits,
+    waypoints: Sequence[Waypoint],
+) -> tuple[Arrivals, Float[Array, "n"]]:
+    """Where each craft must be, and a lower bound on its fuel for every choice of open times.
+
+    The bound is infinite where no time is open, m/s². Every choice of a craft is tried.
+    """
+    passed, bound = {}, np.full(len(initial), np.inf)
+    for craft, some in of_craft(waypoints).items():
+        choices = choices_of(some, problem)
+        best = choices[0]
+        if len(choices) > 1:
+            many = [craft] * len(choices)
+            ends = initial[many], goal[many], problem
+            tried = {k: list(zip(nodes, some, strict=True)) for k, nodes in enumerate(choices)}
+            optima = decoupled_optima(*ends, limits[many], arrivals_of(*ends, tried))
+            fuel = np.where(optima.feasible, np.abs(optima.controls).sum(axis=(1, 2)), np.inf)
+            best = choices[int(fuel.argmin())]
+            bound[craft] = np.where(optima.impossible, np.inf, optima.lower_bound).min()
+        passed[craft] = list(zip(best, some, strict=True))
+    return arrivals_of(initial, goal, problem, passed), bound

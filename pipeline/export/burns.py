@@ -1,0 +1,137 @@
+"""The burns of a plan as a list: a row for each craft and interval in which it thrusts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.export.inertial import reference_frames
+from pipeline.export.messages import stamp
+from pipeline.files import write_rows
+from pipeline.orbit.thrust_cost import cost
+from pipeline.plan import Plan
+from pipeline.plan.judge import check_states
+from pipeline.scenario import Scenario
+
+GRAVITY = 9.80665  # standard acceleration of free fall, by which specific impulse is defined, m/s²
+AXES = ("x", "y", "z")
+
+PerCraft = float | Sequence[float]
+
+
+@dataclass(frozen=True, eq=False)
+class Masses:
+    """Masses of craft, and the specific impulse of their thrusters."""
+
+    mass: Float[Array, "n"]  # at the first node, kg
+    specific_impulse: Float[Array, "n"] | None = None  # s; None: no propellant is counted
+
+    @classmethod
+    def of_scenario(
+        cls,
+        scenario: Scenario,
+        mass: PerCraft | None,
+        specific_impulse: PerCraft | None = None,
+    ) -> "Masses | None":
+        """Those given, as in ``of``; where no mass is, that of each craft by the scenario."""
+        own = [one.mass for one in scenario.craft if one.mass is not None]
+        if mass is None and own and len(own) == scenario.n:
+            mass = own
+        return cls.of(scenario.n, mass, specific_impulse)
+
+    @classmethod
+    def of(
+        cls, n: int, mass: PerCraft | None, specific_impulse: PerCraft | None = None
+    ) -> "Masses | None":
+        """Those of n craft by one number (kg, s) for all or one for each, or None without a mass.
+
+        Raises:
+            InputError: for other counts, numbers that are not positive, or no mass.
+        """
+        if mass is None:
+            if specific_impulse is not None:
+                raise InputError("specific_impulse is given without mass; expected both.")
+            return None
+        held = _per_craft("mass", mass, n)
+        if specific_impulse is None:
+            return cls(held)
+        return cls(held, _per_craft("specific_impulse", specific_impulse, n))
+
+
+def _per_craft(name: str, given: PerCraft, n: int) -> Float[Array, "n"]:
+    values = np.atleast_1d(np.asarray(given, dtype=float))
+    if values.shape not in ((1,), (n,)) or not (np.isfinite(values) & (values > 0)).all():
+        said = ", ".join(f"{value:g}" for value in values.ravel()[:4].tolist())
+        raise InputError(
+            f"{name} is {said}{', ...' if values.size > 4 else ''}; expected a positive number for "
+            f"all craft, or one for each of {n}."
+        )
+    return np.broadcast_to(values, n).copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Burns:
+    """Intervals in which craft thrust, in the order of craft and time; SI units, a row each.
+
+    Propellant is taken for what a control costs by the scenario's kind of thrust: ‖u‖₁ by thrusters
+    along the three LVLH axes.
+    """
+
+    craft: Array
+    interval: Array  # from 0; it begins at the node of this number
+    acceleration: Float[Array, "burns 3"]  # held along LVLH axes, m/s²
+    delta_v: Float[Array, "burns"]  # by the scenario's kind of thrust, m/s
+    mass: Float[Array, "burns"]  # before, kg; NaN where none was given
+    propellant: Float[Array, "burns"]  # that it takes, kg; NaN where it is not known
+
+
+def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
+    """The burns of a plan; InputError where its states are not what the controls lead to."""
+    check_states(plan)
+    problem = plan.scenario.problem
+    used = problem.time_step * cost(plan.controls, problem.thrust)
+    craft, interval = np.nonzero(used)
+    mass = propellant = np.full(used.shape, np.nan)
+    if masses is not None:
+        mass = np.repeat(masses.mass[:, None], used.shape[1], axis=1)
+        if masses.specific_impulse is not None:
+            exhaust = GRAVITY * masses.specific_impulse[:, None]
+            mass = mass * np.exp(-(np.cumsum(used, axis=1) - used) / exhaust)  # Tsiolkovsky
+            propellant = -mass * np.expm1(-used / exhaust)
+    at = craft, interval
+    return Burns(*at, plan.controls[at], used[at], mass[at], propellant[at])
+
+
+def write_burns(plan: Plan, path: Path, masses: Masses | None = None) -> None:
+    """Write the list of burns as CSV, with a header line; the file appears whole, or on stdout.
+
+    What is not known is empty: times in UTC without a ``reference``, inertial accelerations where
+    the scenario does not say where its orbit is, masses.
+    """
+    scenario, burns = plan.scenario, burns_of(plan, masses)
+    h, where = scenario.problem.time_step, scenario.reference
+    start, size = burns.interval * h, np.linalg.norm(burns.acceleration, axis=1)
+    inertial = np.full_like(burns.acceleration, np.nan)
+    if len(start) and (where is not None or scenario.problem.orbit is not None):
+        frame = reference_frames(scenario, start + h / 2)[1]
+        inertial = np.matvec(frame.axes, burns.acceleration)
+    columns = {
+        "craft": burns.craft,
+        "node": burns.interval,
+        "time_s": start,
+        "utc": [stamp(where.epoch, t) + "Z" if where else None for t in start.tolist()],
+        "duration_s": np.full(len(start), h),
+        **{f"u{axis}": u for axis, u in zip(AXES, burns.acceleration.T, strict=True)},
+        **{f"u{axis}_eme2000": u for axis, u in zip(AXES, inertial.T, strict=True)},
+        "delta_v": burns.delta_v,
+        "delta_v_2norm": h * size,
+        "mass": burns.mass,
+        "force": burns.mass * size,
+        "propellant": burns.propellant,
+    }
+    rows = (v.tolist() if isinstance(v, np.ndarray) else v for v in columns.values())
+    write_rows(path, columns, zip(*rows, strict=True))

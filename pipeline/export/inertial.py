@@ -1,0 +1,39 @@
+"""Where the reference orbit of a plan is: inertial states and LVLH frames, in EME2000."""
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
+from pipeline.orbit.reference import Reference, radius_at
+from pipeline.scenario import Scenario
+
+
+def reference_of(scenario: Scenario) -> Reference:
+    """When and where the reference orbit is; InputError where the scenario does not say."""
+    if scenario.reference is None:
+        raise InputError(
+            "the plan has no reference orbit; expected in its scenario "
+            '"reference": {"epoch": "2026-03-01T12:00:00Z", "inclination_deg": 97.4, '
+            '"raan_deg": 40, "argument_of_latitude_deg": 0} with your values: add it.'
+        )
+    return scenario.reference
+
+
+def reference_frames(
+    scenario: Scenario, time: Float[Array, "*batch"]
+) -> tuple[Float[Array, "*batch 6"], Frame]:
+    """Inertial states of the reference orbit (m, m/s) and LVLH frames, at times since its start, s.
+
+    Those of the scenario's own orbit, or of the circular two-body orbit of its ``reference``;
+    InputError where it has neither.
+    """
+    if scenario.problem.orbit is not None:
+        return scenario.problem.orbit.frames(time)
+    where, rate = reference_of(scenario), scenario.problem.mean_motion
+    i, raan, latitude = np.deg2rad(
+        [where.inclination_deg, where.raan_deg, where.argument_of_latitude_deg]
+    ).tolist()
+    origin = Elements(radius_at(rate), i, raan).states(latitude + rate * time)
+    return origin, lvlh_frame(origin, np.zeros((*time.shape, 3)))  # two-body: the plane stays

@@ -1,0 +1,193 @@
+"""What thrust costs, what it can do within its limits, and how far a plan exceeds them."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.sparse import csr_array, eye_array, hstack, kron
+from scipy.spatial import ConvexHull
+
+from pipeline.arrays import Array
+from pipeline.errors import ProlearnError
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
+
+ROUNDING = 1e-6  # share of a limit that counts as rounding
+NONE = 1e-12  # in place of a divisor of zero
+EXCESS = 1e3  # cost of a thrust beyond its limit, so that there is none where it can be avoided
+
+
+@lru_cache(maxsize=32)
+def _gauge(directions: tuple[Direction, ...]) -> Float[Array, "F 3"]:
+    """Normals of the hull's facets, scaled so that the gauge of u is the largest of normal · u."""
+    planes = ConvexHull(np.array(directions)).equations
+    return np.asarray(planes[:, :3] / -planes[:, 3:])
+
+
+def cost(controls: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
+    """What each control costs, m/s²: the least sum of thrusts without limits that give it."""
+    if thrust.model == COMPONENTS:
+        return np.asarray(np.abs(controls).sum(axis=-1))
+    if thrust.model == NORM:
+        return np.asarray(np.linalg.norm(controls, axis=-1))
+    assert not isinstance(thrust.model, str)
+    return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))
+
+
+def polar(along: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
+    """The most that a control which costs 1 does along vectors: the dual norm of the cost."""
+    if thrust.directions is None:
+        return np.asarray(np.linalg.norm(along, axis=-1))
+    return np.asarray(np.maximum((along @ thrust.directions.T).max(axis=-1), 0.0))
+
+
+def dearest(thrust: Thrust) -> float:
+    """The most that a control of norm 1 costs."""
+    if thrust.model == COMPONENTS:
+        return float(np.sqrt(3))
+    if thrust.model == NORM:
+        return 1.0
+    assert not isinstance(thrust.model, str)
+    return float(np.linalg.norm(_gauge(thrust.model), axis=1).max())
+
+
+def worth(
+    along: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
+) -> Float[Array, "n"]:
+    """At least the most that the controls of each craft do along vectors, less what they cost.
+
+    The largest v · u - cost(u) of each interval in which a craft may burn, within its limits,
+    summed; infinite where that has no limit. By either limit alone it is no more than this.
+    """
+    component, norm = limits.component[:, None], limits.norm[:, None]
+    beyond = np.maximum(polar(along, thrust) - 1, 0.0)
+    if thrust.directions is None:
+        within = np.minimum(_times(norm, beyond), _times(component, _worth_in_box(along)))
+    else:
+        more = np.maximum(along @ thrust.directions.T - 1, 0.0)
+        together = dearest(thrust) * beyond
+        if thrust.model == COMPONENTS:  # in a ball the largest is this, exactly
+            together = np.linalg.norm(more, axis=-1)
+        within = np.minimum(_times(component, more.sum(axis=-1)), _times(norm, together))
+    return np.asarray(np.where(limits.burns.any(axis=2), within, 0.0).sum(axis=1))
+
+
+def _worth_in_box(along: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """The largest v · u - ‖u‖₂ with no component of u beyond 1.
+
+    Where it is, uᵢ = min(1, r |vᵢ|) with r = ‖u‖₂: with the k largest at 1 and S the sum of squares
+    of the others of v, r² = k / (1 - S).
+    """
+    v = np.sort(np.abs(along), axis=-1)[..., ::-1]
+    best = np.zeros(along.shape[:-1])
+    for k in (1, 2, 3):
+        rest = np.square(v[..., k:]).sum(axis=-1)
+        r = np.sqrt(k / np.maximum(1 - rest, NONE))
+        fits = (rest < 1) & (r * v[..., k:].max(axis=-1, initial=0.0) <= 1 + ROUNDING)
+        value = v[..., :k].sum(axis=-1) - np.sqrt(k * np.maximum(1 - rest, 0.0))
+        best = np.where(fits, np.maximum(best, value), best)
+    return np.asarray(best)
+
+
+def support(
+    along: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
+) -> Float[Array, "n"]:
+    """At least the most that the controls of each craft do along vectors, within its limits."""
+    component, norm = limits.component[:, None], limits.norm[:, None]
+    if thrust.directions is None:
+        each = np.abs(along).sum(axis=-1)
+    else:
+        each = np.maximum(along @ thrust.directions.T, 0.0).sum(axis=-1)
+    most = np.minimum(_times(component, each), _times(norm, np.linalg.norm(along, axis=-1)))
+    return np.asarray(np.where(limits.burns.any(axis=2), most, 0.0).sum(axis=1))
+
+
+def _times(limit: Array, amount: Array) -> Array:
+    """The product, 0 where the amount is, whatever the limit."""
+    return np.where(amount > 0, limit * np.where(amount > 0, amount, 1.0), 0.0)
+
+
+def thrusts(
+    controls: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
+) -> Float[Array, "n intervals K"]:
+    """Thrust of each thruster, m/s²: of those that give a control within their limits, the least.
+
+    One linear program for all burns. Where a control is out of their reach, some exceed limits.
+    """
+    from scipy.optimize import linprog  # slow to import, and only some thrusters need it
+
+    directions = thrust.directions
+    assert directions is not None
+    craft, interval = np.nonzero(np.abs(controls).max(axis=2) > 0)
+    found = np.zeros((*controls.shape[:2], len(directions)))
+    if len(craft) == 0:
+        return found
+    burns, K = controls[craft, interval], len(directions)
+    scale = float(np.abs(burns).max())
+    m, most = len(craft), limits.component[craft] / scale
+    given = kron(eye_array(m), csr_array(directions.T))
+    balance: Any = hstack([given, csr_array((3 * m, m))], format="csr")
+    each = kron(eye_array(m), csr_array(np.ones((K, 1))))
+    within: Any = hstack([eye_array(m * K), -each], format="csr")[np.isfinite(most).repeat(K)]
+    solved = linprog(
+        np.concatenate([np.ones(m * K), np.full(m, EXCESS)]),
+        A_eq=balance,
+        b_eq=burns.ravel() / scale,
+        A_ub=within,
+        b_ub=most[np.isfinite(most)].repeat(K),
+        method="highs",
+    )
+    if solved.x is None:
+        raise ProlearnError(f"the thrusts of a plan were not found: {solved.message}")
+    found[craft, interval] = scale * solved.x[: m * K].reshape(m, K)
+    return found
+
+
+def spent(
+    controls: Float[Array, "n intervals 3"], thrust: Thrust, limits: Limits | None = None
+) -> Float[Array, "n"]:
+    """Fuel of each craft, m/s², within the limits of its thrusters."""
+    if limits is None or isinstance(thrust.model, str) or not np.isfinite(limits.component).any():
+        return np.asarray(cost(controls, thrust).sum(axis=1))
+    return np.asarray(thrusts(controls, limits, thrust).sum(axis=(1, 2)))
+
+
+def exceeds(
+    controls: Float[Array, "n intervals 3"], limits: Limits, problem: Problem
+) -> dict[str, Bool[Array, "n"]]:
+    """Which craft exceed which of their limits."""
+    thrust, time_step = problem.thrust, problem.time_step
+    norm, used = np.linalg.norm(controls, axis=2), np.abs(controls).max(axis=(1, 2))
+    if not isinstance(thrust.model, str) and np.isfinite(limits.component).any():
+        used = thrusts(controls, limits, thrust).max(axis=(1, 2))
+    burned = time_step * spent(controls, thrust, limits)
+    return {
+        "max_acceleration": ~(used <= limits.component * (1 + ROUNDING)),
+        "max_acceleration_norm": ~(norm.max(axis=1) <= limits.norm * (1 + ROUNDING)),
+        "delta_v": ~(burned <= limits.delta_v * (1 + ROUNDING)),
+        "no_burn": ((controls != 0) & ~limits.burns).any(axis=(1, 2)),
+        "min_delta_v": too_small(controls, thrust, time_step).any(axis=(1, 2)),
+    }
+
+
+def burn_sizes(
+    controls: Float[Array, "n intervals 3"], thrust: Thrust
+) -> Float[Array, "n intervals 3"]:
+    """Size of the burn that each component of a control is part of, m/s²."""
+    if thrust.model == COMPONENTS:
+        return np.abs(controls)
+    return np.broadcast_to(cost(controls, thrust)[..., None], controls.shape)
+
+
+def too_small(
+    controls: Float[Array, "n intervals 3"], thrust: Thrust, time_step: float
+) -> Bool[Array, "n intervals 3"]:
+    """Parts of controls that are burns, and smaller than the smallest impulse bit.
+
+    Of thrusters along the axes each component is a burn; else the whole control is one.
+    """
+    if thrust.min_delta_v is None:
+        return np.zeros(controls.shape, dtype=bool)
+    size = burn_sizes(controls, thrust)
+    return (size > 0) & (time_step * size < thrust.min_delta_v * (1 - ROUNDING))

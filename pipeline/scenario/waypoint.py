@@ -1,0 +1,126 @@
+"""Waypoints: places that a craft must pass on its way."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, groupby
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.orbit.arrays import States, Values
+from pipeline.orbit.problem import Problem
+
+ON_GRID = 1e-6  # share of an interval by which a waypoint's time may be off its node
+MOST_CHOICES = 400  # ways in which the open times of a craft's waypoints can be chosen, at most
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A place that a craft must be at, at a node.
+
+    Attributes:
+        craft: which.
+        position: LVLH, m.
+        velocity: LVLH, m/s, or None for any.
+        time: s since the first node, or None for the node at which it costs least.
+    """
+
+    craft: int
+    position: tuple[float, float, float]
+    velocity: tuple[float, float, float] | None = None
+    time: float | None = None
+
+    def node(self, problem: Problem) -> int | None:
+        """The node of its time, or None."""
+        return None if self.time is None else round(self.time / problem.time_step)
+
+
+def of_craft(waypoints: Sequence[Waypoint]) -> dict[int, list[Waypoint]]:
+    """The waypoints of each craft that has some, in their order."""
+    ordered = sorted(waypoints, key=lambda one: one.craft)
+    return {k: list(some) for k, some in groupby(ordered, key=lambda one: one.craft)}
+
+
+def check_waypoints(waypoints: Sequence[Waypoint], n: int, problem: Problem) -> None:
+    """Refuse waypoints of no craft, at no inner node or in no order with an InputError."""
+    for k, one in enumerate(waypoints):
+        if not 0 <= one.craft < n:
+            raise InputError(
+                f"waypoints[{k}].craft is {one.craft}; expected a craft's number, 0 to {n - 1}."
+            )
+        node = one.node(problem)
+        if node is None or one.time is None:
+            continue
+        off = abs(one.time / problem.time_step - node)
+        if not (off <= ON_GRID and 0 < node < problem.intervals):
+            raise InputError(
+                f"waypoints[{k}].time is {one.time:g} s; expected a node between the first and the "
+                f"last: a multiple of {problem.time_step:g} s below {problem.duration:g} s."
+            )
+    for craft, some in of_craft(waypoints).items():
+        nodes = [node for one in some if (node := one.node(problem)) is not None]
+        if nodes != sorted(set(nodes)):
+            raise InputError(
+                f"waypoints of craft {craft} are not in the order of their times; expected one "
+                "after the other: sort them."
+            )
+        if len(choices_of(some, problem)) not in range(1, MOST_CHOICES + 1):
+            raise InputError(
+                f"craft {craft} has {len(some)} waypoints, whose open times can be chosen in no "
+                f"way, or in more than {MOST_CHOICES}; expected fewer: give some a time."
+            )
+
+
+def closest_pair(
+    waypoints: Sequence[Waypoint], problem: Problem, radii: Values
+) -> tuple[float, int, int, float] | None:
+    """Distance, craft and time of the two that must be closest at one node, or None: m and s.
+
+    Closest by the radii of craft, m.
+    """
+    timed = [one for one in waypoints if one.time is not None]
+    apart = [
+        (float(np.linalg.norm(np.subtract(a.position, b.position))), a.craft, b.craft, a.time or 0)
+        for a, b in combinations(timed, 2)
+        if a.node(problem) == b.node(problem)
+    ]
+    return min(apart, key=lambda one: one[0] - radii[one[1]] - radii[one[2]], default=None)
+
+
+def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
+    """All ways to give one craft's waypoints increasing nodes; a few more than MOST_CHOICES."""
+    found: list[tuple[int, ...]] = [()]
+    for one in waypoints:
+        node = one.node(problem)
+        longer = []
+        for before in found:
+            first = before[-1] + 1 if before else 1
+            open_nodes = range(first, problem.intervals)
+            nodes = open_nodes if node is None else [node] * (node in open_nodes)
+            longer += [(*before, k) for k in nodes]
+            if len(longer) > MOST_CHOICES * problem.nodes:
+                break
+        found = longer
+    return found
+
+
+def missed(waypoints: Sequence[Waypoint], states: States, problem: Problem) -> tuple[float, float]:
+    """By how much node states miss the waypoints at most, m and m/s.
+
+    Of those without a time the nodes count, after the waypoint before, that are nearest.
+    """
+    worst = np.zeros(2)
+    for craft, some in of_craft(waypoints).items():
+        misses = [
+            np.max([_miss(one, states[craft, k]) for one, k in zip(some, nodes, strict=True)], 0)
+            for nodes in choices_of(some, problem)
+        ]
+        worst = np.maximum(worst, min(misses, key=lambda one: one[0]))
+    position, velocity = worst.tolist()
+    return position, velocity
+
+
+def _miss(waypoint: Waypoint, state: np.ndarray) -> tuple[float, float]:
+    velocity = state[3:] if waypoint.velocity is None else np.array(waypoint.velocity)
+    off = np.abs(state[:3] - waypoint.position).max(), np.abs(state[3:] - velocity).max()
+    return float(off[0]), float(off[1])

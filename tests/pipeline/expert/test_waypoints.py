@@ -1,0 +1,199 @@
+"""Waypoints: passed exactly, at least fuel, at nodes given or the best; held to cvxpy."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from judge import judge_plan
+from judge.motion import exact_step
+from judged import document
+
+from pipeline.documents import write_document
+from pipeline.errors import InputError
+from pipeline.expert import solve
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import Thrust
+from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
+from pipeline.plan.document import plan_document, read_plan, write_plan
+from pipeline.plan.recheck import recheck
+from pipeline.planners.as_flown import AsFlown
+from pipeline.planners.goal_assignment import GoalAssignment
+from pipeline.planners.named import named_planner
+from pipeline.scenario import diagnostics, draw
+from pipeline.scenario.document import document_of, read_scenario, scenario_from
+from pipeline.scenario.waypoint import Waypoint
+
+PROBLEM = Problem()
+SWARM = draw("rings", 0, 6, 3, PROBLEM)
+BETWEEN = tuple(
+    Waypoint(k, tuple((1.5 * SWARM.initial[(k + 1) % 6, :3]).tolist()), None, 600.0)
+    for k in range(6)
+)
+NORM = Thrust("norm")
+
+
+def with_waypoints(*waypoints, thrust=PROBLEM.thrust):
+    """The swarm, some of whose craft pass waypoints."""
+    return replace(SWARM, problem=replace(PROBLEM, thrust=thrust), waypoints=waypoints)
+
+
+def least_fuel(craft, passed, norm):
+    """Fuel of the craft's own program, m/s², that is at positions at nodes, by cvxpy."""
+    free, pushed = exact_step(PROBLEM.mean_motion, PROBLEM.time_step)
+    control = cp.Variable((PROBLEM.intervals, 3))
+    state, constraints = SWARM.initial[craft], []
+    size = np.repeat([1.0, PROBLEM.duration], 3)
+    for node in range(1, PROBLEM.nodes):
+        state = free @ state + (pushed * 1e-3) @ control[node - 1]
+        if node in passed:
+            constraints.append(state[:3] == passed[node])
+    constraints.append(cp.multiply(size, state) == size * SWARM.goal[craft])
+    cost = cp.sum(cp.norm(control, 2 if norm else 1, axis=1))
+    return cp.Problem(cp.Minimize(cost), constraints).solve(solver="CLARABEL") * 1e-3
+
+
+def off(plan, craft, position):
+    """How far a craft is from a position at each node, m."""
+    return np.linalg.norm(plan.states[craft, :, :3] - position, axis=1)
+
+
+@pytest.mark.parametrize("thrust", [PROBLEM.thrust, NORM], ids=["components", "norm"])
+def test_waypoints_are_passed_at_their_times_for_the_least_fuel(thrust):
+    plan = solve(with_waypoints(*BETWEEN, thrust=thrust))
+    assert plan.status == SOLVED
+    for one in BETWEEN:
+        assert off(plan, one.craft, one.position)[5] < 1e-6
+    least = sum(least_fuel(k, {5: BETWEEN[k].position}, thrust is NORM) for k in range(6))
+    found = plan.certificate
+    assert found.fuel_lower_bound == pytest.approx(least, rel=1e-6)
+    assert found.fuel >= least * (1 - 1e-6)
+    if thrust is not NORM:
+        report = judge_plan(document(plan.scenario), plan_document(plan))
+        assert report.faults == ()
+        assert report.fuel_lower_bound < least  # of its transfer without waypoints
+
+
+@pytest.mark.parametrize("thrust", [PROBLEM.thrust, NORM], ids=["components", "norm"])
+def test_waypoints_without_times_are_passed_where_that_costs_least(thrust):
+    first, second = SWARM.initial[1, :3] * 1.2, (10.0, 300.0, 0.0)
+    open_times = [Waypoint(0, tuple(first.tolist())), Waypoint(0, second)]
+    plan = solve(with_waypoints(*open_times, thrust=thrust))
+    assert plan.status == SOLVED
+    nodes = [int(off(plan, 0, place).argmin()) for place in (first, second)]
+    assert 0 < nodes[0] < nodes[1] < PROBLEM.intervals
+    assert max(off(plan, 0, place).min() for place in (first, second)) < 1e-6
+    least = min(
+        least_fuel(0, {a: first, b: second}, thrust is NORM)
+        for a, b in combinations(range(1, PROBLEM.intervals), 2)
+    )
+    others = sum(least_fuel(k, {}, thrust is NORM) for k in range(1, 6))
+    assert plan.certificate.fuel_lower_bound == pytest.approx(least + others, rel=1e-6)
+
+
+def test_a_velocity_is_met_as_well():
+    still = Waypoint(1, BETWEEN[1].position, (0.0, 0.0, 0.0), 600.0)
+    plan = solve(with_waypoints(still))
+    assert plan.status == SOLVED
+    assert np.abs(plan.states[1, 5] - [*still.position, 0, 0, 0]).max() < 1e-6
+
+
+@pytest.mark.parametrize("requirements", [Requirements(), Requirements(passive_safety=0.3)])
+def test_the_refiner_has_the_expert_pass_them(requirements):
+    plan = named_planner("refiner", requirements).plan([with_waypoints(*BETWEEN[:2])])[0]
+    assert plan.status == SOLVED
+    assert max(off(plan, k, BETWEEN[k].position)[5] for k in range(2)) < 1e-6
+
+
+def test_goals_may_be_assigned_after_waypoints():
+    given = solve(with_waypoints(*BETWEEN))
+    (plan,) = GoalAssignment(named_planner("expert")).plan([with_waypoints(*BETWEEN)])
+    assert plan.status == SOLVED
+    assert sorted(plan.assignment.slots) == [*range(6)]
+    assert plan.certificate.fuel <= given.certificate.fuel * (1 + 1e-9)
+    assert max(off(plan, k, BETWEEN[k].position)[5] for k in range(6)) < 1e-6
+
+
+def test_a_baseline_that_flies_past_them_is_unsafe_and_says_so():
+    (plan,) = named_planner("minimum-energy").plan([with_waypoints(BETWEEN[0])])
+    assert plan.status == UNSAFE
+    miss = np.abs(plan.states[0, 5, :3] - BETWEEN[0].position).max()
+    assert f"misses a waypoint by {miss:.3g} m" in plan.message
+
+
+def test_a_plan_file_that_moves_its_waypoint_is_found_out(tmp_path):
+    plan = solve(with_waypoints(BETWEEN[0]))
+    moved = replace(BETWEEN[0], position=(0.0, 500.0, 0.0))
+    write_plan(tmp_path / "p.json", replace(plan, scenario=with_waypoints(moved)))
+    faults = recheck(read_plan(tmp_path / "p.json")).faults
+    assert any("misses a waypoint" in fault.lower() for fault in faults)
+
+
+def test_craft_that_must_meet_have_no_plan():
+    near = replace(BETWEEN[1], position=BETWEEN[0].position)
+    swarm = with_waypoints(BETWEEN[0], near)
+    plan = solve(swarm)
+    assert plan.status == INFEASIBLE
+    assert "craft 0 and 1 must be 0 m apart at 600 s" in plan.message
+    (said,) = [one for one in diagnostics(swarm) if one.rule == "waypoints apart"]
+    assert not said.fine
+    assert said.cases[0].craft == (0, 1)
+
+
+def test_one_that_no_thrust_within_the_limit_reaches_is_proven_so():
+    far = replace(SWARM, problem=replace(PROBLEM, max_acceleration=0.01))
+    far = replace(far, waypoints=(Waypoint(2, (0.0, 5000.0, 0.0), None, 240.0),))
+    plan = solve(far)
+    assert plan.status == INFEASIBLE
+    assert "craft 2 cannot reach its goal by its waypoints" in plan.message
+
+
+def test_a_formation_between_is_one_waypoint_of_each_craft(tmp_path):
+    fields = document_of(SWARM)
+    ring = {"craft": 6, "size": 400, "tilt_deg": 30}
+    fields["waypoints"] = [{"formation": {"rings": [ring]}, "time": 600}]
+    fields["waypoints"] += [{"craft": 2, "position": [0, 100, 0], "time": 840}]
+    write_document(tmp_path / "s.json", fields)
+    swarm = read_scenario(tmp_path / "s.json")
+    assert len(swarm.waypoints) == 7
+    # The ring's own definition, a quarter of its phase on
+    assert swarm.waypoints[0].position[0] == pytest.approx(200.0)
+    again = scenario_from({k: v for k, v in document_of(swarm).items() if k != "schema"}, "")
+    assert again.waypoints == swarm.waypoints
+    plan = solve(swarm)
+    assert plan.status == SOLVED
+
+
+@pytest.mark.parametrize(
+    ("waypoint", "said"),
+    [
+        ({"craft": 6, "position": [0, 0, 0]}, "expected a craft's number, 0 to 5"),
+        ({"craft": 0, "position": [0, 0, 0], "time": 650}, "a multiple of 120 s"),
+        ({"craft": 0, "position": [0, 0, 0], "time": 1200}, "between the first and the last"),
+        ({"craft": 0}, "give craft and position, or a formation"),
+        ({"formation": [[0, 0, 0, 0, 0, 0]], "time": 600}, "has 1 craft and initial has 6"),
+        ({"formation": {"rings": [{"craft": 6, "size": 90}]}}, "give it a time"),
+    ],
+)
+def test_waypoints_that_make_no_sense_are_refused(waypoint, said):
+    fields = {k: v for k, v in document_of(SWARM).items() if k != "schema"}
+    with pytest.raises(InputError, match=said):
+        scenario_from(fields | {"waypoints": [waypoint]}, "")
+
+
+def test_waypoints_out_of_order_or_with_too_many_choices_are_refused():
+    late, early = replace(BETWEEN[0], time=840.0), replace(BETWEEN[0], time=360.0)
+    with pytest.raises(InputError, match="not in the order of their times"):
+        with_waypoints(late, early)
+    many = replace(SWARM, problem=replace(PROBLEM, nodes=101))
+    two = [replace(BETWEEN[0], time=None)] * 2
+    with pytest.raises(InputError, match="give some a time"):
+        replace(many, waypoints=tuple(two))
+
+
+def test_a_plan_as_flown_refuses_them():
+    orbit = ReferenceOrbit(6878137.0, 0.001, 97.4)
+    with pytest.raises(InputError, match="leave --world out"):
+        AsFlown(named_planner("expert"), orbit).plan([with_waypoints(BETWEEN[0])])
