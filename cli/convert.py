@@ -23,7 +23,8 @@ def convert(
         option("A file or -, for OEM and OPM a folder; by default named as the plan."),
     ] = None,
     mass: Annotated[
-        str | None, option("Of craft at the first node, kg: for all, or one,for,each; default: scenario's.")
+        str | None,
+        option("Of craft at the first node, kg: for all, or one,for,each; default: scenario's."),
     ] = None,
     specific_impulse: Annotated[
         str | None, option("Of their thrusters, s: for all, or one,for,each.")

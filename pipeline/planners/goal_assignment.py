@@ -26,10 +26,7 @@ DEAR = 1e-2  # gap from which the cheapest assignment's plan is dear: others are
 # How the bound of all assignments is proven
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
-IMPOSSIBLE = (
-    "whichever goals they take, some craft cannot reach its own within its limits of thrust, which "
-    "is proven"
-)
+IMPOSSIBLE = "whichever goals they take, some craft cannot reach its own within {}, which is proven"
 
 ADRIFT = (
     "whichever goals they take, a craft adrift comes within collision_radius of another after the "
@@ -161,7 +158,9 @@ class _Candidates:
         solves = sum(plan.convex_solves for plan in tried.values())
         plan = replace(tried[slots], timing=timing, convex_solves=solves)
         if self.cheapest is None:
-            return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE)
+            plain = self.scenario.limits is None
+            limits = "max_acceleration" if plain else "its limits of thrust"
+            return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE.format(limits))
         if self.first is None:
             plan = replace(plan, message=ADRIFT)
         elif plan.status == INFEASIBLE and not self._all_infeasible():
