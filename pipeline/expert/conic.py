@@ -225,6 +225,15 @@ class ConicProgram:
         end = len(z) - 4 * count
         return z[end - k : end]
 
+    def splits(self, z: Values) -> Float[Array, "n intervals 3"]:
+        """The part of what each control does along the goals' duals that its cone pays for."""
+        sub, (craft, interval) = self.sub, self.slots
+        assert sub.limits is not None
+        some = np.full(len(craft), self.pointed) | np.isfinite(sub.limits.norm[craft])
+        found = np.zeros((len(sub.miss), sub.reach.shape[1] // 3, 3))
+        found[craft[some], interval[some]] = -z[len(z) - 4 * some.sum() :].reshape(-1, 4)[:, 1:]
+        return found
+
 
 def _rows_of(columns: Any, width: int) -> sparse.csr_array:
     """Rows with a one in the columns given."""
