@@ -13,10 +13,12 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import OrbitDocument, scenario_from
 from pipeline.scenario.inertial import scenario_from_inertial
 from pipeline.scenario.scenario import Ends
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.state_files import read_inertial
 
 
@@ -57,6 +59,8 @@ def scenario(
     nodes: int = Problem.nodes,
     collision_radius: float = Problem.collision_radius,
     max_acceleration: float | None = None,
+    thrust: Thrust = ALONG_AXES,
+    craft: Sequence[Spacecraft] = (),
     reference: Reference | None = None,
     name: str = "",
 ) -> Scenario:
@@ -72,6 +76,9 @@ def scenario(
         nodes: time nodes, one more than intervals.
         collision_radius: craft must be further apart at all times, m.
         max_acceleration: limit on each component of the control, m/s², or None.
+        thrust: thrusters along the axes, one that is pointed or of given directions, limits of the
+            norm, the smallest impulse bit, windows without burns, and what is least.
+        craft: what each craft has of its own; none where all are alike.
         reference: where and when the orbit is, for ephemerides and for flights about the Earth.
         name: in files and tables.
 
@@ -89,7 +96,9 @@ def scenario(
         "initial": _end(initial),
         "goal": _end(goal),
     }
-    return replace(scenario_from(fields, name), reference=reference)
+    made = scenario_from(fields, name)
+    problem = replace(made.problem, thrust=thrust)
+    return replace(made, problem=problem, craft=tuple(craft), reference=reference)
 
 
 def scenario_from_files(
@@ -102,6 +111,8 @@ def scenario_from_files(
     nodes: int = Problem.nodes,
     collision_radius: float = Problem.collision_radius,
     max_acceleration: float | None = None,
+    thrust: Thrust = ALONG_AXES,
+    craft: Sequence[Spacecraft] = (),
     j2: bool = True,
     ballistic: float | None = None,
     spread: float = 0.0,
@@ -121,6 +132,8 @@ def scenario_from_files(
         nodes: time nodes, one more than intervals.
         collision_radius: craft must be further apart at all times, m.
         max_acceleration: limit on each component of the control, m/s², or None.
+        thrust: as of ``scenario``.
+        craft: what each craft has of its own; none where all are alike.
         j2: whether the Earth is oblate.
         ballistic: mean C_D A/m of the swarm, m²/kg, or None for no drag.
         spread: by what share of it the first craft has less, and the last more.
@@ -142,7 +155,8 @@ def scenario_from_files(
         ballistic=ballistic,
         spread=spread,
     )
-    return replace(made, name=name)
+    problem = replace(made.problem, thrust=thrust)
+    return replace(made, problem=problem, name=name, craft=tuple(craft))
 
 
 def _end(given: Any) -> Any:

@@ -35,6 +35,13 @@ def cost(controls: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*b
     return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))
 
 
+def burned(controls: Float[Array, "K n 3"], thrust: Thrust) -> Float[Array, "K"]:
+    """Fuel of all craft in an interval of K trials, m/s², by thrusters without limits."""
+    if thrust.model == COMPONENTS:
+        return np.asarray(np.abs(controls).sum(axis=(1, 2)))
+    return np.asarray(cost(controls, thrust).sum(axis=1))
+
+
 def polar(along: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
     """The most that a control which costs 1 does along vectors: the dual norm of the cost."""
     if thrust.directions is None:
