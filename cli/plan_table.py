@@ -1,6 +1,6 @@
 """The table of plans: who made each, what it costs, how near the optimum, who comes closest."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
@@ -40,8 +40,6 @@ def closest(row: Row) -> list[str]:
 
 def print_plans(rows: Sequence[Row]) -> None:
     """Print the table of plans, remarks on single ones, and where their files are."""
-    assigned = [row["assignment"] for row in rows if row["assignment"]]
-    adrift = [row["passive_safety"] for row in rows if row["passive_safety"]]
     headings = ["scenario", "planner", *HEADINGS]
     lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
     for name, (names, extra) in EXTRA.items():
@@ -57,23 +55,36 @@ def print_plans(rows: Sequence[Row]) -> None:
     for row in rows:
         for sentence in _remarks(row):
             echo(f"{row['scenario']}: {sentence}")
-    if assigned:
-        most = max(one["tried"] for one in assigned)
-        echo(
-            "saved: against any plan for the given order of goals, of its fuel. "
-            f"Assignments tried: {most}{' at most' if len(rows) > 1 else ''}."
-        )
-    if adrift:
-        echo(
-            "adrift from: who comes closest to another after a loss of thrust, and the node of the "
-            f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
-        )
+    for sentence in _legend(rows):
+        echo(sentence)
     worlds = {orbit_said(row["world"]) for row in rows if row["world"]}
     if worlds:
         echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
     echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+
+
+def _legend(rows: Sequence[Row]) -> Iterator[str]:
+    """What columns mean that only some plans have."""
+    if assigned := [row["assignment"] for row in rows if row["assignment"]]:
+        most = max(one["tried"] for one in assigned)
+        yield (
+            "saved: against any plan for the given order of goals, of its fuel. "
+            f"Assignments tried: {most}{' at most' if len(rows) > 1 else ''}."
+        )
+    if adrift := [row["passive_safety"] for row in rows if row["passive_safety"]]:
+        yield (
+            "adrift from: who comes closest to another after a loss of thrust, and the node of the "
+            f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
+        )
+    if any(row["largest_share"] for row in rows):
+        yield "largest share: that a craft burns of its delta_v; in no plan is it below the next."
+    if any(row["smallest_burn"] for row in rows):
+        yield (
+            "least: the smallest burn of a thruster. bit costs: fuel that min_delta_v adds to the "
+            "planner's own plan without it."
+        )
 
 
 def orbit_said(of: Mapping[str, Any]) -> str:
@@ -174,7 +185,7 @@ EXTRA = {
     "passive_safety": (("adrift\nfrom", "apart\nm"), _adrift),
     "assignment": (("saved\n≥",), _saved),
     "largest_share": (("largest\nshare", "\n≥"), _share),
-    "smallest_burn": (("burns ≥\nmm/s", "bit\ncosts"), _burn),
+    "smallest_burn": (("least\nmm/s", "bit\ncosts"), _burn),
 }
 """Columns shown where a plan has the field of this name: their headings, and a row's cells."""
 

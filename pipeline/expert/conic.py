@@ -215,11 +215,12 @@ class ConicProgram:
         craft, interval = self.slots
         n, m, _ = self.sub.shape
         controls = np.zeros((n, m // 3, 3))
-        z = x[: len(craft) * len(self.price)].reshape(len(craft), -1)
+        S, V = len(craft), len(self.price)
+        z = x[: S * V].reshape(S, V)
         controls[craft, interval] = self.sub.unit * z @ self.effect.T
         return controls.reshape(n, m)
 
-    def half_space_duals(self, z: Values) -> Values:
+    def half_space_duals(self, z: Float[Array, "rows"]) -> Float[Array, "k"]:
         """Dual variables of the half-spaces, of those of all rows."""
         k, (_, _, count) = len(self.sub.required), self.cones()
         end = len(z) - 4 * count

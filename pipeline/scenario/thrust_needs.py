@@ -71,7 +71,7 @@ def shortfalls(scenario: Scenario, limits: Limits, needs: Needs) -> Iterator[Sho
             if need > most * (1 + MARGIN):
                 text = f"craft {k} needs at least {down(need)} {unit} and has {most:g} {unit}, its"
                 numbers = {f"least_{name}": float(need)}
-                yield Shortfall(k, f"{text} {name}", f"raise its {name}, or {TIME}", numbers)
+                yield Shortfall(k, f"{text} {name}", f"raise {name}, or {TIME}", numbers)
                 break
 
 
@@ -85,7 +85,7 @@ def _no_way(k: int, limits: Limits, problem: Problem) -> Shortfall:
         f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its goal "
         "with any thrust"
     )
-    cure = f"leave it more time to burn by no_burn, or {TIME}"
+    cure = f"leave more time to burn by no_burn, or {TIME}"
     return Shortfall(k, text, cure, {"may_burn": float(may)})
 
 
@@ -104,7 +104,9 @@ def _no_burn_large_enough(k: int, limits: Limits, problem: Problem) -> Shortfall
         f"craft {k} must burn, and can make no burn of more than {burn:.4g} m/s, less than "
         f"min_delta_v, {thrust.min_delta_v:g} m/s"
     )
-    return Shortfall(k, text, "lower min_delta_v or raise its limits", {"most_delta_v": burn})
+    return Shortfall(
+        k, text, "lower min_delta_v, or raise the limits of thrust", {"most_delta_v": burn}
+    )
 
 
 def most_strained(limits: Limits, needs: Needs) -> str:

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
-import cvxpy as cp
 import numpy as np
 from scipy.optimize import linprog
 
@@ -110,11 +110,15 @@ class Thrusters:
 
     def least(self, k: int, reach: np.ndarray, miss: np.ndarray, unit: float) -> float:
         """Least fuel of craft k, in units, with reach · u = miss; infinite where none does."""
+        import cvxpy as cp  # slow to import, and few scenarios need it
+
         m = reach.shape[1] // 3
         control, cost, limits = self._control(k, m, unit)
         arrives = reach @ cp.vec(control, order="C") == miss
         program = cp.Problem(cp.Minimize(cp.sum(cost)), [arrives, *limits])
-        program.solve(solver=cp.CLARABEL, tol_gap_rel=1e-10, tol_gap_abs=1e-12, tol_feas=1e-10)
+        with catch_warnings():  # where so small tolerances are not met, nearly so is enough
+            simplefilter("ignore", UserWarning)
+            program.solve(solver=cp.CLARABEL, tol_gap_rel=1e-10, tol_gap_abs=1e-12, tol_feas=1e-10)
         if program.status in ("infeasible", "infeasible_inaccurate"):
             return np.inf
         if program.value is None:
@@ -123,7 +127,9 @@ class Thrusters:
 
     def _control(self, k: int, m: int, unit: float) -> tuple[Any, Any, list[Any]]:
         """Control (m, 3) of craft k and its cost as expressions, and what limits it."""
-        limits = []
+        import cvxpy as cp
+
+        limits: list[Any] = []
         if isinstance(self.model, str):
             control = cp.Variable((m, 3))
             cost = cp.norm(control, 1 if self.model == "components" else 2, axis=1)
