@@ -91,9 +91,12 @@ def metadata(
 
 def problem_of(table: pa.Table) -> Problem:
     """The problem that a shard's metadata describes; InputError where it describes none."""
-    about = {"orbit": None, **read_metadata(table)}  # where it is the default it is not written
+    about = read_metadata(table)
+    # Where these are the default they are not written.
+    names = [one for one in Problem.__dataclass_fields__ if one not in ("orbit", "thrust")]
+    names += about.keys() & {"orbit", "thrust"}
     try:
-        fields = {name: about[name] for name in Problem.__dataclass_fields__}
+        fields = {name: about[name] for name in names}
         return TypeAdapter(Problem).validate_python(fields) and Problem.of(fields)
     except (KeyError, ValidationError) as error:
         raise InputError("its metadata describe no problem") from error
