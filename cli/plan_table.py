@@ -1,6 +1,6 @@
 """The table of plans: who made each, what it costs, how near the optimum, who comes closest."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
@@ -58,32 +58,38 @@ def print_plans(rows: Sequence[Row]) -> None:
     for row in rows:
         for sentence in _remarks(row):
             echo(f"{row['scenario']}: {sentence}")
-    _print_notes(rows)
+    for sentence in _legend(rows):
+        echo(sentence)
+    worlds = {orbit_said(row["world"]) for row in rows if row["world"]}
+    if worlds:
+        echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
     echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
 
 
-def _print_notes(rows: Sequence[Row]) -> None:
-    """Print what columns that some plans have mean."""
-    assigned = [row["assignment"] for row in rows if row["assignment"]]
-    adrift = [row["passive_safety"] for row in rows if row["passive_safety"]]
-    if assigned:
+def _legend(rows: Sequence[Row]) -> Iterator[str]:
+    """What columns mean that only some plans have."""
+    if assigned := [row["assignment"] for row in rows if row["assignment"]]:
         most = max(one["tried"] for one in assigned)
-        echo(
+        yield (
             "saved: against any plan for the given order of goals, of its fuel. "
             f"Assignments tried: {most}{' at most' if len(rows) > 1 else ''}."
         )
-    if adrift:
-        echo(
+    if adrift := [row["passive_safety"] for row in rows if row["passive_safety"]]:
+        yield (
             "adrift from: who comes closest to another after a loss of thrust, and the node of the "
             f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
         )
     if any(row.get("clearance") for row in rows):
-        echo("apart with a sign: by how much more than sizes of craft and obstacles ask for.")
-    worlds = {orbit_said(row["world"]) for row in rows if row["world"]}
-    if worlds:
-        echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
+        yield "apart with a sign: by how much more than sizes of craft and obstacles ask for."
+    if any(row["largest_share"] for row in rows):
+        yield "largest share: that a craft burns of its delta_v; in no plan is it below the next."
+    if any(row["smallest_burn"] for row in rows):
+        yield (
+            "least: the smallest burn of a thruster. bit costs: fuel that min_delta_v adds to the "
+            "planner's own plan without it."
+        )
 
 
 def orbit_said(of: Mapping[str, Any]) -> str:
@@ -101,14 +107,27 @@ def orbit_said(of: Mapping[str, Any]) -> str:
 
 def _print_craft(row: Row) -> None:
     """What each craft of a plan spends, or, of many, from where to where that goes."""
-    both = row["craft_delta_v"], row["craft_delta_v_2norm"]
-    if len(both[0]) <= MOST_CRAFT:
-        headings = ("craft", "Δv ‖·‖₁\nm/s", "Δv ‖·‖₂\nm/s")
-        lines = [[str(k), *map(number, of)] for k, of in enumerate(zip(*both, strict=True))]
+    columns = [
+        ("Δv ‖·‖₁\nm/s", "in the 1-norm", row["craft_delta_v"]),
+        ("Δv ‖·‖₂\nm/s", "in the 2-norm", row["craft_delta_v_2norm"]),
+        ("Δv by\nthrusters", "by its thrusters", row["craft_delta_v_thrusters"]),
+    ]
+    columns = [column for column in columns if column[2]]
+    if len(row["craft_delta_v"]) <= MOST_CRAFT:
+        lines = [
+            [str(k), *map(number, of)]
+            for k, of in enumerate(zip(*(c[2] for c in columns), strict=True))
+        ]
+        headings = ["craft", *(heading for heading, _, _ in columns)]
+        if row["craft_share"]:
+            headings.append("of what\nit may")
+            lines = [
+                [*line, f"{one:.1%}"] for line, one in zip(lines, row["craft_share"], strict=True)
+            ]
         print_table(headings, lines)
         return
-    spans = [f"{number(min(of))} to {number(max(of))} m/s" for of in both]
-    echo(f"Δv of each craft: {spans[0]} in the 1-norm, {spans[1]} in the 2-norm.")
+    spans = [f"{number(min(of))} to {number(max(of))} m/s {name}" for _, name, of in columns]
+    echo(f"Δv of each craft: {', '.join(spans)}.")
 
 
 def wrong(row: Row) -> bool:
@@ -148,10 +167,32 @@ def _risk(row: Row) -> list[str]:
     return [number(risk["bound"]), f"{row['fuel'] / bare - 1:.2%}" if bare else MISSING]
 
 
+def _share(row: Row) -> list[str]:
+    """The largest share of its Δv that a craft burns, and what no plan is below."""
+    share = row["largest_share"]
+    if share is None:
+        return [MISSING] * 2
+    return [f"{share['share']:.2%}", f"{share['bound']:.2%}"]
+
+
+def _burn(row: Row) -> list[str]:
+    """The smallest burn, and the fuel that leaving smaller ones out costs."""
+    burn = row["smallest_burn"]
+    if burn is None:
+        return [MISSING] * 2
+    least, bare = burn["least"], burn["fuel_without"]
+    return [
+        MISSING if least is None else number(1e3 * least),
+        f"{row['fuel'] / bare - 1:z.2%}" if bare else MISSING,
+    ]
+
+
 EXTRA = {
     "risk": (("risk\n≤", "safety\ncosts"), _risk),
     "passive_safety": (("adrift\nfrom", "apart\nm"), _adrift),
     "assignment": (("saved\n≥",), _saved),
+    "largest_share": (("largest\nshare", "\n≥"), _share),
+    "smallest_burn": (("least\nmm/s", "bit\ncosts"), _burn),
 }
 """Columns shown where a plan has the field of this name: their headings, and a row's cells."""
 
@@ -161,8 +202,8 @@ def _remarks(row: Row) -> list[str]:
     said = [f"{row['status']} by {row['planner']}: {row['message']}"] if wrong(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(
-            "in the given order some craft cannot reach its goal within max_acceleration, which "
-            "is proven."
+            "in the given order some craft cannot reach its goal within its limits of "
+            "thrust, which is proven."
         )
     if row["model_error"] > row["collision_radius"]:
         said.append(

@@ -20,6 +20,7 @@ from cli.settings import (
     InertialFiles,
     OrbitPlace,
     ProblemSettings,
+    ThrustSettings,
     flag,
     option,
 )
@@ -80,6 +81,7 @@ def new(
     ] = None,
     to: Annotated[list[str] | None, option("Where they go, likewise.", metavar="RING")] = None,
     problem: ProblemSettings,
+    thrust: ThrustSettings,
     place: OrbitPlace,
     files: InertialFiles,
     force: Annotated[bool, flag("--force", "Replace a file that is there already.")] = False,
@@ -103,9 +105,16 @@ def new(
         prolearn scenario new s.json --eccentricity 0.01 --inclination 51.6
         prolearn scenario new s.json --initial now --goal then --chief chief.oem
         prolearn scenario new s.json --initial a.csv --goal b.csv --nodes 21
+        prolearn scenario new s.json --thrust norm --max-acceleration-norm 0.01
+        prolearn scenario new s.json --min-delta-v 0.002 --no-burn 300:500
     """
     from pipeline.scenario import draw
-    from pipeline.scenario.document import OrbitDocument, write_by_hand, write_scenario
+    from pipeline.scenario.document import (
+        OrbitDocument,
+        document_of,
+        scenario_from,
+        write_by_hand,
+    )
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
@@ -115,8 +124,8 @@ def new(
     if files != InertialFiles():
         refuse(context, NOT_INERTIAL, "with inertial states, which have an orbit; leave it out.")
         made = files.scenario(asked, place.epoch, j2=not place.no_j2)
-        write_scenario(scenario, made)
-        _told(scenario, made)
+        content = {**document_of(made), **thrust.fields(made.n)}
+        _told(scenario, write_by_hand(scenario, content))
         return
     if place.eccentricity is None:
         why = "without --eccentricity or --initial; expected one of them, such as 0.001."
@@ -135,6 +144,7 @@ def new(
         content |= {"initial": draft.initial.tolist(), "goal": draft.goal.tolist()}
     if known := {name: value for name in REFERENCE if (value := getattr(place, name)) is not None}:
         content["reference"] = known
+    content |= thrust.fields(scenario_from(content, "").n)
     _told(scenario, write_by_hand(scenario, content))
 
 
@@ -177,8 +187,8 @@ def check(
 
     At both ends: pairs too close, craft that drift (Eq. 3), pairs that come too close in an orbit
     of free drift. Of the transfer: craft whose thrust limit is too low, and what they need at
-    least, each on its own, and how far off the linear model is. Exit status 0:
-    all is fine; 1: something is wrong; 2: the file cannot be read.
+    least, each on its own, of thrust, of intervals to burn in, and of Δv, and how far off the
+    linear model is. Exit status 0: all is fine; 1: something is wrong; 2: the file cannot be read.
 
     Examples:
 

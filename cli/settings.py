@@ -199,6 +199,59 @@ class ProblemSettings:
         return Problem(mean_motion_at(self.altitude), **others)
 
 
+def _thrust(text: str, *names: str, **more: Any) -> Any:
+    return option(text, *names, rich_help_panel="Thrusters and burns", **more)
+
+
+@dataclass(frozen=True)
+class ThrustSettings:
+    """Thrusters, their limits, and what is asked of burns; the same for every craft."""
+
+    thrust: Annotated[
+        Literal["components", "norm"],
+        _thrust("Thrusters along the axes, or one that is pointed; directions go into the file."),
+    ] = "components"
+    max_acceleration_norm: Annotated[
+        float | None, _thrust("Limit on the norm of the control, m/s².")
+    ] = None
+    min_delta_v: Annotated[
+        float | None, _thrust("Smallest impulse bit: least Δv of a burn, m/s.")
+    ] = None
+    no_burn: Annotated[
+        list[str] | None,
+        _thrust("No burns from and to, s, such as 300:500. Again for more.", metavar="FROM:TO"),
+    ] = None
+    delta_v: Annotated[float | None, _thrust("What each craft may burn in all, m/s.")] = None
+    objective: Annotated[
+        Literal["total", "fair"],
+        _thrust("Least fuel of all, or the least largest share of what craft have left."),
+    ] = "total"
+
+    def fields(self, n: int) -> dict[str, Any]:
+        """What is given, as fields of a scenario file of n craft."""
+        given = {name: value for name, value in vars(self).items() if value != _default(name)}
+        if self.no_burn:
+            given["no_burn"] = [_window(text) for text in self.no_burn]
+        if (left := given.pop("delta_v", None)) is not None:
+            given["craft"] = [{"delta_v": left}] * n
+        return given
+
+
+def _default(name: str) -> Any:
+    return getattr(ThrustSettings, name)
+
+
+def _window(text: str) -> list[float]:
+    """A stretch of time, written as 300:500, s."""
+    try:
+        begin, end = map(float, text.split(":"))
+    except ValueError:
+        raise InputError(
+            f"--no-burn is {text!r}; expected from and to in s, such as 300:500."
+        ) from None
+    return [begin, end]
+
+
 def _states(text: str, *names: str, **more: Any) -> Any:
     return option(text, *names, rich_help_panel="Inertial states of your own", **more)
 

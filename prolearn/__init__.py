@@ -29,12 +29,14 @@ from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import Thrust
 from pipeline.plan import Certificate, Plan, Requirements, RiskLimit
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario import FAMILIES, Diagnostic, Scenario, draw
 from pipeline.scenario.document import read_scenario, write_scenario
 from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.scenario.waypoint import Waypoint
 from pipeline.tradeoff import Point
 from prolearn.flying import MonteCarlo, fly, monte_carlo
 from prolearn.learned import load_model, models, read_dataset
@@ -72,6 +74,8 @@ __all__ = [
     "Settings",
     "Spacecraft",
     "Summary",
+    "Thrust",
+    "Waypoint",
     "check",
     "convert",
     "draw",

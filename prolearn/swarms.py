@@ -15,12 +15,14 @@ from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import OrbitDocument, scenario_from
 from pipeline.scenario.inertial import scenario_from_inertial
 from pipeline.scenario.scenario import Ends
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.state_files import read_inertial
+from pipeline.scenario.waypoint import Waypoint
 
 
 class Ring(TypedDict):
@@ -60,9 +62,11 @@ def scenario(
     nodes: int = Problem.nodes,
     collision_radius: float = Problem.collision_radius,
     max_acceleration: float | None = None,
+    thrust: Thrust = ALONG_AXES,
     craft: Sequence[Spacecraft] = (),
     obstacles: Sequence[Obstacle] = (),
     corridors: Sequence[Corridor] = (),
+    waypoints: Sequence[Waypoint] = (),
     reference: Reference | None = None,
     name: str = "",
 ) -> Scenario:
@@ -78,9 +82,12 @@ def scenario(
         nodes: time nodes, one more than intervals.
         collision_radius: craft must be further apart at all times, m.
         max_acceleration: limit on each component of the control, m/s², or None.
-        craft: what each has of its own, as its radius; none where all are alike.
+        thrust: thrusters along the axes, one that is pointed or of given directions, limits of the
+            norm, the smallest impulse bit, windows without burns, and what is least.
+        craft: what each craft has of its own, as its radius; none where all are alike.
         obstacles: what craft keep clear of and no plan moves.
         corridors: boxes and approach cones that craft stay inside of for some time.
+        waypoints: places that craft must pass on their way.
         reference: where and when the orbit is, for ephemerides and for flights about the Earth.
         name: in files and tables.
 
@@ -98,9 +105,16 @@ def scenario(
         "initial": _end(initial),
         "goal": _end(goal),
     }
-    made = replace(scenario_from(fields, name), reference=reference)
-    inside = tuple(corridors)
-    return replace(made, craft=tuple(craft), obstacles=tuple(obstacles), corridors=inside)
+    made = scenario_from(fields, name)
+    return replace(
+        made,
+        problem=replace(made.problem, thrust=thrust),
+        craft=tuple(craft),
+        obstacles=tuple(obstacles),
+        corridors=tuple(corridors),
+        waypoints=tuple(waypoints),
+        reference=reference,
+    )
 
 
 def scenario_from_files(
@@ -113,6 +127,8 @@ def scenario_from_files(
     nodes: int = Problem.nodes,
     collision_radius: float = Problem.collision_radius,
     max_acceleration: float | None = None,
+    thrust: Thrust = ALONG_AXES,
+    craft: Sequence[Spacecraft] = (),
     j2: bool = True,
     ballistic: float | None = None,
     spread: float = 0.0,
@@ -132,6 +148,8 @@ def scenario_from_files(
         nodes: time nodes, one more than intervals.
         collision_radius: craft must be further apart at all times, m.
         max_acceleration: limit on each component of the control, m/s², or None.
+        thrust: as of ``scenario``.
+        craft: what each craft has of its own; none where all are alike.
         j2: whether the Earth is oblate.
         ballistic: mean C_D A/m of the swarm, m²/kg, or None for no drag.
         spread: by what share of it the first craft has less, and the last more.
@@ -153,7 +171,8 @@ def scenario_from_files(
         ballistic=ballistic,
         spread=spread,
     )
-    return replace(made, name=name)
+    problem = replace(made.problem, thrust=thrust)
+    return replace(made, problem=problem, name=name, craft=tuple(craft))
 
 
 def _end(given: Any) -> Any:

@@ -219,15 +219,25 @@ class ConicProgram:
         craft, interval = self.slots
         n, m, _ = self.sub.shape
         controls = np.zeros((n, m // 3, 3))
-        z = x[: len(craft) * len(self.price)].reshape(len(craft), -1)
+        S, V = len(craft), len(self.price)
+        z = x[: S * V].reshape(S, V)
         controls[craft, interval] = self.sub.unit * z @ self.effect.T
         return controls.reshape(n, m)
 
-    def half_space_duals(self, z: Values) -> Values:
+    def half_space_duals(self, z: Float[Array, "rows"]) -> Float[Array, "k"]:
         """Dual variables of the half-spaces, of those of all rows."""
         k, (_, _, count) = len(self.sub.required), self.cones()
         end = len(z) - 4 * count
         return z[end - k : end]
+
+    def splits(self, z: Values) -> Float[Array, "n intervals 3"]:
+        """The part of what each control does along the goals' duals that its cone pays for."""
+        sub, (craft, interval) = self.sub, self.slots
+        assert sub.limits is not None
+        some = np.full(len(craft), self.pointed) | np.isfinite(sub.limits.norm[craft])
+        found = np.zeros((len(sub.miss), sub.reach.shape[1] // 3, 3))
+        found[craft[some], interval[some]] = -z[len(z) - 4 * some.sum() :].reshape(-1, 4)[:, 1:]
+        return found
 
 
 def _rows_of(columns: Any, width: int) -> sparse.csr_array:

@@ -14,9 +14,11 @@ from pipeline.orbit.arrays import Controls, Formation, Marked, Rows
 from pipeline.orbit.decoupled import SHORT, acceleration_scale, least_fuel
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.thrust import Limits
+from pipeline.orbit.thrust_cost import cost
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 
 BOUND_TOLERANCE = 1e-8  # relative, of the programs of single craft, and so of their lower bound
+LOOSE = 1e-7  # share of a craft's fuel that its bound may be below it
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
@@ -84,25 +86,27 @@ def decoupled_optima(
 def limited_optima(
     controls: Controls, at: Arrivals, problem: Problem, limits: Limits
 ) -> DecoupledOptima:
-    """Decoupled optima by a cone program of all craft, or of each where that fails.
+    """Decoupled optima by a cone program of all craft, and of each where that proves too little.
 
     The controls given are those of craft for which none are found.
     """
     n = len(at)
     controls, bound = controls.copy(), np.zeros(n)
-    feasible, not_possible = np.zeros((2, n), dtype=bool)
-    whole = least_of(at, limits, problem)
-    answers = [(slice(None), whole)]
-    if whole[0] is None:
-        each = [slice(k, k + 1) for k in range(n)]
-        answers = [(k, least_of(at[k], limits[k], problem)) for k in each]
-    for craft, (found, dual) in answers:
+    feasible, not_possible, tight = np.zeros((3, n), dtype=bool)
+    for craft in [slice(0, n), *(slice(k, k + 1) for k in range(n * (n > 1)))]:
+        if tight[craft].all():
+            continue
+        found, duals = least_of(at[craft], limits[craft], problem)
         if found is None:
-            not_possible[craft] = impossible(dual, at[craft], limits[craft], problem)
+            alone = craft.stop - craft.start == 1
+            not_possible[craft] |= alone and impossible(duals, at[craft], limits[craft], problem)
             continue
         feasible[craft] = True
         controls[craft] = settled(found, at[craft], limits[craft], problem)
-        bound[craft] = dual_bounds(dual, at[craft], limits[craft], problem)
+        bound[craft] = dual_bounds(duals, at[craft], limits[craft], problem)
+        # Where misses are of very different sizes, the small are lost in the rounding.
+        fuel = cost(controls[craft], problem.thrust).sum(axis=1)
+        tight[craft] = fuel - bound[craft] <= LOOSE * fuel + problem.negligible_fuel
     spent = bound * problem.time_step
     not_possible |= spent > limits.delta_v * (1 + FARKAS_MARGIN)
     return DecoupledOptima(

@@ -20,7 +20,8 @@ from pipeline.expert.scp import Search, SearchProblem
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_cost import burn_sizes, cost, too_small
+from pipeline.orbit.thrust import Limits
+from pipeline.orbit.thrust_cost import burn_sizes, spent, too_small
 
 ROUNDS = 16  # plans at most, each without more of the small burns
 
@@ -40,20 +41,16 @@ def _again(asked: SearchProblem, result: SearchResult) -> SearchResult:
     """The result of one scenario, searched again where a burn is too small."""
     batch, limits = asked.batch, asked.batch.limits
     assert limits is not None
-    if not _small(result.controls, batch.problem).any():
+    if not too_small(result.controls, limits, batch.problem).any():
         return result
     has_cones = batch.problem.thrust.directions is None or np.isfinite(limits.norm).any()
     found = (_without if has_cones else _by_integers)(asked, result)
     if result.feasible:
-        fuel = cost(result.controls, batch.problem.thrust)
+        fuel = spent(result.controls, batch.problem.thrust, limits)
         found = replace(found, fuel_without=float(fuel.sum()))
-    if not found.obstacle and _small(found.controls, batch.problem).any():
+    if not found.obstacle and too_small(found.controls, limits, batch.problem).any():
         found = replace(found, feasible=False, obstacle=f"not all burns reach {_least(batch)}")
     return found
-
-
-def _small(controls: Controls, problem: Problem) -> Bool[Array, "n intervals 3"]:
-    return too_small(controls, problem.thrust, problem.time_step)
 
 
 def _least(batch: Batch) -> str:
@@ -66,7 +63,8 @@ def _by_integers(asked: SearchProblem, result: SearchResult) -> SearchResult:
     assert batch.limits is not None
     assert batch.arrivals is not None
     controls = optima.controls.copy()
-    for k in np.flatnonzero(_small(controls, batch.problem).any(axis=(1, 2))):
+    small = too_small(controls, batch.limits, batch.problem)
+    for k in np.flatnonzero(small.any(axis=(1, 2))):
         craft = slice(k, k + 1)
         at = batch.arrivals[craft]
         sub = decoupled_program(at, batch.limits[craft], batch.problem).sub
@@ -88,7 +86,7 @@ def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
     batch, solves = asked.batch, result.convex_solves
     assert batch.limits is not None
     for _ in range(ROUNDS):
-        dropped = smaller_half(result.controls, batch.problem)
+        dropped = smaller_half(result.controls, batch.limits, batch.problem)
         if not dropped.any():
             break
         limits = replace(batch.limits, burns=batch.limits.burns & ~dropped)
@@ -102,10 +100,12 @@ def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
     return replace(result, convex_solves=solves)
 
 
-def smaller_half(controls: Controls, problem: Problem) -> Bool[Array, "n intervals 3"]:
+def smaller_half(
+    controls: Controls, limits: Limits, problem: Problem
+) -> Bool[Array, "n intervals 3"]:
     """Of the burns of each craft that are too small, the smaller half, and at least one."""
-    small = _small(controls, problem)
-    size = burn_sizes(controls, problem.thrust)
+    small = too_small(controls, limits, problem)
+    size = burn_sizes(controls, limits, problem.thrust)
     dropped = np.zeros(controls.shape, dtype=bool)
     for k in np.flatnonzero(small.any(axis=(1, 2))):
         middle = np.quantile(size[k][small[k]], 0.5, method="higher")

@@ -1,26 +1,34 @@
 """Decoupled optima where thrust is more than axes with one limit, and the bounds they prove."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.arrivals import Arrivals
 from pipeline.expert.conic import TOLERANCE, ConicProgram
 from pipeline.expert.solvers import OPTIMAL
 from pipeline.expert.subproblem import Subproblem
-from pipeline.orbit.arrays import Controls
+from pipeline.orbit.arrays import Controls, Rows
 from pipeline.orbit.decoupled import SHORT
 from pipeline.orbit.problem import RANGES, Problem
-from pipeline.orbit.thrust import Limits
-from pipeline.orbit.thrust_cost import burn_sizes, polar, support, worth
+from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
+from pipeline.orbit.thrust_cost import cost, polar, support, thrusts, worth
 from pipeline.orbit.transfer import transfer_maps
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying within it
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 BURN = 1e-5  # share of a craft's largest control under which one is rounding, of a cone program
 MET = 1e-9  # change of a final state that counts as none, m; velocities over e
+
+
+@dataclass(frozen=True, eq=False)
+class Duals(Rows):
+    """Dual variables of the programs of n craft; whatever they are, they prove a bound."""
+
+    goal: Float[Array, "n r"]  # y, of the goals and waypoints
+    split: Float[Array, "n intervals 3"]  # w, of the cones: what of y reach counts against norms
 
 
 def decoupled_program(at: Arrivals, limits: Limits, problem: Problem) -> ConicProgram:
@@ -47,49 +55,48 @@ def of_program(limits: Limits, *, budget: bool = True) -> Limits:
     return Limits(component, norm, delta_v if budget else np.inf * delta_v, limits.burns)
 
 
-def least_of(
-    at: Arrivals, limits: Limits, problem: Problem
-) -> tuple[Controls | None, Float[Array, "n r"]]:
-    """Controls of least fuel of all craft in one program, or None, and dual variables y."""
+def least_of(at: Arrivals, limits: Limits, problem: Problem) -> tuple[Controls | None, Duals]:
+    """Controls of least fuel of all craft in one program, or None, and dual variables."""
     program = decoupled_program(at, limits, problem)
     for careful in (False, True):
         found = program.solver(TOLERANCE, careful=careful).solve()
         if str(found.status) in OPTIMAL:
             break
     sub = program.sub
-    dual = np.zeros(at.miss.shape)
-    dual[at.asked] = -np.asarray(found.z)[: at.asked.sum()]
-    dual = dual * sub.goal_scale * sub.unit
+    z = np.asarray(found.z)
+    y = np.zeros(at.miss.shape)
+    y[at.asked] = -z[: at.asked.sum()]
+    dual = Duals(y * sub.goal_scale * sub.unit, program.splits(z))
     if str(found.status) not in OPTIMAL:
         return None, dual
     return program.controls_of(program.solved(np.asarray(found.x))).reshape(len(at), -1, 3), dual
 
 
-def dual_bounds(
-    y: Float[Array, "n r"], at: Arrivals, limits: Limits, problem: Problem
-) -> Float[Array, "n"]:
+def dual_bounds(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> Float[Array, "n"]:
     """The lower bound on the fuel of each craft, m/s², that any dual variables prove.
 
     By weak duality: for any y, a control u costs at least y · (reach u), less the worth of y's
     prices; and also where y is shrunk until nothing is worth more than it costs.
     """
+    y = duals.goal
     along, value = _along(y, at), np.vecdot(at.miss, y)
     most = np.where(limits.burns.any(axis=2), polar(along, problem.thrust), 0.0).max(axis=1)
     bound = value / np.maximum(1.0, most)
     with np.errstate(invalid="ignore"):
-        bound = np.fmax(bound, value - worth(along, limits, problem.thrust))
+        bound = np.fmax(bound, value - worth(along, duals.split, limits, problem.thrust))
     return np.fmax(bound, 0.0)
 
 
-def impossible(y: Float[Array, "1 r"], at: Arrivals, limits: Limits, problem: Problem) -> bool:
+def impossible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> bool:
     """Whether it is proven that the controls of one craft bring it nowhere where it must be.
 
     They do at most their support along y (Farkas' lemma), and, for the largest limit that a problem
     may have, along the directions in which controls as good as do nothing.
     """
+    y = duals.goal
     if np.isfinite(y).all():
-        most = float(support(_along(y, at), limits, problem.thrust)[0])
-        if float(at.miss[0] @ y[0]) > most * (1 + FARKAS_MARGIN):
+        most = support(_along(y, at), duals.split, limits, problem.thrust)[0]
+        if at.miss[0] @ y[0] > most * (1 + FARKAS_MARGIN):
             return True
     asked, columns = at.asked[0], limits.burns[0].ravel()
     scale, miss, reach = at.scale[asked], at.miss[0, asked], at.reach[asked][:, columns]
@@ -109,24 +116,42 @@ def settled(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) 
 
     By the least change of the burns that are left; where those cannot, of all that may be.
     """
-    allowed = limits.burns
-    size = burn_sizes(controls, problem.thrust)
+    thrust, allowed = problem.thrust, limits.burns
+    size = np.abs(controls)
+    if thrust.model != COMPONENTS:
+        size = np.broadcast_to(cost(controls, thrust)[..., None], controls.shape)
     largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
     burns = allowed & (size > BURN * largest)
     kept = np.where(burns, controls, 0.0)
+    if thrust.min_delta_v is not None and not isinstance(thrust.model, str):
+        # A change of the thrusts that are, so that no other thruster fires a little.
+        fired = thrusts(kept, limits, thrust)
+        fired = np.where(fired > BURN * largest, fired, 0.0)
+        kept = _completed(fired, fired > 0, at, thrust) @ thrust.directions
     for free in (burns, allowed):
         kept = _completed(kept, free, at)
     return kept
 
 
-def _completed(controls: Controls, free: Array, at: Arrivals) -> Controls:
-    """Controls with the least change of those that are free after which nothing is missed."""
-    n, asked = len(controls), at.asked
+def _completed(
+    amounts: Float[Array, "n intervals V"],
+    free: Bool[Array, "n intervals V"],
+    at: Arrivals,
+    thrust: Thrust | None = None,
+) -> Float[Array, "n intervals V"]:
+    """Controls with the least change of those that are free after which nothing is missed.
+
+    Or thrusts, where the thrusters are given.
+    """
+    n, asked, rows = len(amounts), at.asked, len(at.reach)
     reach = at.weight[:, None] * at.reach
-    left = at.weight * at.miss - np.matvec(reach, controls.reshape(n, -1)) * asked
+    if thrust is not None:
+        assert thrust.directions is not None
+        reach = (reach.reshape(rows, -1, 3) @ thrust.directions.T).reshape(rows, -1)
+    left = at.weight * at.miss - np.matvec(reach, amounts.reshape(n, -1)) * asked
     short = np.abs(left).max(axis=1) > MET
     if not short.any():
-        return controls
+        return amounts
     columns = reach * free.reshape(n, 1, -1) * asked[..., None]
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-9), left) * free.reshape(n, -1)
-    return np.where(short[:, None, None], controls + added.reshape(controls.shape), controls)
+    return np.where(short[:, None, None], amounts + added.reshape(amounts.shape), amounts)

@@ -1,17 +1,115 @@
-"""The subproblem with a smallest impulse bit, by HiGHS: thrusts are zero, or at least so large."""
+"""The subproblem with a smallest impulse bit, by HiGHS: thrusts are zero, or at least so large.
+
+A binary variable for each thrust says whether the thruster fires. Thrusters that fire together
+must do so at the least cost, as a control says no more than their sum: those that are opposite
+never do, and other sets that do not are excluded one by one.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
 
 import highspy
 import numpy as np
+from jaxtyping import Float, Int
 from scipy import sparse
 
-from pipeline.expert.conic import ConicProgram
+from pipeline.arrays import Array
+from pipeline.expert.conic import ConicProgram, Rows
 from pipeline.expert.solvers import ROWWISE, new_highs
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
+from pipeline.orbit.thrust_cost import ROUNDING, cost
 
 GAP = 1e-3  # relative gap at which the search for the best choice of burns ends
-SECONDS = 10.0  # after which it ends with the best that it has
-LARGEST = 100.0  # thrust without a limit, in units; such a variable needs one
-_FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kTimeLimit)
+NODES = 500  # of its tree, after which it ends with the best that it has
+FEASIBLE = 1e-9  # tolerance of rows; times the largest thrust it is far below a burn
+ROUNDS = 8  # programs at most, each without sets of thrusters that fired at more than least cost
+_FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kSolutionLimit)
+
+
+@dataclass(frozen=True, eq=False)
+class _Integers:
+    """The mixed-integer program of one subproblem, in scaled variables."""
+
+    program: ConicProgram
+
+    @property
+    def thrusts(self) -> int:
+        """Number of thrusts, which are the first variables; binaries are the last."""
+        return len(self.program.slots[0]) * len(self.program.price)
+
+    def rows(self) -> Rows:
+        """Equalities first, then rows that are at most b, and off or at least a bit."""
+        program, sub = self.program, self.program.sub
+        assert sub.thrust.min_delta_v is not None
+        parts = [program.goals(), program.spending(), program.half_spaces()]
+        known = sparse.csr_array(sparse.vstack([part for part, _ in parts]))
+        N = self.thrusts
+        fires, rest = sparse.eye_array(N), sparse.csr_array((N, program.variables - N))
+        bit = sub.thrust.min_delta_v / (sub.time_step * sub.unit)
+        off = sparse.csr_array((known.shape[0], N))
+        blocks: list[Any] = [
+            sparse.hstack([known, off]),
+            sparse.hstack([fires, rest, -sparse.diags_array(self.most())]),
+            sparse.hstack([-fires, rest, bit * fires]),
+        ]
+        upper = [*(b for _, b in parts), np.zeros(2 * N)]
+        return sparse.csr_array(sparse.vstack(blocks)), np.concatenate(upper)
+
+    def most(self) -> Float[Array, "N"]:
+        """Largest thrusts: limits, or as much as in all intervals, and 0 where none may be."""
+        sub, V = self.program.sub, len(self.program.price)
+        assert sub.limits is not None
+        limit = np.repeat(sub.limits.component[self.program.slots[0]] / sub.unit, V)
+        most = np.minimum(limit, sub.reach.shape[1] / 3)
+        most[np.setdiff1d(np.arange(self.thrusts), self.program.kept)] = 0.0
+        return np.asarray(most)
+
+    def opposite(self) -> list[Int[Array, "_"]]:
+        """Pairs of thrusts that are opposite."""
+        effect = self.program.effect
+        V = effect.shape[1]
+        pairs = [
+            (i, j) for i, j in combinations(range(V), 2) if (effect[:, i] == -effect[:, j]).all()
+        ]
+        return [np.array(pair) + V * s for s in range(len(self.program.slots[0])) for pair in pairs]
+
+    def solved(self, excluded: list[Int[Array, "_"]]) -> Float[Array, "v"]:
+        """The best variables in which no excluded set of thrusts is other than zero."""
+        program, N = self.program, self.thrusts
+        rows, upper = self.rows()
+        width = rows.shape[1]
+        sets = sparse.lil_array((len(excluded), width))
+        for k, some in enumerate(excluded):
+            sets[k, width - N + some] = 1.0
+        rows = sparse.csr_array(sparse.vstack([rows, sparse.csr_array(sets)]))
+        upper = np.concatenate([upper, [len(some) - 1.0 for some in excluded]])
+        lower = np.full(len(upper), -np.inf)
+        goals = program.goals()[1]
+        lower[: len(goals)] = goals
+        largest = np.full(width, np.inf)
+        largest[:N], largest[width - N :] = self.most(), 1.0
+        solver = new_highs(
+            mip_rel_gap=GAP,
+            mip_max_nodes=NODES,
+            mip_feasibility_tolerance=FEASIBLE,
+            primal_feasibility_tolerance=FEASIBLE,
+        )
+        solver.passModel(
+            *(width, len(upper), rows.nnz, ROWWISE, int(highspy.ObjSense.kMinimize), 0.0),
+            *(np.append(program.cost(), np.zeros(N)), np.zeros(width), largest, lower, upper),
+            *(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data),
+            np.repeat([0, 1], [width - N, N]).astype(np.int32),
+        )
+        solver.run()
+        status = solver.getModelStatus()
+        if status not in _FOUND or not np.isfinite(solver.getInfo().objective_function_value):
+            reason = solver.modelStatusToString(status)
+            raise UnsolvableError(
+                f"the search for burns that are large enough stopped with {reason}"
+            )
+        found = np.array(solver.getSolution().col_value)
+        return np.asarray(found[: width - N])
 
 
 def by_integers(sub: Subproblem) -> Optimum:
@@ -19,33 +117,18 @@ def by_integers(sub: Subproblem) -> Optimum:
 
     Its dual variables are not known, and zero. UnsolvableError where none was found.
     """
-    program, least = ConicProgram(sub), sub.thrust.min_delta_v
-    assert least is not None
-    assert sub.limits is not None
-    parts = [program.goals(), program.spending(), program.half_spaces()]
-    rows = sparse.csr_array(sparse.vstack([part for part, _ in parts]))
-    upper = np.concatenate([part for _, part in parts])
-    lower = np.full(len(upper), -np.inf)
-    lower[: len(parts[0][1])] = parts[0][1]
-    S, V = len(program.slots[0]), len(program.price)
-    thrust = np.arange(program.variables) < S * V
-    most = np.full(program.variables, np.inf)
-    limit = np.repeat(sub.limits.component[program.slots[0]] / sub.unit, V)
-    most[thrust] = np.minimum(limit, LARGEST)
-    most[np.setdiff1d(np.flatnonzero(thrust), program.kept)] = 0.0
-    bit = np.where(thrust & (most > 0), least / (sub.time_step * sub.unit), 0.0)
-    solver = new_highs(mip_rel_gap=GAP, time_limit=SECONDS)
-    solver.passModel(
-        *(len(most), len(upper), rows.nnz, ROWWISE, int(highspy.ObjSense.kMinimize), 0.0),
-        *(program.cost(), bit, most, lower, upper),
-        *(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data),
-        np.where(bit > 0, int(highspy.HighsVarType.kSemiContinuous), 0).astype(np.int32),
-    )
-    solver.run()
-    status, found = solver.getModelStatus(), np.array(solver.getSolution().col_value)
-    if status not in _FOUND or not np.isfinite(solver.getInfo().objective_function_value):
-        reason = solver.modelStatusToString(status)
-        raise UnsolvableError(f"the search for burns that are large enough stopped with {reason}")
-    k = len(sub.required)
-    slack = LENGTH * found[S * V : S * V + k]
-    return Optimum(program.controls_of(found), slack, np.zeros(k))
+    integers = _Integers(program := ConicProgram(sub))
+    S, V, k = len(program.slots[0]), len(program.price), len(sub.required)
+    excluded = integers.opposite()
+    for _ in range(ROUNDS):
+        found = integers.solved(excluded)
+        fired = found[: S * V].reshape(S, V)
+        fired = np.where(fired > ROUNDING * fired.max(initial=0.0), fired, 0.0)
+        spent, least = fired.sum(axis=1), cost(fired @ program.effect.T, sub.thrust)
+        dear = np.flatnonzero(spent > least * (1 + ROUNDING))
+        if len(dear) == 0:
+            found[: S * V] = fired.ravel()
+            slack = LENGTH * found[S * V : S * V + k]
+            return Optimum(program.controls_of(found), slack, np.zeros(k))
+        excluded += [V * s + np.flatnonzero(fired[s]) for s in dear]
+    raise UnsolvableError("no burns were found whose thrusters fire at the least cost")

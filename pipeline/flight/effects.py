@@ -19,6 +19,7 @@ from pipeline.orbit.nonlinear import least_adrift_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import Separation, node_collisions
+from pipeline.orbit.thrust_cost import spent
 from pipeline.orbit.transfer import fly, fuel
 from pipeline.plan import PassiveSafety, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE
@@ -137,7 +138,9 @@ def flight_report(
     times or at the nodes, and after a loss of thrust where that is looked for.
     """
     problem, last = plan.scenario.problem, found[-1]
-    used = float(fuel(plan.controls))
+    used, limits = float(fuel(plan.controls)), plan.scenario.limits
+    if limits is not None:
+        used = float(spent(plan.controls, problem.thrust, limits).sum())
     safe = last.nearest.bound > problem.collision_radius
     if plan.separation == "nodes":
         safe = node_collisions(last.states, problem.collision_radius) == 0

@@ -11,6 +11,7 @@ from pipeline.flight.errors import Draws, Errors, burns_made, navigation_error
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.nearest import nearer, nearest
+from pipeline.orbit.thrust_cost import burned
 from pipeline.scenario import Scenario
 
 SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
@@ -54,7 +55,7 @@ def fly_trials(
         arcs = arc.reshape(*shape, *arc.shape[1:])
         closest.append(nearest(arcs, node * h, h))
         state, late = arcs[:, :, -1, -1], burns.late
-        used += np.abs(burns.held).sum(axis=(1, 2)) * h
+        used += burned(burns.held, problem.thrust) * h
         missed += burns.missed
     least, miss = reduce(nearer, closest), _pushed(state, late) - scenario.goal
     return {

@@ -17,11 +17,12 @@ a hull of its own, of few dimensions.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron
+from scipy.sparse import block_diag, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
@@ -131,20 +132,36 @@ def _facets(
     return Facets(component, used[corner % len(used)], sign, weights, dual * scale)
 
 
-def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
-    """Min max|u| over all controls u that join the two states of each craft, m/s².
+def least_limits(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    burns: Bool[Array, "n intervals"] | None = None,
+) -> Float[Array, "n"]:
+    """Least limit on each component, or thruster, that lets craft join their two states, m/s².
 
-    A linear program for each craft: with every component of w within ±1, how many times s the
-    change b of the final state can R w = s b be? A limit of 1/s is what it takes. All are solved
-    in one call, scaled by the minimum-energy transfers, which no limit needs to exceed. The
-    problem's own limit is ignored; infinite where no thrust reaches the goal.
+    A linear program for each craft: with every component of w within ±1, or every thrust from 0 to
+    1, how many times s the change b of the final state can R w = s b be? A limit of 1/s is what it
+    takes. All are solved in one call, scaled by transfers of least energy. The problem's own limit
+    is ignored; infinite where no thrust reaches the goal. A thruster that is pointed has limits of
+    its components.
+
+    Args:
+        initial: states, m and m/s.
+        goal: likewise.
+        problem: of which the kind of thrust is.
+        burns: in which intervals craft may burn; by default in all.
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 
     maps, scale = transfer_maps(problem), acceleration_scale(problem)
-    reach = maps.reach[-1] * scale[:, None]
     miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
-    controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
+    reach = np.tile(maps.reach[-1] * scale[:, None], (1 if burns is None else len(miss), 1, 1))
+    if burns is None:
+        controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
+    else:
+        reach *= burns.repeat(3, axis=1)[:, None]
+        controls = np.matvec(np.linalg.pinv(reach), miss)
     left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
     short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), MISSED * scale)
     missed = (left > short).any(axis=1)
@@ -152,17 +169,78 @@ def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float
     moving = np.flatnonzero((enough > 0) & ~missed)  # the others arrive without thrust
     if len(moving) == 0:
         return limits
+    low, thrust = -1.0, problem.thrust
+    if not isinstance(thrust.model, str):
+        low = 0.0
+        reach = (reach.reshape(len(reach), 6, -1, 3) @ np.array(thrust.model).T).reshape(
+            len(reach), 6, -1
+        )
     wanted = csr_array(block_diag(list((miss[moving] / enough[moving, None])[..., None])))
-    n, m = len(moving), reach.shape[1]
-    balance: Any = hstack([kron(eye_array(n), csr_array(reach)), -wanted], format="csr")
+    n, m = len(moving), reach.shape[2]
+    each = np.broadcast_to(reach, (len(miss), 6, m))[moving]
+    balance: Any = hstack([csr_array(block_diag(list(each))), -wanted], format="csr")
     found = linprog(
         np.repeat([0.0, -1.0], [n * m, n]),
         A_eq=balance,
         b_eq=np.zeros(6 * n),
-        bounds=[(-1.0, 1.0)] * (n * m) + [(0.0, np.inf)] * n,
+        bounds=[(low, 1.0)] * (n * m) + [(0.0, np.inf)] * n,
         method="highs",
     )
     if found.x is None:
         raise ProlearnError(f"the least thrust limit was not found: {found.message}")
-    limits[moving] = enough[moving] / found.x[n * m :]
+    with np.errstate(divide="ignore"):
+        limits[moving] = enough[moving] / found.x[n * m :]
     return limits
+
+
+def least_cost(
+    miss: Float[Array, "6"], burns: Bool[Array, "intervals"], most: float, problem: Problem
+) -> float:
+    """Lower bound on the fuel of one craft, m/s², for a change of state, m and m/s.
+
+    By a linear program of thrusters; in place of one that is pointed, of so many and so strong ones
+    that it does nothing more cheaply. Infinite where none meets the goal.
+
+    Args:
+        miss: change of the final state.
+        burns: in which intervals it may burn.
+        most: limit on each component or thruster, m/s².
+        problem: of which the kind of thrust is.
+    """
+    from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
+
+    thrust, scale = problem.thrust, acceleration_scale(problem)
+    directions = _around() if thrust.directions is None else thrust.directions
+    reach = transfer_maps(problem).reach[-1].reshape(6, -1, 3)[:, burns] @ directions.T
+    wanted = miss * scale
+    unit = float(np.abs(wanted).max())
+    if unit == 0:
+        return 0.0
+    pointed_or_free = thrust.directions is None or np.isinf(most)
+    columns = scale[:, None] * reach.reshape(6, -1)
+    found = linprog(
+        np.ones(columns.shape[1]),
+        A_eq=columns,
+        b_eq=wanted / unit,
+        bounds=(0, None if pointed_or_free else most / unit),
+        method="highs",
+    )
+    if found.status == 2:  # infeasible
+        return np.inf
+    if found.x is None:
+        raise ProlearnError(f"the least fuel was not found: {found.message}")
+    # Whatever the solver's error, its dual variables prove as much.
+    y = found.eqlin.marginals
+    beyond = np.maximum(y @ columns - 1, 0.0)
+    bound = y @ wanted / unit / (1 + beyond.max())
+    if not pointed_or_free:
+        bound = max(bound, y @ wanted / unit - most / unit * beyond.sum())
+    return float(unit * bound)
+
+
+@lru_cache(maxsize=1)
+def _around() -> Float[Array, "26 3"]:
+    """Vectors all around, whose hull has the ball of radius 1 inside."""
+    ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return np.asarray(ways / -ConvexHull(ways).equations[:, 3].max())

@@ -14,7 +14,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
 ROUNDING = 1e-6  # share of a limit that counts as rounding
-NONE = 1e-12  # in place of a divisor of zero
+WITHIN = 1 + 1e-12  # by which prices are shrunk more than to 1, so that rounding leaves them there
 EXCESS = 1e3  # cost of a thrust beyond its limit, so that there is none where it can be avoided
 
 
@@ -35,6 +35,13 @@ def cost(controls: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*b
     return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))
 
 
+def burned(controls: Float[Array, "K n 3"], thrust: Thrust) -> Float[Array, "K"]:
+    """Fuel of all craft in an interval of K trials, m/s², by thrusters without limits."""
+    if thrust.model == COMPONENTS:
+        return np.asarray(np.abs(controls).sum(axis=(1, 2)))
+    return np.asarray(cost(controls, thrust).sum(axis=1))
+
+
 def polar(along: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
     """The most that a control which costs 1 does along vectors: the dual norm of the cost."""
     if thrust.directions is None:
@@ -42,65 +49,65 @@ def polar(along: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*bat
     return np.asarray(np.maximum((along @ thrust.directions.T).max(axis=-1), 0.0))
 
 
-def dearest(thrust: Thrust) -> float:
-    """The most that a control of norm 1 costs."""
-    if thrust.model == COMPONENTS:
-        return float(np.sqrt(3))
-    if thrust.model == NORM:
-        return 1.0
-    assert not isinstance(thrust.model, str)
-    return float(np.linalg.norm(_gauge(thrust.model), axis=1).max())
-
-
 def worth(
-    along: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
+    along: Float[Array, "n intervals 3"],
+    split: Float[Array, "n intervals 3"],
+    limits: Limits,
+    thrust: Thrust,
 ) -> Float[Array, "n"]:
     """At least the most that the controls of each craft do along vectors, less what they cost.
 
     The largest v · u - cost(u) of each interval in which a craft may burn, within its limits,
-    summed; infinite where that has no limit. By either limit alone it is no more than this.
+    summed; infinite where that has no limit. Whatever the split w, v - w counts against the limit
+    on components or thrusters and w against that on the norm; the best of some splits is taken.
     """
-    component, norm = limits.component[:, None], limits.norm[:, None]
-    beyond = np.maximum(polar(along, thrust) - 1, 0.0)
+    rest = along - split
     if thrust.directions is None:
-        within = np.minimum(_times(norm, beyond), _times(component, _worth_in_box(along)))
+        parts = [one / np.maximum(1.0, WITHIN * _length(one)) for one in (split, along)]
     else:
-        more = np.maximum(along @ thrust.directions.T - 1, 0.0)
-        together = dearest(thrust) * beyond
-        if thrust.model == COMPONENTS:  # in a ball the largest is this, exactly
-            together = np.linalg.norm(more, axis=-1)
-        within = np.minimum(_times(component, more.sum(axis=-1)), _times(norm, together))
-    return np.asarray(np.where(limits.burns.any(axis=2), within, 0.0).sum(axis=1))
-
-
-def _worth_in_box(along: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
-    """The largest v · u - ‖u‖₂ with no component of u beyond 1.
-
-    Where it is, uᵢ = min(1, r |vᵢ|) with r = ‖u‖₂: with the k largest at 1 and S the sum of squares
-    of the others of v, r² = k / (1 - S).
-    """
-    v = np.sort(np.abs(along), axis=-1)[..., ::-1]
-    best = np.zeros(along.shape[:-1])
-    for k in (1, 2, 3):
-        rest = np.square(v[..., k:]).sum(axis=-1)
-        r = np.sqrt(k / np.maximum(1 - rest, NONE))
-        fits = (rest < 1) & (r * v[..., k:].max(axis=-1, initial=0.0) <= 1 + ROUNDING)
-        value = v[..., :k].sum(axis=-1) - np.sqrt(k * np.maximum(1 - rest, 0.0))
-        best = np.where(fits, np.maximum(best, value), best)
-    return np.asarray(best)
+        over = (np.maximum(1.0, WITHIN * polar(one, thrust)[..., None]) for one in (rest, along))
+        parts = [along - one / by for one, by in zip((rest, along), over, strict=True)]
+    return _most(along, [split, along, 0 * along, *parts], limits, thrust, 1.0)
 
 
 def support(
-    along: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
+    along: Float[Array, "n intervals 3"],
+    split: Float[Array, "n intervals 3"],
+    limits: Limits,
+    thrust: Thrust,
 ) -> Float[Array, "n"]:
-    """At least the most that the controls of each craft do along vectors, within its limits."""
+    """At least the most that the controls of each craft do along vectors, within its limits.
+
+    Whatever the split, which is as in ``worth``.
+    """
+    return _most(along, [split, along, 0 * along], limits, thrust, 0.0)
+
+
+def _most(
+    along: Float[Array, "n intervals 3"],
+    splits: list[Float[Array, "n intervals 3"]],
+    limits: Limits,
+    thrust: Thrust,
+    price: float,
+) -> Float[Array, "n"]:
+    """Upper bounds on the most of v · u - price · cost(u) over the controls of each craft.
+
+    The least by some splits, for each interval in which it may burn, summed.
+    """
     component, norm = limits.component[:, None], limits.norm[:, None]
-    if thrust.directions is None:
-        each = np.abs(along).sum(axis=-1)
-    else:
-        each = np.maximum(along @ thrust.directions.T, 0.0).sum(axis=-1)
-    most = np.minimum(_times(component, each), _times(norm, np.linalg.norm(along, axis=-1)))
-    return np.asarray(np.where(limits.burns.any(axis=2), most, 0.0).sum(axis=1))
+    least = np.full(along.shape[:2], np.inf)
+    for split in splits:
+        rest, over = along - split, _length(split)[..., 0]
+        if thrust.directions is None:
+            each, over = np.abs(rest).sum(axis=-1), np.maximum(over - price, 0.0)
+        else:
+            each = np.maximum(rest @ thrust.directions.T - price, 0.0).sum(axis=-1)
+        least = np.fmin(least, _times(component, each) + _times(norm, over))
+    return np.asarray(np.where(limits.burns.any(axis=2), least, 0.0).sum(axis=1))
+
+
+def _length(vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 1"]:
+    return np.asarray(np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _times(limit: Array, amount: Array) -> Array:
@@ -167,27 +174,33 @@ def exceeds(
         "max_acceleration_norm": ~(norm.max(axis=1) <= limits.norm * (1 + ROUNDING)),
         "delta_v": ~(burned <= limits.delta_v * (1 + ROUNDING)),
         "no_burn": ((controls != 0) & ~limits.burns).any(axis=(1, 2)),
-        "min_delta_v": too_small(controls, thrust, time_step).any(axis=(1, 2)),
+        "min_delta_v": too_small(controls, limits, problem).any(axis=(1, 2)),
     }
 
 
 def burn_sizes(
-    controls: Float[Array, "n intervals 3"], thrust: Thrust
+    controls: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
 ) -> Float[Array, "n intervals 3"]:
-    """Size of the burn that each component of a control is part of, m/s²."""
+    """Size of the burn that each component of a control is part of, m/s²; of several the least.
+
+    Of thrusters along the axes each component is a burn; of one that is pointed the whole control;
+    of thrusters of given directions the thrust of each that fires.
+    """
     if thrust.model == COMPONENTS:
         return np.abs(controls)
-    return np.broadcast_to(cost(controls, thrust)[..., None], controls.shape)
+    if thrust.model == NORM:
+        return np.broadcast_to(_length(controls), controls.shape)
+    fired = thrusts(controls, limits, thrust)
+    fires = fired > ROUNDING * fired.max(axis=-1, keepdims=True)  # less is left by rounding
+    size = np.where(fires, fired, np.inf).min(axis=-1)
+    return np.broadcast_to(np.where(np.isfinite(size), size, 0.0)[..., None], controls.shape)
 
 
 def too_small(
-    controls: Float[Array, "n intervals 3"], thrust: Thrust, time_step: float
+    controls: Float[Array, "n intervals 3"], limits: Limits, problem: Problem
 ) -> Bool[Array, "n intervals 3"]:
-    """Parts of controls that are burns, and smaller than the smallest impulse bit.
-
-    Of thrusters along the axes each component is a burn; else the whole control is one.
-    """
-    if thrust.min_delta_v is None:
+    """Parts of controls that are burns, and smaller than the smallest impulse bit."""
+    if (least := problem.thrust.min_delta_v) is None:
         return np.zeros(controls.shape, dtype=bool)
-    size = burn_sizes(controls, thrust)
-    return (size > 0) & (time_step * size < thrust.min_delta_v * (1 - ROUNDING))
+    size = burn_sizes(controls, limits, problem.thrust)
+    return (size > 0) & (problem.time_step * size < least * (1 - ROUNDING))

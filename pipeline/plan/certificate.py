@@ -332,7 +332,8 @@ def certify(
             for one, bound in zip(shares, least_shares, strict=True)
         ]
     if problem.thrust.min_delta_v is not None:
-        sizes = np.split(burn_sizes(controls, problem.thrust), starts[1:])
+        each_of = zip(np.split(controls, starts[1:]), scenarios, strict=True)
+        sizes = [burn_sizes(one, s.limits, problem.thrust) for one, s in each_of if s.limits]
         least = [step * float(one[one > 0].min()) if one.any() else None for one in sizes]
         columns["smallest_burn"] = [SmallestBurn(problem.thrust.min_delta_v, one) for one in least]
     orbits, limit = requirements.passive_safety, requirements.risk

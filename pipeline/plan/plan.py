@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from math import isfinite
+from operator import truediv
 from typing import Any
 
 from pipeline.orbit.arrays import Controls, States
+from pipeline.orbit.thrust import COMPONENTS, NORM
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.requirements import Requirements, Separation
 from pipeline.scenario import Scenario
@@ -21,7 +23,7 @@ UNSOLVED = "unsolved"  # no safe plan and no proof that there is none; the messa
 SUMMARY = (
     *("fuel", "delta_v", "craft_delta_v", "craft_delta_v_2norm", "fuel_lower_bound"),
     *("optimality_gap", "min_separation", "min_separation_pair", "min_separation_time"),
-    "min_separation_bound",
+    *("min_separation_bound", "craft_delta_v_thrusters"),
 )
 
 
@@ -113,6 +115,10 @@ def summary(plan: Plan) -> dict[str, Any]:
         claims["optimality_gap"] = None
     drifting = found.passive_safety
     risk, assignment = (one and asdict(one) for one in (found.risk, plan.assignment))
+    of_thrust = found.largest_share, found.smallest_burn
+    largest_share, smallest_burn = (one and asdict(one) for one in of_thrust)
+    limits = plan.scenario.limits
+    left = () if limits is None else limits.delta_v.tolist()
     return {
         "planner": plan.planner,
         "status": plan.status,
@@ -124,4 +130,16 @@ def summary(plan: Plan) -> dict[str, Any]:
         "seconds": plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0),
         "risk": risk,
         "assignment": assignment,
+        "largest_share": largest_share,
+        "smallest_burn": smallest_burn,
+        "craft_share": tuple(map(truediv, spent_by(plan), left))
+        if any(map(isfinite, left))
+        else (),
     }
+
+
+def spent_by(plan: Plan) -> tuple[float, ...]:
+    """Δv of each craft by the scenario's kind of thrust, m/s."""
+    found, model = plan.certificate, plan.scenario.problem.thrust.model
+    by_kind = {COMPONENTS: found.craft_delta_v, NORM: found.craft_delta_v_2norm}
+    return by_kind[model] if isinstance(model, str) else found.craft_delta_v_thrusters

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,8 @@ def recheck(claimed: Plan) -> Rechecked:
             f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
         )
     bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
-    made = Made(claimed.controls, *bound, claimed.convex_solves)
+    share = said.largest_share.bound if said.largest_share else 0.0
+    made = Made(claimed.controls, *bound, claimed.convex_solves, least_share=share)
     asked = claimed.scenario, made, claimed.requirements
     flown = planned(claimed.planner, *asked, as_flown=claimed.as_flown)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
@@ -69,6 +71,9 @@ def recheck(claimed: Plan) -> Rechecked:
         # By the errors that the file says.
         risk = collision_risk(flown.states, flown.controls, problem, said.risk.uncertainty)
         found = replace(found, risk=replace(said.risk, bound=risk.total))
+    if said.smallest_burn and found.smallest_burn:  # what the planner says of a plan without it
+        without = said.smallest_burn.fuel_without
+        found = replace(found, smallest_burn=replace(found.smallest_burn, fuel_without=without))
     faults += [
         f"The file claims {name} {theirs:.6g}{unit.removesuffix(' at most')}, its controls give "
         f"{ours:.6g}{unit}"
@@ -82,6 +87,7 @@ def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> It
     """Fields claimed larger than the controls give, or NaN, with both values and the unit."""
     yield from _false_spending(said, found)
     yield from _false_separations(said, found)
+    yield from _false_of_thrust(said, found)
     if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
         yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
     if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
@@ -94,7 +100,7 @@ def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClai
         theirs, ours = getattr(said, name), getattr(found, name)
         if not abs(theirs - ours) <= RELATIVE * abs(ours):
             yield name, theirs, ours, unit
-    for name in ("craft_delta_v", "craft_delta_v_2norm"):
+    for name in ("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters"):
         both = zip(getattr(said, name), getattr(found, name), strict=False)
         for k, (theirs, ours) in enumerate(both):
             if not abs(theirs - ours) <= RELATIVE * found.delta_v:
@@ -122,3 +128,21 @@ def _false_least(prefix: str, least: str, pair: list[Any]) -> Iterator[FalseClai
         theirs, ours = (getattr(one, name, None) for one in pair)
         if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
             yield prefix + name, theirs, ours, " m"
+
+
+def _false_of_thrust(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
+    """The largest share that a craft burns and no plan is below, and the smallest burn."""
+    if (share := found.largest_share) is not None:
+        theirs = said.largest_share
+        if theirs is None or not abs(theirs.share - share.share) <= RELATIVE * share.share:
+            yield "largest_share.share", theirs.share if theirs else nan, share.share, ""
+        elif theirs.craft != share.craft:
+            yield "largest_share.craft", theirs.craft, share.craft, ""
+        elif not theirs.bound <= share.share * (1 + RELATIVE):
+            yield "largest_share.bound", theirs.bound, share.share, " at most"
+    if (burn := found.smallest_burn) is not None:
+        claim, least = said.smallest_burn, burn.least or 0.0
+        if claim is None or not abs((claim.least or 0.0) - least) <= RELATIVE * least:
+            yield "smallest_burn.least", claim.least or 0.0 if claim else nan, least, " m/s"
+        elif claim.asked != burn.asked:
+            yield "smallest_burn.asked", claim.asked, burn.asked, " m/s"

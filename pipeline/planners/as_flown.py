@@ -13,17 +13,19 @@ from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
+from jaxtyping import Bool, Float
 
+from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.approaches import pairs
-from pipeline.orbit.arrays import Controls, Formation
+from pipeline.orbit.arrays import Controls, Formation, Marked
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.nonlinear import ends_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.thrust import Thrust
+from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.transfer import COAST, fly, state_weight, transfer_maps
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.planners.goal_assignment import GoalAssignment
@@ -195,7 +197,7 @@ def _corrected(scenario: Scenario, linear: Plan, requirements: Requirements) -> 
     for _ in range(CORRECTIONS):
         if (np.abs(goal - end) <= MET).all():
             break
-        controls = _changed(controls, goal - end, problem)
+        controls = _changed(controls, goal - end, problem, scenario.limits)
         end = ends_in_world(initial, controls, problem)
     made = _made(scenario, controls, end, linear)
     plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
@@ -225,23 +227,42 @@ def _made(scenario: Scenario, controls: Controls, end: Formation, linear: Plan) 
     return Made(controls, *proven, linear.convex_solves, timing, least_share=least)
 
 
-def _changed(controls: Controls, miss: Formation, problem: Problem) -> Controls:
+def _changed(
+    controls: Controls, miss: Formation, problem: Problem, limits: Limits | None
+) -> Controls:
     """Controls that bring about a small change of the final state, m and m/s, to first order.
 
     By least squares in the burns that are there and not at the limit; where those cannot, by least
-    fuel.
+    fuel, or, with limits of each craft, in all burns that may be.
     """
     size, limit = np.abs(controls), problem.max_acceleration
     free = size > COAST * np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
-    if limit is not None:
+    if limits is not None:
+        free &= limits.burns & _below(controls, limits)
+    elif limit is not None:
         free &= size < limit * LIMIT_SHARE**2
+    added, unable = _least_change(free, miss, problem)
+    if unable.any() and limits is not None:
+        added[unable] = _least_change(limits.burns[unable], miss[unable], problem)[0]
+    elif unable.any() and (optima := least_fuel(miss[unable], problem)) is not None:
+        added[unable] = optima.controls.reshape(len(optima.controls), -1)
+    return controls + added.reshape(controls.shape)
+
+
+def _below(controls: Controls, limits: Limits) -> Bool[Array, "n intervals 3"]:
+    """Components of controls that are at no limit, so that they may grow a little."""
+    most = LIMIT_SHARE**2 * np.stack([limits.component, limits.norm])[..., None, None]
+    return (np.abs(controls) < most[0]) & (norm(controls)[..., None] < most[1])
+
+
+def _least_change(
+    free: Bool[Array, "n intervals 3"], miss: Formation, problem: Problem
+) -> tuple[Float[Array, "n m"], Marked]:
+    """Least squares of what is added to free components, and of which craft that is too little."""
     weight = state_weight(problem)
     columns = (weight[:, None] * transfer_maps(problem).reach[-1]) * free.reshape(len(free), 1, -1)
     wanted = weight * miss
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-6), wanted)
     added *= free.reshape(added.shape)  # where it is zero but for rounding
     left = np.abs(wanted - np.matvec(columns, added)).max(axis=1)
-    unable = left > 1e-3 * np.abs(wanted).max(axis=1)
-    if unable.any() and (optima := least_fuel(miss[unable], problem)) is not None:
-        added[unable] = optima.controls.reshape(len(optima.controls), -1)
-    return controls + added.reshape(controls.shape)
+    return added, left > 1e-3 * np.abs(wanted).max(axis=1)

@@ -17,8 +17,10 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.relative_elements import secular_drift
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.orbit.separation import least_separations
+from pipeline.orbit.thrust import Limits
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import Scenario, participants
+from pipeline.scenario.thrust_needs import most_strained, needs_of, shortfalls
 from pipeline.scenario.waypoint import closest_pair
 
 FASTER = 1e-3  # m/s; change of vy for the derivative of the drift
@@ -296,6 +298,8 @@ def _near(scenario: Scenario, distance: float) -> str:
 
 def _reachable(scenario: Scenario) -> Diagnostic:
     """Whether every craft on its own can make its transfer within the thrust limit."""
+    if scenario.limits is not None:
+        return _reachable_within(scenario, scenario.limits)
     limit = scenario.problem.max_acceleration
     least = least_limits(scenario.initial, scenario.goal, scenario.problem)
     most = int(least.argmax())
@@ -313,6 +317,18 @@ def _reachable(scenario: Scenario) -> Diagnostic:
         return Diagnostic(REACHABLE, "transfer", text, cases, cure)
     text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
     return Diagnostic(REACHABLE, "transfer", text)
+
+
+def _reachable_within(scenario: Scenario, limits: Limits) -> Diagnostic:
+    """The same within all limits of thrust: what is certain of each craft on its own."""
+    needs = needs_of(scenario, limits)
+    found = list(shortfalls(scenario, limits, needs))
+    if not found:
+        return Diagnostic(REACHABLE, "transfer", most_strained(limits, needs))
+    cases = tuple(Case((one.craft,), one.text, one.numbers) for one in found)
+    text = f"craft that thrust or Δv is too little for: {len({one.craft for one in found})}"
+    cure = "; or ".join(dict.fromkeys(one.cure for one in found))
+    return Diagnostic(REACHABLE, "transfer", text, cases, cure)
 
 
 def _out_of_reach(k: int, least: float, limit: float) -> Case:

@@ -22,6 +22,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
     shown, scenario = recheck(claimed), claimed.scenario
     data, pairs = page_data(shown.plan)
     found = shown.plan.certificate
+    by_kind = found.craft_delta_v, found.craft_delta_v_2norm, found.craft_delta_v_thrusters
     script = (HERE / "page.js").read_text(encoding="utf-8")
     plotly = (HERE / "vendor" / "plotly-gl3d.min.js").read_bytes()
     text = template("pipeline/show/page.html.jinja").render(
@@ -31,7 +32,8 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         verdict=verdict(shown, claimed.status),
         certificate=certificate_rows(shown.plan, claimed.status),
         scenario=scenario_rows(scenario),
-        spent=list(zip(found.craft_delta_v, found.craft_delta_v_2norm, strict=True)),
+        thrusters=bool(found.craft_delta_v_thrusters),
+        spent=list(zip(*filter(None, by_kind), strict=True)),
         planning=planner_rows(shown.plan, claimed.status),
         pairs=pairs,
         collision_radius=scenario.problem.collision_radius,

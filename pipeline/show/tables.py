@@ -7,6 +7,7 @@ from pipeline.figures.labels import MISSING, error, number
 from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.reference import R_EARTH, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import COMPONENTS, NORM, Windows
 from pipeline.plan import (
     INFEASIBLE,
     SOLVED,
@@ -17,6 +18,7 @@ from pipeline.plan import (
     Rechecked,
 )
 from pipeline.scenario import Scenario
+from pipeline.scenario.spacecraft import Spacecraft
 
 Rows = list[tuple[str, str]]
 
@@ -74,11 +76,12 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
         gap = "unknown: the bound is no more than rounding"
     return [
         ("It holds for", _motion(plan)),
-        ("Fuel Σ‖u‖₁ (Eq. 4)", f"{found.fuel:.6g} m/s²"),
+        (_fuel(plan.scenario), f"{found.fuel:.6g} m/s²"),
         ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
         ("No plan needs less fuel than, by the file", f"{found.fuel_lower_bound:.6g} m/s²"),
         ("Gap to that bound", gap),
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
+        *_thrust_rows(found),
         *_separation_rows(found),
         *_clearance_rows("Least clearance by sizes", found.clearance),
         *_corridor_rows(found.corridor),
@@ -96,6 +99,32 @@ def _motion(plan: Plan) -> str:
         return "the flight about the reference orbit, in all terms"
     circle = plan.scenario.problem.orbit is None
     return "linear motion about a circle" if circle else "linear motion about the reference orbit"
+
+
+def _fuel(scenario: Scenario) -> str:
+    """What fuel is, by the kind of thrust."""
+    kinds = {COMPONENTS: "Fuel Σ‖u‖₁ (Eq. 4)", NORM: "Fuel Σ‖u‖₂"}
+    model = scenario.problem.thrust.model
+    return kinds[model] if isinstance(model, str) else "Fuel, sum of all thrusts"
+
+
+def _thrust_rows(found: Certificate) -> Rows:
+    """The largest share of its Δv that a craft burns, and the smallest burn, if asked for."""
+    rows = []
+    if (share := found.largest_share) is not None:
+        most = f"{share.share:.3%}, of craft {share.craft}"
+        rows = [
+            ("Largest share of its Δv that a craft burns", most),
+            ("In no plan is it less than, by the file", f"{share.bound:.3%}"),
+        ]
+    if (burn := found.smallest_burn) is not None:
+        least = "no burn" if burn.least is None else f"{1e3 * burn.least:.6g} mm/s"
+        bare = MISSING if burn.fuel_without is None else f"{burn.fuel_without:.6g} m/s²"
+        rows += [
+            ("Smallest burn", f"{least}; asked for {1e3 * burn.asked:g} mm/s"),
+            ("Fuel without regard to that, by the file", bare),
+        ]
+    return rows
 
 
 def _separation_rows(found: Certificate) -> Rows:
@@ -189,6 +218,7 @@ def scenario_rows(scenario: Scenario) -> Rows:
         ("Transfer", f"{problem.duration:g} s in {steps}"),
         ("Collision radius r_col", f"{problem.collision_radius:g} m"),
         ("Limit on each component of thrust", limit),
+        *_limit_rows(scenario),
         ("Mean motion of the reference orbit", f"{problem.mean_motion:.6g} rad/s"),
         ("Its period", f"{2 * math.pi / problem.mean_motion / 60:.1f} min{about}"),
         *_orbit_rows(problem.orbit),
@@ -214,6 +244,42 @@ def _corridor(one: Corridor) -> str:
     """A corridor, in words."""
     who = ", ".join(map(str, one.craft)) or "all"
     return f"{one.inside}, craft {who}, {one.begin:g} to {one.end:g} s"
+
+
+def _limit_rows(scenario: Scenario) -> Rows:
+    """What the scenario says of thrust beyond a limit on its components."""
+    thrust = scenario.problem.thrust
+    rows = []
+    if thrust.model != COMPONENTS:
+        kind = "one that is pointed" if thrust.model == NORM else f"{len(thrust.model)} directions"
+        rows.append(("Thrusters", kind))
+    if thrust.max_acceleration_norm is not None:
+        most = f"{1000 * thrust.max_acceleration_norm:g} mm/s²"
+        rows.append(("Limit on the norm of thrust", most))
+    if thrust.min_delta_v is not None:
+        rows.append(("Smallest impulse bit", f"{1000 * thrust.min_delta_v:g} mm/s"))
+    if thrust.no_burn:
+        rows.append(("No craft burns", _windows(thrust.no_burn)))
+    if thrust.objective == "fair":
+        rows.append(("What is least", "the largest share that a craft burns of its Δv"))
+    return rows + [
+        (f"Craft {k} of its own", own) for k, one in enumerate(scenario.craft) if (own := _own(one))
+    ]
+
+
+def _own(craft: Spacecraft) -> str:
+    """The limits of one craft of its own."""
+    limits = (
+        (craft.max_acceleration, 1e3, "mm/s² a component"),
+        (craft.max_acceleration_norm, 1e3, "mm/s² in norm"),
+        (craft.delta_v, 1.0, "m/s in all"),
+    )
+    said = [f"{scale * one:g} {unit}" for one, scale, unit in limits if one is not None]
+    return "; ".join(said + [f"no burns {_windows(craft.no_burn)}"] * bool(craft.no_burn))
+
+
+def _windows(no_burn: Windows) -> str:
+    return ", ".join(f"{begin:g} to {end:g} s" for begin, end in no_burn)
 
 
 def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:

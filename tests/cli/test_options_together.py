@@ -8,6 +8,7 @@ import pytest
 import torch
 from judge import Case, closest_adrift, judge_plan
 from judged import document
+from thrusting import FIVE, with_thrust
 from trials import Errors, frequency, wilson
 
 from benchmarks.fallback import rule
@@ -18,10 +19,14 @@ from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import Thrust
 from pipeline.plan import SOLVED, UNSAFE, Requirements, RiskLimit
+from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.network import NetworkPlanner, Seeded
 from pipeline.scenario import draw
+from pipeline.scenario.spacecraft import Spacecraft
 
 FOUR = draw("coplanar-split", 0, 4, 4, Problem(), "valid")
 SWARM = replace(FOUR, initial=FOUR.initial[:3], goal=FOUR.goal[:3])
@@ -139,3 +144,68 @@ def test_plans_without_the_options_break_each_of_them(planner, limited):
     assert closest_adrift(case, plan.states, plan.controls, ORBITS).distance < case.radius
     assert [*broken(SWARM, plan, (RISKY,))]
     assert np.abs(plan.controls).max() > limited.problem.max_acceleration
+
+
+WORLD = ReferenceOrbit(6878e3, 0.001, 97.4)
+WINDOW = ((300.0, 500.0),)
+BUDGETS = tuple(Spacecraft(delta_v=4.0, no_burn=((0.0, 100.0),) * k) for k in (0, 1, 0))
+KINDS = {
+    "norm": (Thrust("norm", 0.02), ()),
+    "directions": (Thrust(FIVE), ()),
+    "windows": (Thrust(no_burn=WINDOW), BUDGETS),
+    "fair": (Thrust("norm", objective="fair"), BUDGETS),
+    "bits": (Thrust(min_delta_v=0.01), ()),
+    "pointed bits": (Thrust("norm", min_delta_v=0.01), BUDGETS),
+}
+
+
+def judged_faults(scenario, plan):
+    """What the judge finds wrong with a plan, of linear motion also its claims."""
+    if not plan.as_flown:
+        told = {name: getattr(plan, name) for name in ("states", "controls", "assignment")}
+        return judge_plan(
+            document(scenario), told | {"certificate": asdict(plan.certificate)}
+        ).wrong
+    thrusters = Case.of(document(scenario), scenario.n).thrusters
+    return tuple(thrusters.faults(plan.controls, scenario.problem.time_step))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_every_planner_keeps_what_is_said_of_thrust_or_calls_its_plan_unsafe(planner, kind):
+    scenario = with_thrust(SWARM, *KINDS[kind])
+    (plan,) = PLANNERS[planner](Requirements()).plan([scenario])
+    wrong = judged_faults(scenario, plan)
+    if plan.status == SOLVED:
+        assert wrong == ()
+    else:
+        assert planner not in ENDS_IN_EXPERT, plan.message
+        assert (plan.status, bool(plan.message)) == (UNSAFE, True)
+        assert wrong and not any("is said" in one for one in wrong)
+
+
+@pytest.mark.parametrize("options", ["adrift", "risk", "optimal", "world", "optimal world", "best"])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("planner", ["expert, default", "refiner + expert"])
+def test_what_is_said_of_thrust_is_kept_with_all_else_or_refused(planner, kind, options):
+    scenario = with_thrust(SWARM, *KINDS[kind])
+    told = {"adrift": {"passive_safety": ORBITS}, "risk": {"risk": RISK}}.get(options, {})
+    found = (best if options == "best" else PLANNERS[planner])(Requirements(**told))
+    if "optimal" in options:
+        found = GoalAssignment(found)
+    if "world" in options:
+        found = AsFlown(found, WORLD)
+    try:
+        (plan,) = found.plan([scenario])
+    except InputError as refused:
+        assert kind == "fair" and "optimal" in options
+        assert str(refused).endswith("leave the assignment out.")
+        return
+    assert plan.status == SOLVED, plan.message
+    scenario = plan.scenario
+    assert judged_faults(scenario, plan) == ()
+    if options == "adrift":
+        assert plan.certificate.passive_safety.orbits == ORBITS
+    if options == "risk":
+        hits = frequency(Case.of(document(scenario)), scenario.initial, plan.controls, ERRORS, 200)
+        assert wilson(hits, 200)[0] <= RISK.asked

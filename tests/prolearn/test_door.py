@@ -226,3 +226,20 @@ def test_every_public_name_is_there_and_documented():
     for name in prolearn.__all__:
         assert getattr(prolearn, name) is not None
         assert name == "COLD_GAS" or name == "FAMILIES" or getattr(prolearn, name).__doc__
+
+
+def test_thrusters_and_craft_of_their_own_are_given_and_kept():
+    craft = [prolearn.Spacecraft(name="a", delta_v=3.0), prolearn.Spacecraft(delta_v=2.0)]
+    thrust = prolearn.Thrust("norm", 0.01, no_burn=((300.0, 500.0),), objective="fair")
+    swarm = prolearn.scenario(
+        initial=[prolearn.Ring(craft=2, size=150)],
+        goal=[prolearn.Ring(craft=2, size=100)],
+        thrust=thrust,
+        craft=craft,
+    )
+    plan = prolearn.plan(swarm)
+    assert (plan.status, plan.scenario.craft) == ("solved", tuple(craft))
+    assert np.all(plan.controls[:, 2:5] == 0)
+    share = plan.certificate.largest_share
+    spent = np.array(plan.certificate.craft_delta_v_2norm)
+    assert share.share == pytest.approx((spent / [3.0, 2.0]).max())

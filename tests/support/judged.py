@@ -18,7 +18,11 @@ def judged(scenario: Any, plan: Any, **options: Any) -> Report:
 
 def document(scenario: Any) -> dict[str, Any]:
     """The fields of scenario.json."""
-    return {**asdict(scenario.problem), "initial": scenario.initial, "goal": scenario.goal}
+    fields = asdict(scenario.problem)
+    thrust = fields.pop("thrust")
+    craft = [asdict(one) for one in scenario.craft]
+    ends = {"initial": scenario.initial, "goal": scenario.goal}
+    return {**fields, "thrust": thrust.pop("model"), **thrust, "craft": craft, **ends}
 
 
 def check_rows(rows: pd.DataFrame, reports: Sequence[Report]) -> None:

@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from thrusting import FIVE, with_thrust
 
 from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import Thrust
 from pipeline.plan import SOLVED, Made, Requirements, RiskLimit, planned, recheck
 from pipeline.scenario import draw
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show.tables import certificate_rows, verdict
 
 SCENARIO = draw("rings", 0, 10, 3, Problem())
@@ -156,3 +159,52 @@ def test_a_false_delta_v_of_a_craft_is_told(plan, name):
     assert any(
         f"claims {name}[4]" in reason for reason in said(replace(plan, certificate=lie)).reasons
     )
+
+
+LEFT = tuple(Spacecraft(delta_v=4.0 + k) for k in range(10))
+ASKED = {
+    "largest_share": (Thrust("norm", objective="fair"), LEFT),
+    "smallest_burn": (Thrust("norm", min_delta_v=0.02), ()),
+    "craft_delta_v_thrusters": (Thrust(FIVE), ()),
+}
+FORGED = {
+    "share": ("largest_share", {"share": 0.01}, "largest_share.share 0.01"),
+    "craft": ("largest_share", {"craft": 9}, "largest_share.craft 9"),
+    "bound": ("largest_share", {"bound": 0.99}, "largest_share.bound 0.99"),
+    "least": ("smallest_burn", {"least": 0.5}, "smallest_burn.least 0.5 m/s"),
+    "asked": ("smallest_burn", {"asked": 0.001}, "smallest_burn.asked 0.001 m/s"),
+    "thrusters": ("craft_delta_v_thrusters", None, "craft_delta_v_thrusters[0] 0 m/s"),
+}
+
+
+@pytest.mark.parametrize("forged", FORGED)
+def test_claims_of_thrust_are_found_anew(forged):
+    name, change, fault = FORGED[forged]
+    plan = solve(with_thrust(SCENARIO, *ASKED[name]))
+    shown = recheck(plan)
+    assert (shown.faults, shown.plan.certificate) == ((), plan.certificate)
+    true = getattr(plan.certificate, name)
+    false = (0.0,) * 10 if change is None else replace(true, **change)
+    forged_plan = replace(plan, certificate=replace(plan.certificate, **{name: false}))
+    (said_so,) = recheck(forged_plan).faults
+    assert f"The file claims {fault}, its controls give" in said_so
+    if change is not None:
+        missing = replace(plan, certificate=replace(plan.certificate, **{name: None}))
+        assert recheck(missing).faults
+
+
+@pytest.mark.parametrize(
+    "thrust, craft, fault",
+    [
+        (Thrust("norm", 1e-4), (), "uses more than its max_acceleration_norm"),
+        (Thrust("norm", no_burn=((0.0, 100.0),)), (), "burns in a stretch of no_burn"),
+        (Thrust("norm", min_delta_v=5.0), (), "has a burn smaller than min_delta_v"),
+        (Thrust("norm"), (Spacecraft(delta_v=1e-3),) * 10, "burns more than its delta_v"),
+    ],
+)
+def test_a_plan_that_exceeds_what_its_scenario_says_of_thrust_is_not_solved(thrust, craft, fault):
+    plan = solve(with_thrust(SCENARIO, Thrust("norm")))
+    liar = replace(plan, scenario=with_thrust(SCENARIO, thrust, craft))
+    shown = recheck(liar)
+    assert any(fault in one for one in shown.faults)
+    assert shown.plan.status == "unsafe"

@@ -126,7 +126,7 @@ def test_states_that_are_not_finite_are_refused():
             r"mean tilt_deg\?",
         ),
         ('"nodes"', '"node"', r"node is not a field of this schema; did you mean nodes\?"),
-        ('"nodes"', '"wheels"', "wheels is not a field of this schema; remove it"),
+        ('"nodes"', '"altogether"', "altogether is not a field of this schema; remove it"),
         ('"nodes": 9', '"nodes": 9, "nodes": 12', "nodes is there twice"),
         ('"size": 200', '"size": 200, "size": 300', "size is there twice"),
         ('"nodes": 9', '"nodes": "9"', "nodes is '9': expected a number, without quotes"),

@@ -1,4 +1,4 @@
-"""An independent judge of plans and datasets: numpy and scipy alone, pyarrow to read Parquet.
+"""An independent judge of plans and datasets: numpy, scipy and cvxpy, pyarrow to read Parquet.
 
 It imports nothing of ours and shares no method with it, so where the two agree it means something:
 controls are flown by matrix exponentials instead of a closed form, separation is bounded by

@@ -1,4 +1,7 @@
-"""The least fuel that any transfer needs when the other craft are left out: HiGHS and its dual."""
+"""The least fuel that any transfer needs when the other craft are left out.
+
+By HiGHS and its dual, or, of thrusters of other kinds, by cvxpy.
+"""
 
 from dataclasses import dataclass
 
@@ -13,7 +16,7 @@ AGREEMENT = 1e-6
 
 @dataclass(frozen=True)
 class Bound:
-    """Least Σ‖u‖₁ of each craft, m/s²; infinite where it cannot reach its goal at all.
+    """Least fuel of each craft, m/s²; infinite where it cannot reach its goal at all.
 
     No transfer needs less than ``proven``, which holds by weak duality however well the program
     was solved; one needs ``attained``.
@@ -35,7 +38,12 @@ def least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
     unit = problem.duration**-2
     reach = size[:, None] * np.hstack(effects) * unit
     limit = None if problem.limit is None else problem.limit / unit
-    found = [_least(reach, size * miss, limit) for miss in goal - initial @ drift.T]
+    misses = size * (goal - initial @ drift.T)
+    if problem.thrusters is None:
+        found = [_least(reach, miss, limit) for miss in misses]
+    else:
+        least = problem.thrusters.least
+        found = [(one, one) for one in (least(k, reach, b, unit) for k, b in enumerate(misses))]
     return Bound(*(unit * np.array(found).T))
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
+from judge.thrusters import Thrusters
+
 GRAVITY = 3.986004418e14
 """Of the Earth, m³/s²."""
 
@@ -24,17 +26,19 @@ class Case:
     nodes: int
     radius: float
     limit: float | None = None
+    thrusters: Thrusters | None = None
 
     @classmethod
-    def of(cls, document: Mapping[str, Any]) -> "Case":
-        """The problem in the fields of scenario.json."""
+    def of(cls, document: Mapping[str, Any], n: int = 0) -> "Case":
+        """The problem in the fields of scenario.json, with the thrusters of n craft, if any."""
         rate = document.get("mean_motion")
         if rate is None:
             rate = (GRAVITY / (RADIUS + document["altitude"]) ** 3) ** 0.5
         step, nodes, radius = (
             document[name] for name in ("time_step", "nodes", "collision_radius")
         )
-        return cls(rate, step, nodes, radius, document.get("max_acceleration"))
+        thrusters = Thrusters.of(document, n) if n else None
+        return cls(rate, step, nodes, radius, document.get("max_acceleration"), thrusters)
 
     @property
     def duration(self) -> float:

@@ -70,6 +70,7 @@ class _Flight:
     adrift: Adrift | None = None
     clear: Closest | None = None
     inside: float = np.inf
+    least: np.ndarray | None = None
 
 
 def judge_plan(
@@ -87,8 +88,8 @@ def judge_plan(
     Raises:
         ValueError: where the arrays are not of the scenario's size or not finite.
     """
-    problem = Case.of(scenario)
     initial, goal = (np.asarray(scenario[end], dtype=float) for end in ("initial", "goal"))
+    problem = Case.of(scenario, len(initial))
     states, controls = (np.asarray(plan[name], dtype=float) for name in ("states", "controls"))
     n, T = len(initial), problem.nodes
     if (states.shape, controls.shape) != ((n, T, 6), (n, T - 1, 3)):
@@ -122,12 +123,13 @@ def judge_plan(
         low=near.low.min(initial=np.inf),
         high=near.high.min(initial=np.inf),
         node_collisions=close,
-        fuel=float(np.abs(controls).sum()),
+        fuel=float(_spent(problem, controls).sum()),
         proven=float(bound.proven.sum()),
         attained=float(bound.attained.sum()),
         adrift=adrift,
         clear=clear,
         inside=least_inside(scenario, problem, flown, controls),
+        least=bound.attained,
     )
     return Report(
         flight.fuel,
@@ -142,6 +144,7 @@ def judge_plan(
             *_untrue(flight, states, said),
             *_untrue_adrift(flight, said),
             *_untrue_clearance(flight, said),
+            *_untrue_of_thrusters(flight, said),
         ),
     )
 
@@ -154,7 +157,9 @@ def _faults(flight: _Flight, *, at_nodes: bool) -> Iterator[str]:
     if miss[3:].max() > METRES_A_SECOND:
         yield f"misses the goal's velocity by {miss[3:].max():.3g} m/s"
     used = np.abs(flight.controls).max()
-    if problem.limit is not None and used > problem.limit * (1 + SHARE):
+    if problem.thrusters is not None:
+        yield from problem.thrusters.faults(flight.controls, problem.step)
+    elif problem.limit is not None and used > problem.limit * (1 + SHARE):
         yield f"uses {used:.6g} m/s² of {problem.limit:.6g} m/s²"
     yield from _too_close(flight, at_nodes=at_nodes)
     if flight.fuel < flight.proven * (1 - SHARE):
@@ -218,10 +223,11 @@ def _untrue(flight: _Flight, states: np.ndarray, said: Mapping[str, Any]) -> Ite
     problem, alone = flight.problem, len(flight.goal) == 1
     moved = after(problem.rate, problem.step, states[:, :-1], flight.controls)
     gap = flight.fuel / flight.attained - 1 if flight.attained > 1e-9 else None
+    exact = 1e-9 if problem.thrusters is None else 1e-7  # a program may say what thrusters do
     # By name: least and most that is true.
     true = {
-        "fuel": _about(flight.fuel, 1e-9),
-        "delta_v": _about(flight.fuel * problem.step, 1e-9),
+        "fuel": _about(flight.fuel, exact),
+        "delta_v": _about(flight.fuel * problem.step, exact),
         "fuel_lower_bound": _about(flight.attained, SHARE),
         "optimality_gap": (gap is not None) and (gap - 2e-6, gap + 2e-6),
         # About an ellipsoid and a craft of some radius more may be counted.
@@ -269,6 +275,52 @@ def _untrue_adrift(flight: _Flight, said: Mapping[str, Any]) -> Iterator[str]:
     longest = claim["orbits"] * 2 * np.pi / flight.problem.rate
     if abs(apart - claim["min_separation"]) > ATTAINED or not -1e-6 <= since <= longest + 1e-6:
         yield f"{who} are {apart:.6g} m apart, {since:.6g} s after the loss"
+
+
+def _spent(problem: Case, controls: np.ndarray) -> np.ndarray:
+    """Fuel of each craft, m/s²."""
+    if problem.thrusters is None:
+        return np.asarray(np.abs(controls).sum(axis=(1, 2)))
+    return problem.thrusters.spent(controls)
+
+
+def _untrue_of_thrusters(flight: _Flight, said: Mapping[str, Any]) -> Iterator[str]:
+    """What a certificate says of shares, of the smallest burn and of thrusters."""
+    thrusters, step = flight.problem.thrusters, flight.problem.step
+    given = thrusters is not None and not isinstance(thrusters.model, str)
+    asked = {
+        "largest_share": thrusters is not None and thrusters.fair,
+        "smallest_burn": thrusters is not None and thrusters.bit > 0,
+        "craft_delta_v_thrusters": given,
+    }
+    yield from (
+        f"{name} is said, or is not" for name in asked if asked[name] != bool(said.get(name))
+    )
+    if thrusters is None:
+        return
+    fired = thrusters.firings(flight.controls)
+    spent = step * fired.sum(axis=(1, 2))
+    claim = said.get("craft_delta_v_thrusters") or ()
+    if given and not np.allclose(claim, spent, rtol=SHARE):
+        yield f"thrusters are said to spend {claim}, found {spent}"
+    if share := said.get("largest_share"):
+        assert flight.least is not None
+        shares, least = spent / thrusters.budget, (step * flight.least / thrusters.budget).max()
+        if abs(shares[share["craft"]] - shares.max()) > SHARE * shares.max():
+            yield f"craft {share['craft']} is said to burn the largest share of {shares}"
+        if abs(share["share"] - shares.max()) > SHARE * shares.max():
+            yield f"{share['share']} is said to be the largest of {shares}"
+        if abs(share["bound"] - least) > SHARE * least + 1e-12:
+            yield f"no share is said to be less than {share['bound']}, found {least}"
+    if smallest := said.get("smallest_burn"):
+        burns = fired[fired > 1e-6 * fired.max(axis=2, keepdims=True)]
+        least = step * burns.min() if len(burns) else None
+        if smallest["asked"] != thrusters.bit:
+            yield f"{smallest['asked']} is said to be asked for, not {thrusters.bit}"
+        if (least is None) != (smallest["least"] is None) or (
+            least is not None and abs(least - smallest["least"]) > SHARE * least
+        ):
+            yield f"the smallest burn is said to be {smallest['least']}, found {least}"
 
 
 def _about(value: float, share: float) -> tuple[float, float]:

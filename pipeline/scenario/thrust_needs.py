@@ -1,0 +1,133 @@
+"""What the thrusters of each craft are short of, proven for each craft on its own."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import floor, log10
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.arrays import Array
+from pipeline.orbit.decoupled import least_cost, least_limits
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
+from pipeline.orbit.transfer import transfer_maps
+from pipeline.scenario.scenario import Scenario
+
+MARGIN = 1e-6  # share of a need that is left to rounding
+TIME = "give more time by time_step or nodes"
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """What one craft has too little of."""
+
+    craft: int
+    text: str  # what, and by how much
+    cure: str
+    numbers: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What craft need at least of what they have, as shares of it; infinite is too much."""
+
+    limit: Float[Array, "n"]  # of the limit on components or thrusters, m/s²
+    norm: Float[Array, "n"]  # of the limit on the norm
+    delta_v: Float[Array, "n"]  # of what they may burn, m/s
+
+
+def needs_of(scenario: Scenario, limits: Limits) -> Needs:
+    """Least limits and least Δv of each craft on its own: without others, and impulse bits."""
+    problem, ends = scenario.problem, (scenario.initial, scenario.goal)
+    open_ = np.asarray(limits.burns.any(axis=2))
+    limit = least_limits(*ends, problem, open_)
+    norm = limit
+    if not isinstance(problem.thrust.model, str):  # no component is larger than the norm
+        norm = least_limits(*ends, replace(problem, thrust=ALONG_AXES), open_)
+    delta_v = np.zeros(scenario.n)
+    miss = scenario.goal - np.matvec(transfer_maps(problem).drift[-1], scenario.initial)
+    for k in np.flatnonzero(np.isfinite(limits.delta_v) & np.isfinite(limit)):
+        least = least_cost(miss[k], open_[k], float(limits.component[k]), problem)
+        delta_v[k] = least * problem.time_step
+    return Needs(limit, norm, delta_v)
+
+
+def shortfalls(scenario: Scenario, limits: Limits, needs: Needs) -> Iterator[Shortfall]:
+    """All that craft have too little of, each the first of its kinds that is."""
+    problem = scenario.problem
+    for k in range(scenario.n):
+        if np.isinf(needs.limit[k]):
+            yield _no_way(k, limits, problem)
+            continue
+        moves = needs.limit[k] > 0
+        if moves and (found := _no_burn_large_enough(k, limits, problem)):
+            yield found
+        for name, need, most, unit in (
+            ("max_acceleration", needs.limit[k], limits.component[k], "m/s²"),
+            ("max_acceleration_norm", needs.norm[k], limits.norm[k], "m/s²"),
+            ("delta_v", needs.delta_v[k], limits.delta_v[k], "m/s"),
+        ):
+            if need > most * (1 + MARGIN):
+                text = f"craft {k} needs at least {down(need)} {unit} and has {most:g} {unit}, its"
+                numbers = {f"least_{name}": float(need)}
+                yield Shortfall(k, f"{text} {name}", f"raise {name}, or {TIME}", numbers)
+                break
+
+
+def _no_way(k: int, limits: Limits, problem: Problem) -> Shortfall:
+    """The shortfall of a craft that reaches its goal with no thrust, however large."""
+    may = int(limits.burns[k].any(axis=1).sum())
+    if may == problem.intervals:
+        text = f"craft {k} reaches its goal with no thrust, however large"
+        return Shortfall(k, text, TIME, {})
+    text = (
+        f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its goal "
+        "with any thrust"
+    )
+    cure = f"leave more time to burn by no_burn, or {TIME}"
+    return Shortfall(k, text, cure, {"may_burn": float(may)})
+
+
+def _no_burn_large_enough(k: int, limits: Limits, problem: Problem) -> Shortfall | None:
+    """The shortfall of a craft that can make no burn as large as the smallest impulse bit."""
+    thrust, most = problem.thrust, [limits.component[k], limits.norm[k]]
+    if thrust.min_delta_v is None:
+        return None
+    if thrust.model == NORM:
+        most[0] *= np.sqrt(3)  # along all three axes
+    burn = problem.time_step * float(min(most))
+    burn = min(burn, float(limits.delta_v[k]))
+    if burn >= thrust.min_delta_v * (1 - MARGIN):
+        return None
+    text = (
+        f"craft {k} must burn, and can make no burn of more than {burn:.4g} m/s, less than "
+        f"min_delta_v, {thrust.min_delta_v:g} m/s"
+    )
+    return Shortfall(
+        k, text, "lower min_delta_v, or raise the limits of thrust", {"most_delta_v": burn}
+    )
+
+
+def most_strained(limits: Limits, needs: Needs) -> str:
+    """Of each kind of limit the craft that needs most of it."""
+    said = []
+    for name, need, most in (
+        ("max_acceleration", needs.limit, limits.component),
+        ("max_acceleration_norm", needs.norm, limits.norm),
+        ("delta_v", needs.delta_v, limits.delta_v),
+    ):
+        share = np.where(np.isfinite(most), need / most, 0.0)
+        if np.isfinite(most).any():
+            k = int(share.argmax())
+            said.append(f"craft {k} needs at least {share[k]:.0%} of its {name}")
+    if not said:
+        k = int(needs.limit.argmax())
+        return f"no limit of thrust; craft {k} needs the most, {needs.limit[k]:.4g} m/s²"
+    return "; ".join(said)
+
+
+def down(value: float) -> str:
+    """A number of four digits that is no more than the value."""
+    unit = 10.0 ** (floor(log10(value)) - 3)
+    return f"{floor(value / unit * (1 - MARGIN)) * unit:.4g}"

@@ -1,0 +1,284 @@
+"""Thrusters of any kind: least fuel, bounds and verdicts against cvxpy, MILPs and by hand."""
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from judge.motion import Case, exact_step
+from judged import document, judged
+from scipy.optimize import Bounds, LinearConstraint, milp
+from thrusting import AXES, FIVE, MODELS, drawn, least, with_thrust
+
+from pipeline.expert import solve, solve_many
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import Limits, Thrust
+from pipeline.orbit.thrust_cost import cost, support, worth
+from pipeline.plan import INFEASIBLE, SOLVED
+from pipeline.scenario import Scenario, diagnostics, draw
+from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.scenario.validation import REACHABLE
+
+SWARM = draw("rings", 0, 5, 3, Problem())
+ONE = replace(SWARM, initial=SWARM.initial[:1], goal=SWARM.goal[:1])
+NAMES = ("components", "norm", "five", "axes")
+WINDOW = ((300.0, 500.0),)
+
+
+def both_limits(model):
+    """The scenario of one craft with limits of components and norm that both are active."""
+    free = solve(with_thrust(ONE, Thrust(model))).controls
+    norm, component = 0.8 * np.linalg.norm(free, axis=2).max(), 0.75 * np.abs(free).max()
+    return with_thrust(ONE, Thrust(model, float(norm), no_burn=WINDOW), limit=float(component))
+
+
+@pytest.mark.parametrize("model", MODELS, ids=NAMES)
+def test_one_craft_attains_the_least_fuel_and_its_bound_is_that(model):
+    """The judge holds fuel and bound of the certificate to cvxpy's optimum, within 1e-6."""
+    for scenario in (with_thrust(ONE, Thrust(model)), both_limits(model)):
+        plan = solve(scenario)
+        assert plan.status == SOLVED
+        assert judged(scenario, plan).wrong == ()
+        assert plan.certificate.optimality_gap < 1e-6
+
+
+@pytest.mark.parametrize("model", MODELS, ids=NAMES)
+def test_swarms_keep_to_all_that_is_said_of_thrust(model):
+    for thrust in (
+        Thrust(model, 0.02, no_burn=WINDOW),
+        Thrust(model, objective="fair"),
+        Thrust(model, min_delta_v=0.01),
+    ):
+        windows = [((0.0, 100.0),) * (k % 2) for k in range(5)]
+        own = tuple(Spacecraft(delta_v=100.0, no_burn=one) for one in windows)
+        needed = SWARM.problem.time_step * least(with_thrust(SWARM, thrust, own, limit=0.03))
+        both = zip(needed, windows, strict=True)
+        own = tuple(Spacecraft(delta_v=1.2 * float(one), no_burn=of) for one, of in both)
+        scenario = with_thrust(SWARM, thrust, own, limit=0.03)
+        plan = solve(scenario)
+        assert plan.status == SOLVED, plan.message
+        assert judged(scenario, plan).wrong == ()
+        assert plan.certificate.optimality_gap < 0.05
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_a_craft_is_planned_or_proven_infeasible_as_cvxpy_says(seed):
+    scenario = drawn(seed, n=1)
+    needed = scenario.problem.time_step * least(scenario)[0]
+    limits = scenario.limits
+    most = np.inf if limits is None else limits.delta_v[0]
+    plan = solve(scenario)
+    if np.isinf(needed) or needed > most * (1 + 1e-5):
+        assert plan.status == INFEASIBLE
+    else:
+        assert plan.status == SOLVED, plan.message
+        assert judged(scenario, plan).wrong == ()
+    reach = next(one for one in diagnostics(scenario) if one.rule == REACHABLE)
+    if not reach.fine:  # what check says is certain
+        assert plan.status == INFEASIBLE
+
+
+@pytest.mark.parametrize("seed", range(100, 112))
+def test_bounds_of_random_swarms_are_never_above_the_least(seed):
+    scenario = drawn(seed, n=3)
+    plan, own = solve(scenario), least(scenario)
+    bound = plan.certificate.fuel_lower_bound
+    if np.isfinite(own).all():
+        assert bound <= own.sum() * (1 + 1e-6)
+    if plan.status == SOLVED:
+        assert judged(scenario, plan).wrong == ()
+        assert bound >= own.sum() * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("model", ["norm", FIVE], ids=["norm", "five"])
+def test_limits_at_the_edge_decide(model):
+    """Just above what a craft needs there is a plan, and just below a proof that there is none."""
+    free = with_thrust(ONE, Thrust(model))
+    needed = float(least(free)[0]) * ONE.problem.time_step
+    weakest = weakest_norm(ONE)
+    for share, status in ((1 + 1e-5, SOLVED), (1 - 1e-5, INFEASIBLE)):
+        budget = (Spacecraft(delta_v=needed * share),)
+        assert solve(replace(free, craft=budget)).status == status
+        limited = with_thrust(ONE, Thrust(model, weakest * share))
+        assert solve(limited).status == status
+        assert np.isinf(least(limited)).any() == (status == INFEASIBLE)
+
+
+def weakest_norm(scenario):
+    """Least limit on the norm with which craft 0 reaches its goal, by cvxpy, m/s²."""
+    reach, miss, unit = maps(scenario)
+    control = cp.Variable((scenario.problem.intervals, 3))
+    most = cp.max(cp.norm(control, 2, axis=1))
+    arrives = reach @ cp.vec(control, order="C") == miss
+    return unit * cp.Problem(cp.Minimize(most), [arrives]).solve(
+        solver=cp.CLARABEL, tol_gap_rel=1e-10, tol_feas=1e-10
+    )
+
+
+def maps(scenario):
+    """Effect of the controls of craft 0 on its final state and what they must do; their unit."""
+    case = Case.of(document(scenario), scenario.n)
+    free, forced = exact_step(case.rate, case.step)
+    effects = [forced]
+    for _ in range(case.nodes - 2):
+        effects.insert(0, free @ effects[0])
+    drift = np.linalg.matrix_power(free, case.nodes - 1)
+    size, unit = np.repeat([1.0, case.duration], 3), case.duration**-2
+    return (
+        size[:, None] * np.hstack(effects) * unit,
+        size * (scenario.goal - scenario.initial @ drift.T)[0],
+        unit,
+    )
+
+
+@pytest.mark.parametrize("model", ["components", FIVE, AXES], ids=["components", "five", "axes"])
+@pytest.mark.parametrize("bit", [0.002, 0.02, 0.08])
+def test_impulse_bits_of_one_craft_cost_what_a_mixed_integer_program_says(model, bit):
+    scenario = with_thrust(ONE, Thrust(model, min_delta_v=bit), limit=0.03)
+    plan = solve(scenario)
+    assert plan.status == SOLVED, plan.message
+    assert judged(scenario, plan).wrong == ()
+    assert plan.certificate.fuel <= (1 + 2e-3) * least_with_bit(scenario, bit)
+    assert plan.certificate.smallest_burn.fuel_without == pytest.approx(
+        least(with_thrust(ONE, Thrust(model), limit=0.03))[0], rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("bit", [0.02, 0.2, 0.4])
+def test_burns_are_as_large_as_the_bit_where_there_are_few_intervals(bit):
+    """There thrusters would have to fire against each other to make small differences."""
+    grid = replace(ONE.problem, nodes=4, time_step=400.0)
+    thrust = Thrust(min_delta_v=bit)
+    scenario = with_thrust(replace(ONE, problem=grid), thrust, limit=0.03)
+    plan = solve(scenario)
+    assert plan.status == SOLVED, plan.message
+    assert judged(scenario, plan).wrong == ()
+    assert plan.certificate.fuel <= (1 + 2e-3) * least_with_bit(scenario, bit)
+
+
+def least_with_bit(scenario, bit):
+    """Least fuel of thrusters that are off or at no less than a bit, by HiGHS' MILP, m/s²."""
+    reach, miss, unit = maps(scenario)
+    directions = scenario.problem.thrust.directions
+    m, K = scenario.problem.intervals, len(directions)
+    effect = np.hstack([reach[:, 3 * t : 3 * t + 3] @ directions.T for t in range(m)])
+    off, on = np.zeros((6, m * K)), np.eye(m * K)
+    least_on = bit / scenario.problem.time_step / unit
+    most_on = scenario.problem.max_acceleration / unit
+    limits = [
+        LinearConstraint(np.hstack([effect, off]), miss - 1e-7, miss + 1e-7),
+        LinearConstraint(np.hstack([on, -least_on * on]), 0, np.inf),
+        LinearConstraint(np.hstack([on, -most_on * on]), -np.inf, 0),
+    ]
+    # Thrusters that are opposite do not fire at once, as plans hold their difference alone.
+    opposite = [k for k in range(K) if (directions[k] == -directions).all(axis=1).any()]
+    once = np.zeros((m * len(opposite), m * K))
+    for row, (t, k) in enumerate((t, k) for t in range(m) for k in opposite):
+        against = int((directions[k] == -directions).all(axis=1).argmax())
+        once[row, [K * t + k, K * t + against]] = 1.0
+    limits.append(LinearConstraint(np.hstack([0 * once, once]), 0, 1))
+    found = milp(
+        np.repeat([1.0, 0.0], m * K),
+        constraints=limits,
+        integrality=np.repeat([0, 1], m * K),
+        bounds=Bounds(0, np.repeat([most_on, 1.0], m * K)),
+        options={"mip_rel_gap": 1e-5, "time_limit": 30},
+    )
+    return unit * found.fun
+
+
+def test_a_fair_plan_burns_the_least_largest_share():
+    """Craft that do not meet: each one's least fuel, so the least share is the largest of those."""
+    left = np.array([0.9, 3.0, 1.2, 2.0, 5.0])
+    craft = tuple(Spacecraft(delta_v=float(one)) for one in left)
+    scenario = with_thrust(SWARM, Thrust("norm", objective="fair"), craft)
+    shares = SWARM.problem.time_step * least(scenario) / left
+    found = solve(scenario).certificate.largest_share
+    assert found.craft == shares.argmax()
+    assert found.bound == pytest.approx(shares.max(), rel=1e-6)
+    assert found.share >= found.bound
+
+
+@pytest.mark.parametrize("index, poor", [(3, 5), (4, 1), (9, 4)])
+def test_craft_with_much_left_go_round_one_with_little(index, poor):
+    """So the largest share is what one craft needs on its own, and no plan can have less."""
+    swarm = with_thrust(draw("rings", 0, 10, index, Problem()), Thrust("norm"))
+    needed = swarm.problem.time_step * least(swarm)
+    left = np.where(np.arange(10) == poor, 2 * needed, 50 + 40 * needed)
+    total = np.array(solve(swarm).certificate.craft_delta_v_2norm) / left
+    craft = tuple(Spacecraft(delta_v=float(one)) for one in left)
+    fair = with_thrust(swarm, Thrust("norm", objective="fair"), craft)
+    plan = solve(fair)
+    assert judged(fair, plan).wrong == ()
+    assert total.max() > 0.52
+    assert plan.certificate.largest_share.share == pytest.approx(0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=NAMES)
+def test_a_scenario_is_planned_in_a_batch_as_it_is_alone(model):
+    """Where only some scenarios of a batch have limits of their own."""
+    thrust = Thrust(model)
+    own = tuple(Spacecraft(delta_v=3.0 + 0.3 * k) for k in range(5))
+    batch = [with_thrust(SWARM, thrust), with_thrust(SWARM, thrust, own)]
+    batch.append(with_thrust(draw("rings", 0, 5, 4, Problem()), thrust))
+    for scenario, plan in zip(batch, solve_many(batch), strict=True):
+        alone = solve(scenario)
+        assert plan.status == alone.status == SOLVED
+        assert plan.certificate.fuel == pytest.approx(alone.certificate.fuel, rel=1e-6)
+        assert judged(scenario, plan).wrong == ()
+
+
+def test_bounds_are_tight_where_craft_move_by_very_different_lengths():
+    scale = np.array([1.0, 1e-3, 1e-5])[:, None]
+    apart = np.array([0.0, 500.0, 1000.0])[:, None] * np.eye(6)[1]
+    ends = (SWARM.initial[:3] * scale + apart, SWARM.goal[:3] * scale + apart)
+    scenario = Scenario(Problem(thrust=Thrust("norm")), *ends)
+    plan = solve(scenario)
+    step = scenario.problem.time_step
+    np.testing.assert_allclose(
+        plan.certificate.craft_delta_v_2norm, step * least(scenario), rtol=1e-5
+    )
+    for k in range(3):
+        alone = solve(
+            replace(scenario, initial=scenario.initial[k : k + 1], goal=ends[1][k : k + 1])
+        )
+        assert alone.certificate.optimality_gap < 1e-6
+
+
+@pytest.mark.parametrize("model", MODELS, ids=NAMES)
+def test_craft_that_are_at_their_goals_burn_nothing(model):
+    state = np.array([[0.0, 100.0 * k, 0, 0, 0, 0] for k in range(3)])
+    craft = tuple(Spacecraft(delta_v=1.0, no_burn=((0.0, 1200.0),)) for _ in range(3))
+    thrust = Thrust(model, 1e-3, 1e-2, objective="fair")
+    plan = solve(with_thrust(Scenario(Problem(), state, state), thrust, craft, limit=1e-3))
+    assert plan.status == SOLVED
+    assert np.all(plan.controls == 0)
+    assert plan.certificate.largest_share.share == 0
+    assert plan.certificate.smallest_burn.least is None
+
+
+@pytest.mark.parametrize("model", MODELS, ids=NAMES)
+def test_the_worth_of_prices_is_above_what_any_control_within_limits_gains(model):
+    rng, thrust = np.random.default_rng(1), Thrust(model)
+    for _ in range(30):
+        C, N = 10 ** rng.uniform(-1, 1, 2)
+        along, split = rng.normal(size=(2, 1, 4, 3)) * 2
+        limits = Limits(
+            *(np.array([one]) for one in (C, N, np.inf)), np.ones((1, 4, 3), dtype=bool)
+        )
+        if thrust.directions is None:
+            tried = rng.uniform(-C, C, (2000, 3))
+            spent = np.linalg.norm(tried, axis=1)
+        else:
+            z = rng.uniform(0, C, (2000, len(thrust.directions))) * (rng.random((2000, 1)) < 0.7)
+            tried, spent = z @ thrust.directions, z.sum(axis=1)
+        tried *= np.minimum(1, N / np.maximum(np.linalg.norm(tried, axis=1), 1e-9))[:, None]
+        spent = np.minimum(spent, np.inf) if thrust.directions is None else cost(tried, thrust)
+        if thrust.directions is None:
+            spent = np.linalg.norm(tried, axis=1)
+        does = tried @ along[0].T
+        assert (
+            worth(along, split, limits, thrust)[0]
+            >= np.maximum(does - spent[:, None], 0).max(axis=0).sum()
+        )
+        assert support(along, split, limits, thrust)[0] >= does.max(axis=0).sum()

@@ -1,0 +1,145 @@
+"""What thrusters of a scenario may do, what a plan makes them do, and the least that they need."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+from scipy.optimize import linprog
+
+SHARE = 1e-6
+"""Relative difference of forces and fuels that counts as rounding."""
+
+FIELDS = ("max_acceleration_norm", "min_delta_v", "no_burn", "objective", "craft")
+"""Fields of scenario.json that say more of thrust than max_acceleration."""
+
+
+@dataclass(frozen=True)
+class Thrusters:
+    """Of n craft; m/s² and m/s, infinite where there is no limit.
+
+    Attributes:
+        model: "components", "norm" or unit vectors (K, 3).
+        component: limit of a component or thruster of each craft.
+        norm: limit of the norm of each craft's control.
+        budget: Δv of each craft.
+        open: whether a craft may burn in an interval, (n, T-1).
+        bit: least Δv of a burn; 0 where any is.
+        fair: whether the largest share of its budget that a craft burns is to be least.
+    """
+
+    model: str | np.ndarray
+    component: np.ndarray
+    norm: np.ndarray
+    budget: np.ndarray
+    open: np.ndarray
+    bit: float
+    fair: bool
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any], n: int) -> "Thrusters | None":
+        """Those of the fields of scenario.json; None where max_acceleration is all of it."""
+        model = document.get("thrust") or "components"
+        if model == "components" and not any(document.get(name) for name in FIELDS):
+            return None
+        craft: Sequence[Mapping[str, Any]] = document.get("craft") or [{}] * n
+        step, intervals = document["time_step"], document["nodes"] - 1
+        may = np.ones((n, intervals), dtype=bool)
+        for k, one in enumerate(craft):
+            for begin, end in [*(document.get("no_burn") or ()), *(one.get("no_burn") or ())]:
+                for interval in range(intervals):
+                    overlap = min(end, (interval + 1) * step) - max(begin, interval * step)
+                    may[k, interval] &= overlap <= 0
+
+        def own(name: str) -> np.ndarray:
+            of_all = document.get(name)
+            given = [of_all if one.get(name) is None else one[name] for one in craft]
+            return np.array([np.inf if one is None else one for one in given], dtype=float)
+
+        return cls(
+            model if isinstance(model, str) else np.asarray(model, dtype=float),
+            own("max_acceleration"),
+            own("max_acceleration_norm"),
+            own("delta_v"),
+            may,
+            document.get("min_delta_v") or 0.0,
+            document.get("objective") == "fair",
+        )
+
+    def firings(self, controls: np.ndarray) -> np.ndarray:
+        """Thrust of each thruster, (n, T-1, K): what gives a control at the least sum."""
+        if isinstance(self.model, str):
+            by_norm = np.linalg.norm(controls, axis=2, keepdims=True)
+            return by_norm if self.model == "norm" else np.abs(controls)
+        found = np.zeros((*controls.shape[:2], len(self.model)))
+        for k, t in zip(*np.nonzero(np.abs(controls).max(axis=2)), strict=True):
+            size, most = np.abs(controls[k, t]).max(), self.component[k] * (1 + SHARE)
+            bounds = (0, None if np.isinf(most) else most / size)
+            wanted, cost = controls[k, t] / size, np.ones(len(self.model))
+            for limit in (bounds, (0, None)):
+                solved = linprog(cost, A_eq=self.model.T, b_eq=wanted, bounds=limit)
+                if solved.status == 0:
+                    break
+            found[k, t] = size * solved.x
+        return found
+
+    def spent(self, controls: np.ndarray) -> np.ndarray:
+        """Fuel of each craft, m/s²."""
+        return np.asarray(self.firings(controls).sum(axis=(1, 2)))
+
+    def faults(self, controls: np.ndarray, step: float) -> Iterator[str]:
+        """What thrusters must not do and do, in words."""
+        fired = self.firings(controls)
+        size = np.linalg.norm(controls, axis=2)
+        each = np.abs(controls) if isinstance(self.model, str) else fired
+        for what, used, limit in (
+            ("component", each.max(axis=(1, 2)), self.component),
+            ("norm", size.max(axis=1), self.norm),
+            ("budget", step * fired.sum(axis=(1, 2)), self.budget),
+        ):
+            for k in np.flatnonzero(used > limit * (1 + 2 * SHARE)):
+                yield f"craft {k} uses {used[k]:.9g} of its {what} {limit[k]:.9g}"
+        for k in np.flatnonzero(((size > 0) & ~self.open).any(axis=1)):
+            yield f"craft {k} burns where it must not"
+        burns = fired > 1e-6 * fired.max(axis=2, keepdims=True)
+        if isinstance(self.model, str):
+            burns = fired > 0
+        for k in np.flatnonzero((burns & (step * fired < self.bit * (1 - SHARE))).any(axis=(1, 2))):
+            yield f"craft {k} burns less than {self.bit:g} m/s"
+
+    def least(self, k: int, reach: np.ndarray, miss: np.ndarray, unit: float) -> float:
+        """Least fuel of craft k, in units, with reach · u = miss; infinite where none does."""
+        import cvxpy as cp  # slow to import, and few scenarios need it
+
+        m = reach.shape[1] // 3
+        control, cost, limits = self._control(k, m, unit)
+        arrives = reach @ cp.vec(control, order="C") == miss
+        program = cp.Problem(cp.Minimize(cp.sum(cost)), [arrives, *limits])
+        with catch_warnings():  # where so small tolerances are not met, nearly so is enough
+            simplefilter("ignore", UserWarning)
+            program.solve(solver=cp.CLARABEL, tol_gap_rel=1e-10, tol_gap_abs=1e-12, tol_feas=1e-10)
+        if program.status in ("infeasible", "infeasible_inaccurate"):
+            return np.inf
+        if program.value is None:
+            raise ArithmeticError(f"Clarabel cannot tell the least fuel: {program.status}")
+        return float(program.value)
+
+    def _control(self, k: int, m: int, unit: float) -> tuple[Any, Any, list[Any]]:
+        """Control (m, 3) of craft k and its cost as expressions, and what limits it."""
+        import cvxpy as cp
+
+        limits: list[Any] = []
+        if isinstance(self.model, str):
+            control = cp.Variable((m, 3))
+            cost = cp.norm(control, 1 if self.model == "components" else 2, axis=1)
+            thrust = cp.abs(control)
+        else:
+            thrust = cp.Variable((m, len(self.model)), nonneg=True)
+            control, cost = thrust @ self.model, cp.sum(thrust, axis=1)
+        if np.isfinite(self.component[k]):
+            limits.append(thrust <= self.component[k] / unit)
+        if np.isfinite(self.norm[k]):
+            limits.append(cp.norm(control, 2, axis=1) <= self.norm[k] / unit)
+        limits += [thrust[t] <= 0 for t in np.flatnonzero(~self.open[k])]
+        return control, cost, limits
