@@ -1,8 +1,7 @@
 """Basilisk's formation reconfiguration, run by Basilisk itself (its example of that name).
 
-A deputy is to change its orbital-element differences from a chief by three burns of one orbit
-(Schaub and Alfriend, "Impulsive feedback control to establish specific mean orbit elements of
-spacecraft formations"), turned to each burn by its attitude control.
+A deputy changes its orbital-element differences from a chief by three burns within one orbit, at
+apogee, at perigee and across the plane, and its attitude control turns it to each.
 """
 
 from typing import Any

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from scipy.optimize import linprog
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.plain import UNIT, PlainScp
 from pipeline.expert.seeds import decoupled_seed
@@ -81,7 +81,12 @@ def by_dccp(scenario: Scenario) -> Controls:
     model, radius = SwarmModel(scenario), scenario.problem.collision_radius
     apart = [cp.norm(gap[k]) >= radius for gap in model.gaps() for k in range(gap.shape[0])]
     program = cp.Problem(model.objective, model.constraints + apart)
-    program.solve(method="dccp", solver=cp.CLARABEL, seed=0, parallel=False)
+    try:
+        program.solve(method="dccp", solver=cp.CLARABEL, seed=0, parallel=False)
+    except cp.SolverError as error:
+        raise ProlearnError(f"DCCP found no plan: {error}") from error
+    if any(u.value is None for u in model.controls):
+        raise ProlearnError(f"DCCP found no plan: it ended as {program.status}")
     return UNIT * np.stack([u.value for u in model.controls], axis=1)
 
 
@@ -142,9 +147,7 @@ def by_repair(scenario: Scenario) -> Controls:
         raise InputError("a craft cannot reach its goal; expected a scenario that it can fly.")
     ways = [way(k, x) for k, x in enumerate(own) if x is not None]
     controls, paths = (np.stack(parts) for parts in zip(*ways, strict=True))
-    for _, k, _ in (
-        (s, k, r) for s in range(SWEEPS) for k in range(scenario.n) for r in range(ROUNDS)
-    ):
+    for k in np.tile(np.repeat(np.arange(scenario.n), ROUNDS), SWEEPS):
         gap = paths[k] - paths
         distance = np.linalg.norm(gap, axis=2)
         distance[k] = np.inf
