@@ -164,13 +164,13 @@ def by_repair(scenario: Scenario) -> Controls:
 
 
 class OpenScvx:
-    """OpenSCvx for one n and one problem, compiled once, with its settings as they come.
+    """OpenSCvx for one n, one problem and one size, m, compiled once, its settings as they come.
 
     Thrust is split into what is along axes and against them, so that fuel is linear; nodes are
     equally spaced; constraints hold in continuous time (``ctcs``).
     """
 
-    def __init__(self, n: int, problem: Problem) -> None:
+    def __init__(self, n: int, problem: Problem, size: float) -> None:
         ox, e, wide = needed("openscvx", "openscvx==0.5.2"), problem.mean_motion, 3 * n
         p, v = (ox.State(name, shape=(wide,)) for name in ("position", "velocity"))
         fuel = ox.State("fuel", shape=(1,))
@@ -178,6 +178,11 @@ class OpenScvx:
             ox.Control(name, shape=(wide,), parameterization="ZOH") for name in ("along", "against")
         ]
         self._states, self._sides = (p, v, fuel), sides
+        for state, most in ((p, 2 * size), (v, 4 * size * e)):
+            state.min, state.max = np.full(wide, -most), np.full(wide, most)
+        fuel.min, fuel.max = np.zeros(1), np.full(1, 4 * n * size * e)
+        for side in sides:
+            side.min, side.max = np.zeros(wide), np.full(wide, 8 * size * e**2)
         u = sides[0] - sides[1]
         x = range(0, wide, 3)
         pull = [
@@ -218,14 +223,11 @@ class OpenScvx:
         spent = problem.time_step * np.abs(held[:-1]).sum(axis=1).cumsum()
         ways = states[..., :3].reshape(-1, 3 * n), states[..., 3:].reshape(-1, 3 * n)
         for state, way in zip(self._states, ways, strict=False):
-            most = np.full(3 * n, 2 * np.abs(way).max())
-            state.min, state.max, state.guess = -most, most, way
-            state.initial, state.final = way[0], way[-1]
+            state.guess, state.initial, state.final = way, way[0], way[-1]
         fuel = self._states[-1]
-        fuel.min, fuel.max, fuel.initial = np.zeros(1), 4 * spent[-1:], np.zeros(1)
-        fuel.final, fuel.guess = [("minimize", spent[-1])], np.append(0.0, spent)[:, None]
+        fuel.initial, fuel.final = np.zeros(1), [("minimize", spent[-1])]
+        fuel.guess = np.append(0.0, spent)[:, None]
         for side, sign in zip(self._sides, (1, -1), strict=True):
-            side.min, side.max = np.zeros(3 * n), np.full(3 * n, 4 * np.abs(held).max())
             side.guess = np.maximum(sign * held, 0.0)
         if self._problem is None:
             self._problem = self._make()
@@ -238,10 +240,12 @@ class OpenScvx:
 
 
 @lru_cache(maxsize=4)
-def _openscvx(n: int, problem: Problem) -> OpenScvx:
-    return OpenScvx(n, problem)
+def _openscvx(n: int, problem: Problem, size: float) -> OpenScvx:
+    return OpenScvx(n, problem, size)
 
 
 def by_openscvx(scenario: Scenario) -> Controls:
     """OpenSCvx's successive convexification."""
-    return _openscvx(scenario.n, scenario.problem).solve(scenario)
+    most = max(np.abs(end[:, :3]).max() for end in (scenario.initial, scenario.goal))
+    size = float(2 ** np.ceil(np.log2(most)))  # few, so that few are compiled
+    return _openscvx(scenario.n, scenario.problem, size).solve(scenario)
