@@ -133,12 +133,13 @@ lint: $(BIN)/pytest ## ruff, mypy, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside their peers; what planning as flown changes
+bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside their peers; planning as flown; published cases
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
 	$(BIN)/python -m benchmarks.fallback --out reports/bench
 	$(BIN)/python -m benchmarks.as_flown --out reports/bench
+	$(BIN)/python -m benchmarks.yardstick
 
 docs: $(BIN)/sphinx-build ## the documentation as pages, in build/docs
 	$(BIN)/typer cli.main utils docs --name prolearn --title Commands --output docs/commands.md

@@ -18,7 +18,7 @@ import numpy as np
 import typer
 from threadpoolctl import threadpool_limits
 
-from benchmarks.peers import solve_dccp
+from benchmarks.peers import by_dccp
 from benchmarks.tables import Row, quartiles, show, write_json
 from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
 from pipeline.expert.plain import PlainScp
@@ -85,7 +85,7 @@ def _ratios(n: int, instances: int, dccp: int) -> list[Row]:
     peers: list[tuple[str, Separation, int, Work]] = [
         ("plain SCP", "continuous", instances, by_plain),
         ("plain SCP", "nodes", instances, by_plain),
-        ("DCCP", "continuous", dccp, solve_dccp),
+        ("DCCP", "continuous", dccp, by_dccp),
     ]
     return [_ratio(n, *peer) for peer in peers if peer[2]]
 

@@ -1,13 +1,43 @@
-"""Programs that one would write in cvxpy, apart at nodes only: a swarm's, and DCCP's procedure."""
+"""What others would plan with, one function each: from a scenario to controls, m/s².
+
+Programs that one would write in cvxpy, apart at nodes only, DCCP's procedure among them; OpenSCvx
+as its examples have it; and each craft's own optimum, repaired where craft meet.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from importlib import import_module
+from itertools import combinations
+from typing import Any
 
 import cvxpy as cp
 import numpy as np
+from jaxtyping import Float
+from scipy.optimize import linprog
 
-from pipeline.expert.decoupled import control_limit
-from pipeline.expert.plain import UNIT
+from pipeline.arrays import Array
+from pipeline.errors import InputError, ProlearnError
+from pipeline.expert.decoupled import control_limit, decoupled_optima
+from pipeline.expert.plain import UNIT, PlainScp
+from pipeline.expert.seeds import decoupled_seed
 from pipeline.orbit.approaches import pairs
-from pipeline.orbit.transfer import fuel
+from pipeline.orbit.arrays import Controls
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import fly
 from pipeline.scenario import Scenario
+
+POINTS, MARGIN, SWEEPS, ROUNDS = 8, 0.5, 10, 3
+"""Of the repair: points of an interval, m beyond r_col, tries of all craft and of one."""
+
+
+def needed(module: str, package: str) -> Any:
+    """A module of a package that is no dependency; InputError, with what to do, without it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise InputError(
+            f"{package} is not installed; install it: pip install {package}."
+        ) from error
 
 
 class SwarmModel:
@@ -45,12 +75,177 @@ class SwarmModel:
         return [self._difference @ s[:, :3] for s in self.states[1:-1]]
 
 
-def solve_dccp(scenario: Scenario) -> float:
-    """Fuel of the plan that DCCP's convex-concave procedure converges to, m/s²."""
-    import dccp  # noqa: F401  registers the method
-
+def by_dccp(scenario: Scenario) -> Controls:
+    """What DCCP's convex-concave procedure converges to."""
+    needed("dccp", "dccp")  # registers the method
     model, radius = SwarmModel(scenario), scenario.problem.collision_radius
     apart = [cp.norm(gap[k]) >= radius for gap in model.gaps() for k in range(gap.shape[0])]
     program = cp.Problem(model.objective, model.constraints + apart)
-    program.solve(method="dccp", solver=cp.CLARABEL, seed=0, parallel=False)
-    return float(fuel(UNIT * np.stack([u.value for u in model.controls], axis=1)))
+    try:
+        program.solve(method="dccp", solver=cp.CLARABEL, seed=0, parallel=False)
+    except cp.SolverError as error:
+        raise ProlearnError(f"DCCP found no plan: {error}") from error
+    if any(u.value is None for u in model.controls):
+        raise ProlearnError(f"DCCP found no plan: it ended as {program.status}")
+    return UNIT * np.stack([u.value for u in model.controls], axis=1)
+
+
+@lru_cache(maxsize=4)
+def _plain(n: int, problem: Problem) -> PlainScp:
+    return PlainScp(n, problem)
+
+
+def by_plain_scp(scenario: Scenario) -> Controls:
+    """The paper's kind of optimizer, from where the expert starts too."""
+    found = _plain(scenario.n, scenario.problem).solve(scenario, decoupled_seed(scenario))
+    return found.controls
+
+
+def _sampled(problem: Problem) -> tuple[Float[Array, "S 6 6"], Float[Array, "S 6 m"]]:
+    """What initial states and controls come to at POINTS times of each interval and at the end."""
+    m, step = 3 * problem.intervals, problem.time_step
+    drift, reach = [np.eye(6)], [np.zeros((6, m))]
+    for k in range(problem.intervals):
+        for q in range(1, POINTS + 1):
+            A, B = problem.dynamics.step(step * q / POINTS)
+            pushed = A @ reach[k * POINTS]
+            pushed[:, 3 * k : 3 * k + 3] += B
+            drift.append(A @ drift[k * POINTS])
+            reach.append(pushed)
+    return np.stack(drift), np.stack(reach)
+
+
+def by_repair(scenario: Scenario) -> Controls:
+    """Each craft's own optimum; a craft that meets one of lower number plans anew around all.
+
+    One linear program by HiGHS each, with half-spaces about its last way at sampled times.
+    """
+    problem = scenario.problem
+    drift, reach = _sampled(problem)
+    free = np.einsum("sij,nj->nsi", drift, scenario.initial)
+    miss, far = scenario.goal - free[:, -1], problem.collision_radius + MARGIN
+    scale = np.repeat([1.0, problem.duration], 3)
+
+    def planned(k: int, rows: Array, floor: Array) -> Array | None:
+        ends = scale[:, None] * reach[-1] * UNIT
+        return linprog(
+            np.ones(2 * ends.shape[1]),
+            A_eq=np.hstack([ends, -ends]),
+            b_eq=scale * miss[k],
+            A_ub=-UNIT * np.hstack([rows, -rows]),
+            b_ub=-floor,
+            method="highs",
+        ).x
+
+    def way(k: int, x: Array) -> tuple[Array, Array]:
+        u = UNIT * (x[: len(x) // 2] - x[len(x) // 2 :])
+        return u, (free[k] + reach @ u)[:, :3]
+
+    none = np.zeros((0, 3 * problem.intervals)), np.zeros(0)
+    own = [planned(k, *none) for k in range(scenario.n)]
+    if any(x is None for x in own):
+        raise InputError("a craft cannot reach its goal; expected a scenario that it can fly.")
+    ways = [way(k, x) for k, x in enumerate(own) if x is not None]
+    controls, paths = (np.stack(parts) for parts in zip(*ways, strict=True))
+    for k in np.tile(np.repeat(np.arange(scenario.n), ROUNDS), SWEEPS):
+        gap = paths[k] - paths
+        distance = np.linalg.norm(gap, axis=2)
+        distance[k] = np.inf
+        if (distance[:k] > problem.collision_radius).all():
+            continue
+        j, s = np.nonzero(distance < 4 * far)
+        normal = gap[j, s] / distance[j, s, None]
+        rows = np.einsum("ci,cim->cm", normal, reach[s, :3])
+        floor = far - np.einsum("ci,ci->c", normal, free[k, s, :3] - paths[j, s])
+        x = planned(k, rows, floor)
+        if x is not None:
+            controls[k], paths[k] = way(k, x)
+    return controls.reshape(scenario.n, -1, 3)
+
+
+class OpenScvx:
+    """OpenSCvx for one n, one problem and one size, m, compiled once, its settings as they come.
+
+    Thrust is split into what is along axes and against them, so that fuel is linear; nodes are
+    equally spaced; constraints hold in continuous time (``ctcs``).
+    """
+
+    def __init__(self, n: int, problem: Problem, size: float) -> None:
+        ox, e, wide = needed("openscvx", "openscvx==0.5.2"), problem.mean_motion, 3 * n
+        p, v = (ox.State(name, shape=(wide,)) for name in ("position", "velocity"))
+        fuel = ox.State("fuel", shape=(1,))
+        sides = [
+            ox.Control(name, shape=(wide,), parameterization="ZOH") for name in ("along", "against")
+        ]
+        self._states, self._sides = (p, v, fuel), sides
+        for state, most in ((p, 2 * size), (v, 4 * size * e)):
+            state.min, state.max = np.full(wide, -most), np.full(wide, most)
+        fuel.min, fuel.max = np.zeros(1), np.full(1, 4 * n * size * e)
+        for side in sides:
+            side.min, side.max = np.zeros(wide), np.full(wide, 8 * size * e**2)
+        u = sides[0] - sides[1]
+        x = range(0, wide, 3)
+        pull = [
+            (
+                3 * e**2 * p[k] + 2 * e * v[k + 1] + u[k],
+                -2 * e * v[k] + u[k + 1],
+                -(e**2) * p[k + 2] + u[k + 2],
+            )
+            for k in x
+        ]
+        motion = {
+            "position": v,
+            "velocity": ox.Concat(*(a for each in pull for a in each)),
+            "fuel": ox.Sum(sides[0] + sides[1]),
+        }
+        apart = [
+            ox.ctcs(problem.collision_radius <= ox.linalg.Norm(p[i : i + 3] - p[j : j + 3]))
+            for i, j in combinations(x, 2)
+        ]
+        time = ox.Time(0.0, problem.duration, 0.0, problem.duration, uniform_time_grid=True)
+        self._make: Callable[[], Any] = lambda: ox.Problem(
+            dynamics=motion,
+            constraints=apart,
+            states=[p, v, fuel],
+            controls=sides,
+            N=problem.nodes,
+            time=time,
+            float_dtype="float64",
+        )
+        self._problem: Any = None
+
+    def solve(self, scenario: Scenario) -> Controls:
+        """From each craft's own optimum."""
+        problem, n = scenario.problem, scenario.n
+        optima = decoupled_optima(scenario.initial, scenario.goal, problem).controls
+        states = fly(scenario.initial, optima, problem).swapaxes(0, 1)
+        held = np.concatenate([optima, optima[:, -1:]], axis=1).swapaxes(0, 1).reshape(-1, 3 * n)
+        spent = problem.time_step * np.abs(held[:-1]).sum(axis=1).cumsum()
+        ways = states[..., :3].reshape(-1, 3 * n), states[..., 3:].reshape(-1, 3 * n)
+        for state, way in zip(self._states, ways, strict=False):
+            state.guess, state.initial, state.final = way, way[0], way[-1]
+        fuel = self._states[-1]
+        fuel.initial, fuel.final = np.zeros(1), [("minimize", spent[-1])]
+        fuel.guess = np.append(0.0, spent)[:, None]
+        for side, sign in zip(self._sides, (1, -1), strict=True):
+            side.guess = np.maximum(sign * held, 0.0)
+        if self._problem is None:
+            self._problem = self._make()
+            self._problem.settings.dev.printing = False
+            self._problem.initialize()
+        self._problem.reset()
+        nodes = self._problem.solve().nodes
+        u = np.asarray(nodes["along"]) - np.asarray(nodes["against"])
+        return u[:-1].reshape(-1, n, 3).swapaxes(0, 1)
+
+
+@lru_cache(maxsize=4)
+def _openscvx(n: int, problem: Problem, size: float) -> OpenScvx:
+    return OpenScvx(n, problem, size)
+
+
+def by_openscvx(scenario: Scenario) -> Controls:
+    """OpenSCvx's successive convexification."""
+    most = max(np.abs(end[:, :3]).max() for end in (scenario.initial, scenario.goal))
+    size = float(2 ** np.ceil(np.log2(most)))  # few, so that few are compiled
+    return _openscvx(scenario.n, scenario.problem, size).solve(scenario)
