@@ -158,12 +158,12 @@ PEERS = (
     Peer(
         "OpenSCvx",
         by_openscvx,
-        "0.5.2 by its own settings, `ctcs` constraints, from own optima; compiled before",
+        "0.5.2 by its own settings, `ctcs` constraints, from decoupled optima; compiled before",
         compiles=True,
         most=10,
     ),
     Peer(
-        "own optima, repaired",
+        "decoupled, repaired",
         by_repair,
         "HiGHS for each craft; who meets one of lower number plans anew around all",
     ),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.arrays import Array
@@ -34,6 +35,11 @@ def picture(scenario: Scenario) -> Figure:
     views = VIEWS[:1] if flat else VIEWS
     for ax, (across, up) in zip(np.ravel(figure.subplots(1, len(views))), views, strict=True):
         draw(ax, paths[..., across], paths[..., up])
+        for one in scenario.obstacles:
+            size = one.semi_axes or (one.radius, one.radius, one.radius)
+            axes = [2 * (size[k] or 0.0) for k in (across, up)]
+            at = one.state[across], one.state[up]  # where it is at the first node
+            ax.add_patch(Ellipse(at, *axes, facecolor="#d9d9d9", edgecolor="#707070"))
         ax.set_xlabel(NAMES[across])
         ax.set_ylabel(NAMES[up])
     return figure

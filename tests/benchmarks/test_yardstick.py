@@ -68,7 +68,7 @@ def test_peers_are_set_beside_ours_by_the_judge():
 @pytest.mark.parametrize("k", range(3))
 def test_repaired_optima_arrive_and_cost_no_less_than_each_craft_alone(k):
     scenario = draw("rings", 2022, 10, k, Problem())
-    (repair,) = (peer for peer in PEERS if peer.name == "own optima, repaired")
+    (repair,) = (peer for peer in PEERS if peer.name == "decoupled, repaired")
     verdict = judged(scenario, repair.plan(scenario))
     assert verdict.safe(15.0) == (True, True)
     assert verdict.fuel >= solve(scenario).certificate.fuel_lower_bound * (1 - 1e-6)
