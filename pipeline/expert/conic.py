@@ -11,9 +11,9 @@ more than it has left. Where the largest share of that is to be least, it is a v
 share of each craft.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import clarabel
 import numpy as np
@@ -21,15 +21,23 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from pipeline.arrays import Array
-from pipeline.expert.solvers import OPTIMAL, clarabel_settings
-from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
+from pipeline.expert.subproblem import (
+    LENGTH,
+    NEGLIGIBLE,
+    Entries,
+    Optimum,
+    Subproblem,
+    UnsolvableError,
+)
 from pipeline.orbit.arrays import Values
-from pipeline.orbit.thrust import COMPONENTS
+from pipeline.orbit.thrust import COMPONENTS, Limits
 
+# What Clarabel calls an optimum, and a program that has none
+OPTIMAL, IMPOSSIBLE = ("Solved", "AlmostSolved"), "PrimalInfeasible"
 FUEL_SHARE = 1e-4  # of the fuel of all that counts beside the largest share, so that one is best
 TOLERANCE = 1e-9  # relative: what rounding leaves in a cone is far below the smallest burn
 
-Rows = tuple[sparse.csr_array, Values]  # left-hand sides A and right-hand sides b
+Block = tuple[Entries, Values]  # rows of A, and of b
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,73 +100,57 @@ class ConicProgram:
             return np.concatenate([FUEL_SHARE * spent, slack, [1.0]])
         return np.concatenate([spent, slack])
 
-    def _wide(self, block: Any, first: int = 0) -> sparse.csr_array:
-        """A block whose first column is that variable, with zeros for the other variables."""
-        rows = block.shape[0]
-        left = sparse.csr_array((rows, first))
-        right = sparse.csr_array((rows, self.variables - first - block.shape[1]))
-        return sparse.csr_array(sparse.hstack([left, block, right]))
+    def _by_slot(self, value: Float[Array, "r S V"], row: Int[Array, "r S"]) -> Entries:
+        """Entries in the rows given of the variables of every control; zeros are left out."""
+        r, s, v = np.nonzero(np.abs(value) > NEGLIGIBLE)
+        return row[r, s], s * value.shape[2] + v, value[r, s, v]
 
-    def goals(self) -> Rows:
+    def goals(self) -> Block:
         """Every craft meets its goal, and passes its waypoints."""
         sub, (craft, interval) = self.sub, self.slots
-        (n, m, _), r = sub.shape, len(sub.reach)
+        (_, m, _), r = sub.shape, len(sub.reach)
         scale = sub.goal_scale * sub.unit
         reach = (sub.reach * scale[:, None]).reshape(r, m // 3, 3)[:, interval] @ self.effect
-        row = np.broadcast_to(r * craft[None, :, None] + np.arange(r)[:, None, None], reach.shape)
-        rows, wanted = self._wide(self._by_slot(reach, row, r * n)), sub.goals()
+        row, column, value = self._by_slot(reach, r * craft + np.arange(r)[:, None])
+        wanted = sub.goals()
         if sub.asked is None or sub.asked.all():
-            return rows, wanted
+            return (row, column, value), wanted
         asked = sub.asked.ravel()
-        return rows[asked], wanted[asked]
+        number, there = np.cumsum(asked) - 1, asked[row]
+        return (number[row[there]], column[there], value[there]), wanted[asked]
 
-    def _by_slot(
-        self, value: Float[Array, "r S V"], row: Int[Array, "r S V"], rows: int
-    ) -> sparse.csr_array:
-        """Entries in the rows given of the variables of every slot."""
-        column = np.broadcast_to(
-            np.arange(value.shape[1] * value.shape[2]).reshape(value.shape[1:]), value.shape
-        )
-        entries = value.ravel(), (row.ravel(), column.ravel())
-        made = sparse.csr_array(entries, shape=(rows, value.shape[1] * value.shape[2]))
-        made.eliminate_zeros()
-        return made
-
-    def half_spaces(self) -> Rows:
+    def half_spaces(self) -> Block:
         """Pairs apart, as rows that are at most b."""
         sub, (craft, interval) = self.sub, self.slots
         _, m, k = sub.shape
         other = sub.row if sub.other is None else sub.other
         value = np.zeros((k, len(craft), len(self.price)))
-        for of, row, sign in ((sub.first, sub.row, 1.0), (sub.second, other, -1.0)):
+        for of, along, sign in ((sub.first, sub.row, -1.0), (sub.second, other, 1.0)):
             r, s = np.nonzero(of[:, None] == craft)
-            value[r, s] += sign * row.reshape(k, m // 3, 3)[r, interval[s]] @ self.effect
-        row = np.broadcast_to(np.arange(k)[:, None, None], value.shape)
-        controls = self._by_slot(-value * (sub.unit / LENGTH), row, k)
-        slack = -sparse.eye_array(k)
-        rows = self._wide(sparse.hstack([controls, slack]))
-        return rows, -sub.required / LENGTH
+            value[r, s] += sign * along.reshape(k, m // 3, 3)[r, interval[s]] @ self.effect
+        value *= sub.unit / LENGTH
+        number = np.arange(k)
+        controls = self._by_slot(value, np.broadcast_to(number[:, None], value.shape[:2]))
+        slack = number, len(craft) * len(self.price) + number, -np.ones(k)
+        return _joined(controls, slack), -sub.required / LENGTH
 
-    def spending(self) -> Rows:
+    def spending(self) -> Block:
         """No craft spends more than it has left, nor, where that is asked for, a larger share."""
         sub, (craft, _) = self.sub, self.slots
         assert sub.limits is not None
-        n = len(sub.miss)
-        value = np.broadcast_to(self.price, (1, len(craft), len(self.price)))
-        row = np.broadcast_to(craft[None, :, None], value.shape)
-        spent = self._wide(self._by_slot(value, row, n))
         left = sub.limits.delta_v / (sub.time_step * sub.unit)
-        some = np.isfinite(left)
-        rows, most = [spent[some]], [left[some]]
-        if self.fair:
-            assert sub.weight is not None
-            column = sparse.csr_array(-np.ones((n, 1)))
-            weighted = sparse.diags_array(sub.weight) @ spent
-            rows.append(weighted + self._wide(column, self.variables - 1))
-            most.append(np.zeros(n))
-        return sparse.csr_array(sparse.vstack(rows)), np.concatenate(most)
+        some, n = np.isfinite(left), len(sub.miss)
+        value = np.where(some[craft], 1.0, 0.0)[:, None] * self.price
+        spent = self._by_slot(value[None], (np.cumsum(some) - 1)[craft][None])
+        if not self.fair:
+            return spent, left[some]
+        assert sub.weight is not None
+        top = int(some.sum())
+        shares = self._by_slot((sub.weight[craft][:, None] * self.price)[None], top + craft[None])
+        largest = top + np.arange(n), np.full(n, self.variables - 1), -np.ones(n)
+        return _joined(spent, shares, largest), np.concatenate([left[some], np.zeros(n)])
 
-    def bounds(self) -> Rows:
+    def bounds(self) -> Block:
         """Signs of thrusts and slacks, and limits of components or thrusters."""
         sub, (craft, _) = self.sub, self.slots
         assert sub.limits is not None
@@ -173,40 +165,40 @@ class ConicProgram:
         above = np.flatnonzero(np.isfinite(limits))
         above = above[np.isin(above, self.kept)]
         below = above[above % V < 3] if self.pointed else above[:0]  # components have two
-        signs = (signed, -1), (above, 1), (below, -1)
-        rows = sparse.vstack([sign * _rows_of(which, self.variables) for which, sign in signs])
-        return sparse.csr_array(rows), np.concatenate([0.0 * signed, limits[above], limits[below]])
+        column = np.concatenate([signed, above, below])
+        sign = np.repeat([-1.0, 1.0, -1.0], [len(signed), len(above), len(below)])
+        b = np.concatenate([np.zeros(len(signed)), limits[above], limits[below]])
+        return (np.arange(len(column)), column, sign), b
 
-    def cones(self) -> tuple[sparse.csr_array, Values, int]:
-        """(t, u) in the second-order cone, by rows of four, and their number."""
+    def cones(self) -> Block:
+        """(t, u) in the second-order cone, by rows of four."""
         sub, (craft, _) = self.sub, self.slots
         assert sub.limits is not None
         S, V = len(craft), len(self.price)
         if self.pointed:
             order = (V * np.arange(S)[:, None] + [3, 0, 1, 2]).ravel()
-            return -_rows_of(order, self.variables), np.zeros(4 * S), S
+            return (np.arange(4 * S), order, -np.ones(4 * S)), np.zeros(4 * S)
         some = np.flatnonzero(np.isfinite(sub.limits.norm[craft]))
-        block = sparse.csr_array(np.vstack([np.zeros(V), -self.effect]))
-        rows = self._wide(sparse.kron(_rows_of(some, S), block))
+        value = np.zeros((3, S, V))
+        value[:, some] = -self.effect[:, None]
+        number = np.zeros(S, dtype=int)
+        number[some] = np.arange(len(some))
+        row = 4 * number + np.arange(1, 4)[:, None]
         b = np.zeros((len(some), 4))
         b[:, 0] = sub.limits.norm[craft[some]] / sub.unit
-        return rows, b.ravel(), len(some)
+        return self._by_slot(value, row), b.ravel()
 
     def solver(self, tolerance: float, *, careful: bool) -> clarabel.DefaultSolver:
         """Clarabel with A x + s = b: goals, bounds, spending, half-spaces, cones."""
-        parts = [self.goals(), self.bounds(), self.spending(), self.half_spaces()]
-        A, b, count = self.cones()
-        equal = parts[0][0].shape[0]
-        inequal = sum(rows.shape[0] for rows, _ in parts[1:])
-        cones = [clarabel.ZeroConeT(equal), clarabel.NonnegativeConeT(inequal)]
-        cones += [clarabel.SecondOrderConeT(4)] * count
-        rows = sparse.csc_matrix(sparse.vstack([*(part for part, _ in parts), A]))[:, self.kept]
-        wanted = np.concatenate([*(part for _, part in parts), b])
+        blocks = [self.goals(), self.bounds(), self.spending(), self.half_spaces(), self.cones()]
+        heights = [len(b) for _, b in blocks]
+        cones = [clarabel.ZeroConeT(heights[0]), clarabel.NonnegativeConeT(sum(heights[1:4]))]
+        cones += [clarabel.SecondOrderConeT(4)] * (heights[4] // 4)
+        A, wanted = stacked(blocks, self.variables, self.kept)
         quadratic = sparse.csc_matrix((len(self.kept), len(self.kept)))
         settings = clarabel_settings(tolerance, careful=careful)
-        return clarabel.DefaultSolver(
-            quadratic, self.cost()[self.kept], rows, wanted, cones, settings
-        )
+        cost = self.cost()[self.kept]
+        return clarabel.DefaultSolver(quadratic, cost, A, wanted, cones, settings)
 
     def solved(self, x: Values) -> Float[Array, "v"]:
         """All variables, from those that may be other than zero."""
@@ -226,9 +218,8 @@ class ConicProgram:
 
     def half_space_duals(self, z: Float[Array, "rows"]) -> Float[Array, "k"]:
         """Dual variables of the half-spaces, of those of all rows."""
-        k, (_, _, count) = len(self.sub.required), self.cones()
-        end = len(z) - 4 * count
-        return z[end - k : end]
+        end = len(z) - len(self.cones()[1])
+        return z[end - len(self.sub.required) : end]
 
     def splits(self, z: Values) -> Float[Array, "n intervals 3"]:
         """The part of what each control does along the goals' duals that its cone pays for."""
@@ -240,14 +231,54 @@ class ConicProgram:
         return found
 
 
-def _rows_of(columns: Any, width: int) -> sparse.csr_array:
-    """Rows with a one in the columns given."""
-    rows = np.arange(len(columns))
-    return sparse.csr_array((np.ones(len(columns)), (rows, columns)), shape=(len(rows), width))
+def clarabel_settings(tolerance: float, *, careful: bool) -> clarabel.DefaultSettings:
+    """Settings of Clarabel: a relative tolerance, and one thread, as instances run side by side.
+
+    A careful solver has equilibration and iterative refinement, which these well-scaled programs
+    hardly ever need and which take half of the time.
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.presolve_enable = False  # which only drops rows without a bound, and there is none
+    settings.equilibrate_enable = settings.iterative_refinement_enable = careful
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    return settings
+
+
+def stacked(
+    blocks: Sequence[Block], width: int, kept: Int[Array, "v"]
+) -> tuple[sparse.csc_matrix, Values]:
+    """Blocks of so many variables one above the other, of which some are kept; A and b."""
+    tops = np.cumsum([0, *(len(b) for _, b in blocks)])
+    row = np.concatenate([e[0] + top for (e, _), top in zip(blocks, tops[:-1], strict=True)])
+    column, value = (np.concatenate([e[k] for e, _ in blocks]) for k in (1, 2))
+    if len(kept) < width:
+        number = np.full(width, -1)
+        number[kept] = np.arange(len(kept))
+        there = number[column] >= 0
+        row, column, value = row[there], number[column[there]], value[there]
+    # The entries are all different: in less time than by way of COO.
+    shape = int(tops[-1]), len(kept)
+    order = np.argsort(column * shape[0] + row)
+    starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
+    matrix = sparse.csc_matrix((value[order], row[order], starts), shape=shape)
+    return matrix, np.concatenate([b for _, b in blocks])
+
+
+def _joined(*parts: Entries) -> Entries:
+    """All entries."""
+    row, column, value = zip(*parts, strict=True)
+    return np.concatenate(row), np.concatenate(column), np.concatenate(value)
 
 
 def by_cones(sub: Subproblem) -> Optimum:
     """The optimum of a subproblem with thrust of any kind; UnsolvableError where there is none."""
+    if sub.limits is None:  # along the axes, with one limit
+        n, m, _ = sub.shape
+        none = np.full(n, np.inf)
+        limits = Limits(np.full(n, sub.limit), none, none, np.ones((n, m // 3, 3), dtype=bool))
+        sub = replace(sub, limits=limits)
     program = ConicProgram(sub)
     for careful in (False, True):
         found = program.solver(TOLERANCE, careful=careful).solve()

@@ -7,8 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.arrivals import Arrivals
-from pipeline.expert.conic import TOLERANCE, ConicProgram
-from pipeline.expert.solvers import OPTIMAL
+from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, TOLERANCE, ConicProgram
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Rows
 from pipeline.orbit.decoupled import SHORT
@@ -39,7 +38,7 @@ def decoupled_program(at: Arrivals, limits: Limits, problem: Problem) -> ConicPr
     sub = Subproblem(
         *(at.reach, at.miss, none, none, np.zeros((0, m)), np.zeros(0), np.inf, 0.0),
         asked=at.asked,
-        unit=float(max(largest, problem.evasive_control)),
+        unit=float(largest if largest > problem.negligible_fuel else problem.evasive_control),
         thrust=replace(problem.thrust, objective="total"),
         limits=of_program(limits, budget=False),
         time_step=problem.time_step,
@@ -60,7 +59,7 @@ def least_of(at: Arrivals, limits: Limits, problem: Problem) -> tuple[Controls |
     program = decoupled_program(at, limits, problem)
     for careful in (False, True):
         found = program.solver(TOLERANCE, careful=careful).solve()
-        if str(found.status) in OPTIMAL:
+        if str(found.status) in (*OPTIMAL, IMPOSSIBLE):
             break
     sub = program.sub
     z = np.asarray(found.z)

@@ -15,9 +15,10 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from pipeline.arrays import Array
-from pipeline.expert.conic import ConicProgram, Rows
+from pipeline.expert.conic import ConicProgram, stacked
 from pipeline.expert.solvers import ROWWISE, new_highs
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
+from pipeline.orbit.arrays import Values
 from pipeline.orbit.thrust_cost import ROUNDING, cost
 
 GAP = 1e-3  # relative gap at which the search for the best choice of burns ends
@@ -38,12 +39,12 @@ class _Integers:
         """Number of thrusts, which are the first variables; binaries are the last."""
         return len(self.program.slots[0]) * len(self.program.price)
 
-    def rows(self) -> Rows:
+    def rows(self) -> tuple[sparse.csr_array, Values]:
         """Equalities first, then rows that are at most b, and off or at least a bit."""
         program, sub = self.program, self.program.sub
         assert sub.thrust.min_delta_v is not None
         parts = [program.goals(), program.spending(), program.half_spaces()]
-        known = sparse.csr_array(sparse.vstack([part for part, _ in parts]))
+        known, upper = stacked(parts, program.variables, np.arange(program.variables))
         N = self.thrusts
         fires, rest = sparse.eye_array(N), sparse.csr_array((N, program.variables - N))
         bit = sub.thrust.min_delta_v / (sub.time_step * sub.unit)
@@ -53,8 +54,8 @@ class _Integers:
             sparse.hstack([fires, rest, -sparse.diags_array(self.most())]),
             sparse.hstack([-fires, rest, bit * fires]),
         ]
-        upper = [*(b for _, b in parts), np.zeros(2 * N)]
-        return sparse.csr_array(sparse.vstack(blocks)), np.concatenate(upper)
+        rows = sparse.csr_array(sparse.vstack(blocks))
+        return rows, np.concatenate([upper, np.zeros(2 * N)])
 
     def most(self) -> Float[Array, "N"]:
         """Largest thrusts: limits, or as much as in all intervals, and 0 where none may be."""

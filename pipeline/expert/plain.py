@@ -13,10 +13,10 @@ import numpy as np
 from scipy import sparse
 
 from pipeline.errors import InputError
+from pipeline.expert.conic import OPTIMAL
 from pipeline.expert.cuts import directions
 from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.seeds import Seed, checked_seed
-from pipeline.expert.solvers import OPTIMAL
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem

@@ -3,25 +3,20 @@
 The simplex method begins with the decoupled optimum of every craft, whose basis is known by table.
 That basis is dual feasible, since half-spaces that are not in it have a dual variable of zero, so
 what is left are the pivots that move craft apart. Clarabel's interior points need no basis; they
-also solve the program of a single craft, and are the reference for the simplex method.
+also solve what is not linear, and are the reference for the simplex method.
 """
 
 from collections.abc import Callable
-from functools import lru_cache
 from threading import local
 from typing import Any
 
-import clarabel
 import highspy
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import sparse
 
 from pipeline.arrays import Array
+from pipeline.expert.conic import by_cones
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
-
-TOLERANCE = 1e-7  # relative tolerance of Clarabel in a joint program: far below what a round gains
-OPTIMAL = ("Solved", "AlmostSolved")  # what Clarabel calls an optimum
 
 # Of HiGHS
 OPTIONS = {
@@ -64,21 +59,10 @@ def by_simplex(sub: Subproblem) -> Optimum:
     return sub.optimum(np.array(found.col_value), dual)
 
 
-def by_interior_points(sub: Subproblem) -> Optimum:
-    """The optimum of a subproblem by Clarabel; UnsolvableError where it stops without one."""
-    found = clarabel_solver(sub).solve()
-    if str(found.status) not in OPTIMAL:
-        found = clarabel_solver(sub, careful=True).solve()
-    if str(found.status) not in OPTIMAL:
-        raise UnsolvableError(f"the convex solver stopped with {found.status}")
-    x, z = np.asarray(found.x), np.asarray(found.z)
-    return sub.optimum(x, z[len(z) - len(sub.required) :])
-
-
 # Solvers by their name in ``Settings``
 SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {
     "simplex": by_simplex,
-    "clarabel": by_interior_points,
+    "clarabel": by_cones,
 }
 
 
@@ -118,61 +102,3 @@ def _basis(sub: Subproblem, decoupled: Int[Array, "n 6"]) -> highspy.HighsBasis:
     basis.row_status = _STATUS[[0] * (6 * n) + [1] * k].tolist()
     basis.valid = True
     return basis
-
-
-def clarabel_solver(
-    sub: Subproblem, *, tolerance: float = TOLERANCE, careful: bool = False
-) -> clarabel.DefaultSolver:
-    """Clarabel with the subproblem as A x + s = b, s in cones.
-
-    The rows are the goals, the signs of the variables, the limits and the half-spaces.
-    """
-    settings = clarabel_settings(tolerance, careful=careful)
-    n, m, k = sub.shape
-    cost, A, equalities = sub.cost(), _constraints(sub), 6 * n
-    limits = np.full(2 * n * m if np.isfinite(sub.limit) else 0, sub.limit / sub.unit)
-    b = np.concatenate([sub.goals(), np.zeros(2 * n * m + k), limits, -sub.required / LENGTH])
-    cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(b) - equalities)]
-    return clarabel.DefaultSolver(_no_curvature(len(cost)), cost, A, b, cones, settings)
-
-
-def clarabel_settings(tolerance: float, *, careful: bool) -> clarabel.DefaultSettings:
-    """Settings of Clarabel: a relative tolerance, and one thread, as instances run side by side.
-
-    A careful solver has equilibration and iterative refinement, which these well-scaled programs
-    hardly ever need and which take half of the time.
-    """
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    settings.presolve_enable = False  # which only drops rows without a bound, and there is none
-    settings.equilibrate_enable = settings.iterative_refinement_enable = careful
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    return settings
-
-
-@lru_cache(maxsize=1024)
-def _no_curvature(variables: int) -> sparse.csc_matrix:
-    """P of a linear program: the quadratic term, which is zero."""
-    return sparse.csc_matrix((variables, variables))
-
-
-def _constraints(sub: Subproblem) -> sparse.csc_matrix:
-    n, m, k = sub.shape
-    variables = np.arange(2 * n * m + k)
-    limited = variables[: 2 * n * m if np.isfinite(sub.limit) else 0]
-    r, c, value = sub.half_space_entries()
-    blocks = (
-        (6 * n, sub.goal_entries()),
-        (len(variables), (variables, variables, -np.ones(len(variables)))),
-        (len(limited), (limited, limited, np.ones(len(limited)))),
-        (k, (r, c, -value)),
-    )
-    tops = np.cumsum([0] + [height for height, _ in blocks])
-    row = np.concatenate([e[0] + top for (_, e), top in zip(blocks, tops[:-1], strict=True)])
-    column, value = (np.concatenate([e[k] for _, e in blocks]) for k in (1, 2))
-    # The entries are all different: in less time than by way of COO.
-    shape = int(tops[-1]), len(variables)
-    order = np.argsort(column * shape[0] + row)
-    starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
-    return sparse.csc_matrix((value[order], row[order], starts), shape=shape)

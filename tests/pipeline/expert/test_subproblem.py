@@ -8,9 +8,10 @@ import readable
 from scipy.optimize import linprog
 
 from pipeline.expert.conflicts import ConflictDetection, Trajectory
+from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit, control_units, decoupled_optima, goal_miss
-from pipeline.expert.solvers import _highs, by_interior_points, by_simplex
+from pipeline.expert.solvers import _highs, by_simplex
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
@@ -62,7 +63,7 @@ def by_highs(sub):
     return found.fun * unit
 
 
-SOLVERS = [by_simplex, by_interior_points, readable.solve]
+SOLVERS = [by_simplex, by_cones, readable.solve]
 
 
 def objective(sub, best):
