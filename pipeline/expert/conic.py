@@ -24,7 +24,6 @@ from pipeline.arrays import Array
 from pipeline.expert.subproblem import (
     LENGTH,
     NEGLIGIBLE,
-    Entries,
     Optimum,
     Subproblem,
     UnsolvableError,
@@ -37,7 +36,9 @@ OPTIMAL, IMPOSSIBLE = ("Solved", "AlmostSolved"), "PrimalInfeasible"
 FUEL_SHARE = 1e-4  # of the fuel of all that counts beside the largest share, so that one is best
 TOLERANCE = 1e-9  # relative: what rounding leaves in a cone is far below the smallest burn
 
-Block = tuple[Entries, Values]  # rows of A, and of b
+# Row, column and value of entries of A, and the values of b in these rows
+Parts = tuple[Int[Array, "_"], Int[Array, "_"], Float[Array, "_"]]
+Block = tuple[Parts, Float[Array, "_"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,7 @@ class ConicProgram:
             return np.concatenate([FUEL_SHARE * spent, slack, [1.0]])
         return np.concatenate([spent, slack])
 
-    def _by_slot(self, value: Float[Array, "r S V"], row: Int[Array, "r S"]) -> Entries:
+    def _by_slot(self, value: Float[Array, "r S V"], row: Int[Array, "r S"]) -> Parts:
         """Entries in the rows given of the variables of every control; zeros are left out."""
         r, s, v = np.nonzero(np.abs(value) > NEGLIGIBLE)
         return row[r, s], s * value.shape[2] + v, value[r, s, v]
@@ -248,7 +249,7 @@ def clarabel_settings(tolerance: float, *, careful: bool) -> clarabel.DefaultSet
 
 def stacked(
     blocks: Sequence[Block], width: int, kept: Int[Array, "v"]
-) -> tuple[sparse.csc_matrix, Values]:
+) -> tuple[sparse.csc_matrix, Float[Array, "_"]]:
     """Blocks of so many variables one above the other, of which some are kept; A and b."""
     tops = np.cumsum([0, *(len(b) for _, b in blocks)])
     row = np.concatenate([e[0] + top for (e, _), top in zip(blocks, tops[:-1], strict=True)])
@@ -266,7 +267,7 @@ def stacked(
     return matrix, np.concatenate([b for _, b in blocks])
 
 
-def _joined(*parts: Entries) -> Entries:
+def _joined(*parts: Parts) -> Parts:
     """All entries."""
     row, column, value = zip(*parts, strict=True)
     return np.concatenate(row), np.concatenate(column), np.concatenate(value)

@@ -110,7 +110,7 @@ def judge_plan(
     if claim is not None and n > 1:
         adrift = closest_adrift(problem, flown, controls, claim["orbits"])
     clear, close = None, int(np.sum(np.array(at) <= problem.radius))
-    if "clearance" in said or document_has_sizes(scenario):
+    if said.get("clearance") or document_has_sizes(scenario):
         clear = least_clearance(scenario, problem, flown, controls)
         nodes = problem.step * np.arange(problem.nodes)
         each = [apart for *_, apart in pairs(scenario, problem, flown, controls)]
