@@ -104,15 +104,11 @@ def limited_optima(
         craft = waiting.pop()
         found, duals = least_of(at[craft], limits[craft], problem)
         if found is None:
-            proven = np.array(
-                [
-                    impossible(duals[[k]], at[craft[[k]]], limits[craft[[k]]], problem)
-                    for k in range(len(craft))
-                ]
-            )
-            not_possible[craft] = proven
-            left = craft[~proven]
-            waiting += [left] if proven.any() and len(left) else [*left[:, None]] * (len(craft) > 1)
+            each = [slice(k, k + 1) for k in range(len(craft))]
+            asked = [(duals[k], at[craft[k]], limits[craft[k]], problem) for k in each]
+            not_possible[craft] = [impossible(*one) for one in asked]
+            left = craft[~not_possible[craft]]
+            waiting += [left] if 0 < len(left) < len(craft) else _apart(left, craft)
             continue
         feasible[craft] = True
         controls[craft] = settled(found, at[craft], limits[craft], problem)
@@ -120,12 +116,17 @@ def limited_optima(
         # Where misses are of very different sizes, the small are lost in the rounding.
         fuel = cost(controls[craft], problem.thrust).sum(axis=1)
         loose = craft[fuel - bound[craft] > LOOSE * fuel + problem.negligible_fuel]
-        waiting += [*loose[:, None]] * (len(craft) > 1)
+        waiting += _apart(loose, craft)
     spent = bound * problem.time_step
     not_possible |= spent > limits.delta_v * (1 + FARKAS_MARGIN)
     return DecoupledOptima(
         controls, bound, feasible & ~not_possible, not_possible, np.zeros(n, dtype=bool)
     )
+
+
+def _apart(some: Int[Array, "_"], of: Int[Array, "_"]) -> list[Int[Array, "_"]]:
+    """Each of some craft on its own; none where that has been tried."""
+    return [*some[:, None]] if len(of) > 1 else []
 
 
 def goal_miss(initial: Formation, goal: Formation, problem: Problem) -> Formation:
