@@ -123,7 +123,7 @@ CASES = (
         "components",
         lambda: 1.7913,
         "Arzelier and others 2011",
-        f"{ARCS}: 400 of them cost 0.27 % more here.",
+        f"{ARCS}: 1,200 of them cost 0.09 % more here.",
     ),
     Case(
         "SIMBOL-X",
@@ -131,7 +131,7 @@ CASES = (
         "norm",
         lambda: 1.3211,
         "Benedikter and others 2019",
-        f"{ARCS}: 400 of them cost 0.25 % more here.",
+        f"{ARCS}: 1,200 of them cost 0.08 % more here.",
     ),
     *tandem_x("TanDEM-X-like, δi", "tandem-x-plane", (0.0, 100.0)),
     *tandem_x("TanDEM-X-like, δe and δi", "tandem-x-both", (200.0, 200.0)),

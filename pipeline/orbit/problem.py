@@ -24,7 +24,7 @@ RANGES = {
 LIMIT_ROUNDING = 1e-6  # share of the limit on the control that counts as rounding
 NEGLIGIBLE = 1e-10  # fuel that counts as none, in controls that move a craft by r_col
 # Nodes of a transfer, and revolutions of the reference orbit that it may take
-MOST_NODES, MOST_TURNS = 1000, 1000
+MOST_NODES, MOST_TURNS = 1250, 1000
 
 
 @dataclass(frozen=True)

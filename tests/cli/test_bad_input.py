@@ -119,7 +119,7 @@ CASES = {
         [*RISKY, "--risk", "0.1", "--separation", "nodes"],
         "with separation at the nodes only",
     ),
-    "nodes without measure": (["sample", "--out", "x", "--nodes", "100000"], "at most 1000"),
+    "nodes without measure": (["sample", "--out", "x", "--nodes", "100000"], "at most 1250"),
     "craft without measure": (["sample", "--out", "x", "--n", "1000000000"], "1 to 10000"),
     "scenarios without measure": (["sample", "--out", "x", "--count", f"{10**9}"], "shards"),
     "an altitude in km": (["sample", "--out", "x", "--altitude", "500"], "in km, give 500000"),
@@ -133,7 +133,7 @@ CASES = {
     "sizes without measure": (["evaluate", "--n", f"2..{10**9}"], "at most 10000 numbers"),
     "durations without measure": (
         ["tradeoff", "good.json", "--duration", "1..9999h"],
-        "which is 1000 thrust arcs",
+        "which is 1250 thrust arcs",
     ),
     "errors without measure": (
         ["plan", "good.json", "--out", "p.json", "--risk", "0.1", "--navigation-sigma", "1e9"],

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.expert import solve
+from pipeline.scenario.document import read_scenario
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.json"))
 
@@ -24,6 +27,14 @@ def test_an_example_is_planned_flown_and_shown(file, forked, tmp_path):
         done = forked.run([str(word) for word in command], tmp_path, dict(os.environ))
         assert done.returncode == 0, f"{command}: {done.stdout} {done.stderr}"
     assert "<h1>Transfer of" in (tmp_path / "plan.html").read_text(encoding="utf-8")
+
+
+def test_simbol_x_has_a_bound_within_a_thousandth_of_what_is_published():
+    """1.7913 m/s: Arzelier and others 2011, and Benedikter and others 2019, by impulses."""
+    plan = solve(read_scenario(ROOT / "examples/simbol-x.json"))
+    step = plan.scenario.problem.time_step
+    assert plan.certificate.fuel_lower_bound * step == pytest.approx(1.7913, rel=1e-3)
+    assert plan.certificate.delta_v == pytest.approx(1.7913, rel=1e-3)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)

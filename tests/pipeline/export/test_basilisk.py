@@ -28,6 +28,13 @@ WHERE = Reference(datetime(2026, 3, 1, 23, 55, tzinfo=UTC), 97.4, 40.0, 350.0)
 SIMBOL_X = Path(__file__).parents[3] / "examples/simbol-x.json"
 
 
+def in_arcs(scenario, count):
+    """The scenario with so many intervals in the same time."""
+    problem = scenario.problem
+    step = problem.duration / count
+    return replace(scenario, problem=replace(problem, nodes=count + 1, time_step=step))
+
+
 def rings(conditions=None, n=4, **problem):
     scenario = replace(draw("rings", 0, n, 3, Problem(**problem)), reference=WHERE)
     return scenario if conditions is None else in_world(scenario, conditions)
@@ -44,7 +51,7 @@ PLANS = {
     ),
     "linear about an orbit with J2": lambda: solve(rings(Conditions(eccentricity=0.01))),
     "linear about a circle": lambda: solve(rings(nodes=6, time_step=1000 / 3)),
-    "one craft, e = 0.8": lambda: as_flown(read_scenario(SIMBOL_X)),
+    "one craft, e = 0.8": lambda: as_flown(in_arcs(read_scenario(SIMBOL_X), 400)),
 }
 
 
