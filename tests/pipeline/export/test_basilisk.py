@@ -15,7 +15,7 @@ from pipeline.expert import solve
 from pipeline.export.basilisk import write_basilisk
 from pipeline.export.burns import Masses
 from pipeline.export.ephemeris import thrust_arcs
-from pipeline.flight.conditions import Conditions, in_world
+from pipeline.flight.conditions import Conditions, conditions_of, in_world
 from pipeline.flight.effects import effects
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
@@ -76,6 +76,7 @@ def test_craft_are_where_fly_has_them(simulated):
     plan, seen, _, _ = simulated
     circle = plan.scenario.problem.orbit is None
     about = Conditions(eccentricity=0.0, j2=False).about(WHERE) if circle else None
+    about = conditions_of(plan.scenario, about)
     flown = effects(plan.scenario, plan.controls, about)[-1].states
     assert np.linalg.norm((seen - flown)[..., :3], axis=-1).max() < 0.005  # asked for is 1 m
     assert np.linalg.norm((seen - flown)[..., 3:], axis=-1).max() < 1e-5
