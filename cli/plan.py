@@ -100,11 +100,11 @@ def plan(
     """
     from cli.jobs.planner import planner_of
     from pipeline.flight.conditions import in_world
-    from pipeline.orbit.dynamics import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
     from pipeline.planners.as_flown import AsFlown
     from pipeline.scenario.document import read_checked
+    from pipeline.scenario.validation import linear_error
 
     if not world:
         refuse(context, CONDITIONS, "without --world; expected both, or neither: add --world.")
@@ -135,8 +135,7 @@ def plan(
                 path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made)
                 problem = made.scenario.problem
-                off = model_error(made.states, problem.mean_motion, problem.duration).total
-                off = 0.0 if world else off
+                off = 0.0 if world else linear_error(made.states, problem).total
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
                 of = {"world": asdict(problem.orbit) if world and problem.orbit else None}
                 files = {"scenario": str(path), "plan": str(target)}

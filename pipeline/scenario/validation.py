@@ -9,9 +9,9 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import SwarmPartition, close_approaches, side_by_side
-from pipeline.orbit.arrays import Formation
+from pipeline.orbit.arrays import AnyState, Formation
 from pipeline.orbit.decoupled import least_limits
-from pipeline.orbit.dynamics import model_error
+from pipeline.orbit.dynamics import ModelError, model_error
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.relative_elements import secular_drift
@@ -357,13 +357,18 @@ def _waypoints(scenario: Scenario) -> Iterator[Diagnostic]:
     yield Diagnostic(WAYPOINTS, "transfer", text, (case,), cure)
 
 
+def linear_error(states: AnyState, problem: Problem) -> ModelError:
+    """What the linear model leaves out of a transfer between or by such states, estimated, m."""
+    found = model_error(states, problem.dynamics.fastest, problem.duration)
+    # About a reference orbit J2 is in the linear model, where there is any.
+    return found if problem.orbit is None else replace(found, oblateness=0.0)
+
+
 def _linear(scenario: Scenario) -> Diagnostic:
     """Whether the linear model is off by less than the collision radius."""
     problem = scenario.problem
     ends = np.concatenate([scenario.initial, scenario.goal])
-    found = model_error(ends, problem.dynamics.fastest, problem.duration)
-    if problem.orbit is not None:
-        found = replace(found, oblateness=0.0)  # is in the linear model
+    found = linear_error(ends, problem)
     earth = "about an oblate Earth" if problem.orbit is None else "outside the linear model"
     off = f"{earth} craft end some {found.total:.2g} m off their goals"
     if found.total <= problem.collision_radius:
