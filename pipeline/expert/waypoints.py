@@ -37,7 +37,7 @@ def arrivals_at_least_fuel(
             optima = decoupled_optima(*ends, limits[many], arrivals_of(*ends, tried))
             fuel = spent(optima.controls, problem.thrust, limits[many])
             fuel = np.where(optima.feasible, fuel, np.inf)
-            # Where none is feasible, one that is not proven impossible, so that nothing is said to be.
+            # Where none is feasible, one that is not proven to be impossible.
             best = choices[int(np.lexsort((optima.impossible, fuel))[0])]
             bound[craft] = np.where(optima.impossible, np.inf, optima.lower_bound).min()
         passed[craft] = list(zip(best, some, strict=True))
