@@ -120,6 +120,15 @@ def test_the_refiner_has_the_expert_pass_them(requirements):
     assert max(off(plan, k, BETWEEN[k].position)[5] for k in range(2)) < 1e-6
 
 
+def test_a_waypoint_that_no_assignment_can_pass_is_named():
+    """One interval has three controls for the six numbers of a state."""
+    still = Waypoint(1, BETWEEN[1].position, (0.0, 0.0, 0.0), PROBLEM.time_step)
+    planner = GoalAssignment(named_planner("expert", Requirements()))
+    (plan,) = planner.plan([with_waypoints(still)])
+    assert plan.status == INFEASIBLE
+    assert "cannot reach its own by its waypoints within" in plan.message
+
+
 def test_goals_may_be_assigned_after_waypoints():
     given = solve(with_waypoints(*BETWEEN))
     (plan,) = GoalAssignment(named_planner("expert")).plan([with_waypoints(*BETWEEN)])
