@@ -170,7 +170,8 @@ def _before_search(asked: SearchProblem) -> list[SearchResult]:
 def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     """Why no plan is passively safe, where the ends alone prove it; else nothing."""
     ends = scenario.initial, scenario.goal, scenario.problem
-    found = unavoidable(*ends, orbits, scenario.radii if scenario.unlike else None)
+    radii = scenario.radii if scenario.unlike else None
+    found = unavoidable(*ends, orbits, radii, scenario.obstacles)
     if found is None or found.pair is None:
         return ""
     i, j = found.pair
@@ -178,10 +179,12 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     near = f"within {found.distance:.6g} m of"
     if scenario.sized:
         near = f"{scenario.problem.collision_radius - found.distance:.6g} m too close to"
+    other = f"craft {j}, which drifts on from its goal,"
+    if j >= scenario.n:
+        other = scenario.obstacles[j - scenario.n].name
     return (
-        f"craft {i}, adrift from {whence}, comes {near} craft {j}, which "
-        f"drifts on from its goal, at {found.time:.6g} s, whatever is planned; "
-        f"{scenario.wanted(i, j)}"
+        f"craft {i}, adrift from {whence}, comes {near} {other} at {found.time:.6g} s, whatever is "
+        f"planned; {scenario.wanted(i, j)}"
     )
 
 

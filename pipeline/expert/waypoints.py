@@ -11,6 +11,7 @@ from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
+from pipeline.orbit.thrust_cost import spent
 from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft
 
 
@@ -34,8 +35,10 @@ def arrivals_at_least_fuel(
             ends = initial[many], goal[many], problem
             tried = {k: list(zip(nodes, some, strict=True)) for k, nodes in enumerate(choices)}
             optima = decoupled_optima(*ends, limits[many], arrivals_of(*ends, tried))
-            fuel = np.where(optima.feasible, np.abs(optima.controls).sum(axis=(1, 2)), np.inf)
-            best = choices[int(fuel.argmin())]
+            fuel = spent(optima.controls, problem.thrust, limits[many])
+            fuel = np.where(optima.feasible, fuel, np.inf)
+            # Where none is feasible, one that is not proven to be impossible.
+            best = choices[int(np.lexsort((optima.impossible, fuel))[0])]
             bound[craft] = np.where(optima.impossible, np.inf, optima.lower_bound).min()
         passed[craft] = list(zip(best, some, strict=True))
     return arrivals_of(initial, goal, problem, passed), bound

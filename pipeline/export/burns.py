@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.export.inertial import reference_frames
 from pipeline.export.messages import stamp
 from pipeline.files import write_rows
-from pipeline.orbit.thrust_cost import cost
+from pipeline.orbit.thrust_cost import cost_within
 from pipeline.plan import Plan
 from pipeline.plan.judge import check_states
 from pipeline.scenario import Scenario
@@ -77,8 +77,7 @@ def _per_craft(name: str, given: PerCraft, n: int) -> Float[Array, "n"]:
 class Burns:
     """Intervals in which craft thrust, in the order of craft and time; SI units, a row each.
 
-    Propellant is taken for what a control costs by the scenario's kind of thrust: ‖u‖₁ by thrusters
-    along the three LVLH axes.
+    Propellant is taken for what controls cost by the scenario's kind of thrust, within its limits.
     """
 
     craft: Array
@@ -93,7 +92,8 @@ def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
     """The burns of a plan; InputError where its states are not what the controls lead to."""
     check_states(plan)
     problem = plan.scenario.problem
-    used = problem.time_step * cost(plan.controls, problem.thrust)
+    burned = cost_within(plan.controls, problem.thrust, plan.scenario.limits)
+    used = problem.time_step * burned
     craft, interval = np.nonzero(used)
     mass = propellant = np.full(used.shape, np.nan)
     if masses is not None:

@@ -2,10 +2,10 @@
 
 A craft that loses its thrust at the first node drifts on from its start, and after the plan the
 others drift on from their goals, whatever the plan is; after the last node all drift on from
-their goals.
+their goals. Obstacles are where they are from the first node on.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from jaxtyping import Bool
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.arrays import Formation, Values
-from pipeline.orbit.participants import Participants
+from pipeline.orbit.participants import Obstacle, Participants, at_the_end
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.separation import Separation
 from pipeline.orbit.transfer import free_drift
@@ -32,12 +32,19 @@ def unavoidable(
     problem: Problem,
     orbits: float,
     radii: Values | None = None,
+    obstacles: Sequence[Obstacle] = (),
 ) -> Separation | None:
     """The closest encounter within the collision radius that follows from the ends, or None.
 
-    Or within the radii of both, m, where craft have these.
+    Or within the radii of both, m, where craft have these; obstacles, which need them, are numbered
+    after the craft.
     """
-    met = [one for _, _, one in _encounters(goal, problem, orbits, problem.nodes - 1, radii)]
+    there = at_the_end(obstacles, problem)
+    after = problem, orbits, problem.nodes - 1, radii, there
+    met = [one for _, _, one in _encounters(goal, *after)]
+    if obstacles:
+        before = _encounters(initial, problem, orbits, 0, radii, obstacles, begin=0.0)
+        met += [one for _, other, one in before if other >= len(goal)]
     starts = _starts_with_goals(initial, goal, problem, orbits, radii)
     met += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
     return min(met, key=lambda one: one.distance, default=None)
@@ -79,16 +86,23 @@ def _starts_with_goals(
 
 
 def _encounters(
-    states: Formation, problem: Problem, orbits: float, node: int, radii: Values | None = None
+    states: Formation,
+    problem: Problem,
+    orbits: float,
+    node: int,
+    radii: Values | None = None,
+    obstacles: Sequence[Obstacle] = (),
+    begin: float | None = None,
 ) -> Encounters:
-    """Encounters within the collision radius in free drift from the plan's end on."""
+    """Encounters within the collision radius in free drift from some s, or the plan's end, on."""
     if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
         return
-    flown, idle, drift = free_drift(states, problem, orbits, problem.duration)
+    begin = problem.duration if begin is None else begin
+    flown, idle, drift = free_drift(states, problem, orbits, begin)
     drift = replace(drift, collision_radius=problem.collision_radius)
-    swarms = None if radii is None else Participants(drift, [radii], [()])
+    swarms = None if radii is None else Participants(drift, [radii], [obstacles])
     found = close_approaches(flown, idle, drift, problem.collision_radius, swarms=swarms)
-    time = problem.duration + found.times(drift)
+    time = begin + found.times(drift)
     for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
         i, j = int(found.first[k]), int(found.second[k])
         distance, bound = float(found.distance[k]), float(found.bound[k])

@@ -104,6 +104,15 @@ def check_obstacles(obstacles: Sequence[Obstacle], problem: Problem) -> None:
             )
 
 
+def at_the_end(obstacles: Sequence[Obstacle], problem: Problem) -> list[Obstacle]:
+    """The obstacles as they are at the last node."""
+    there = Participants(problem, [np.zeros(0)], [obstacles]).states[:, -1].tolist()
+    return [
+        one if one.hold else replace(one, state=tuple(state))
+        for one, state in zip(obstacles, there, strict=True)
+    ]
+
+
 class Participants(SwarmPartition):
     """Swarms with a radius of each craft, and obstacles beside each, as one list of rows.
 

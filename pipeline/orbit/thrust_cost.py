@@ -151,13 +151,20 @@ def thrusts(
     return found
 
 
+def cost_within(
+    controls: Float[Array, "n intervals 3"], thrust: Thrust, limits: Limits | None
+) -> Float[Array, "n intervals"]:
+    """What each control costs, m/s², within the limits of its thrusters."""
+    if limits is None or isinstance(thrust.model, str) or not np.isfinite(limits.component).any():
+        return cost(controls, thrust)
+    return np.asarray(thrusts(controls, limits, thrust).sum(axis=2))
+
+
 def spent(
     controls: Float[Array, "n intervals 3"], thrust: Thrust, limits: Limits | None = None
 ) -> Float[Array, "n"]:
     """Fuel of each craft, m/s², within the limits of its thrusters."""
-    if limits is None or isinstance(thrust.model, str) or not np.isfinite(limits.component).any():
-        return np.asarray(cost(controls, thrust).sum(axis=1))
-    return np.asarray(thrusts(controls, limits, thrust).sum(axis=(1, 2)))
+    return np.asarray(cost_within(controls, thrust, limits).sum(axis=1))
 
 
 def exceeds(

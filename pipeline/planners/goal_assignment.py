@@ -26,7 +26,9 @@ DEAR = 1e-2  # gap from which the cheapest assignment's plan is dear: others are
 # How the bound of all assignments is proven
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
-IMPOSSIBLE = "whichever goals they take, some craft cannot reach its own within {}, which is proven"
+IMPOSSIBLE = (
+    "whichever goals they take, some craft cannot reach its own{} within {}, which is proven"
+)
 
 ADRIFT = (
     "whichever goals they take, a craft adrift comes within collision_radius of another after the "
@@ -160,7 +162,8 @@ class _Candidates:
         if self.cheapest is None:
             plain = self.scenario.limits is None
             limits = "max_acceleration" if plain else "its limits of thrust"
-            return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE.format(limits))
+            way = " by its waypoints" if self.scenario.waypoints else ""
+            return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE.format(way, limits))
         if self.first is None:
             plan = replace(plan, message=ADRIFT)
         elif plan.status == INFEASIBLE and not self._all_infeasible():

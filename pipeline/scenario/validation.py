@@ -12,14 +12,14 @@ from pipeline.orbit.approaches import SwarmPartition, close_approaches, side_by_
 from pipeline.orbit.arrays import AnyState, Formation
 from pipeline.orbit.decoupled import least_limits
 from pipeline.orbit.dynamics import ModelError, model_error
-from pipeline.orbit.participants import Participants
+from pipeline.orbit.participants import Participants, at_the_end
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.relative_elements import secular_drift
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.orbit.separation import least_separations
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.transfer import free_drift
-from pipeline.scenario.scenario import Scenario, participants
+from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.thrust_needs import most_strained, needs_of, shortfalls
 from pipeline.scenario.waypoint import closest_pair
 
@@ -147,12 +147,9 @@ def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
     """Craft and obstacles as they are at an end, for motion from there on."""
     if not scenario.sized:
         return side_by_side((scenario.n,))
-    there = participants([scenario]).beside(np.zeros((0, scenario.problem.nodes, 6)))
-    states = there[:, 0 if end == "initial" else -1].tolist()
-    obstacles = [
-        one if one.hold else replace(one, state=tuple(state))
-        for one, state in zip(scenario.obstacles, states, strict=True)
-    ]
+    obstacles = scenario.obstacles
+    if end == "goal":
+        obstacles = tuple(at_the_end(obstacles, scenario.problem))
     problem = replace(problem, collision_radius=scenario.problem.collision_radius)
     return Participants(problem, [scenario.radii], [obstacles])
 

@@ -88,6 +88,14 @@ def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
     """The scenario with another number of arcs of the same length; a moving goal drifts freely."""
     problem = replace(scenario.problem, nodes=arcs + 1)
     check_choice("goal", goal, get_args(Goal))
+    waypoints = [one.time + problem.time_step for one in scenario.waypoints if one.time is not None]
+    needed = max([*waypoints, *(one.end for one in scenario.corridors)], default=0.0)
+    if problem.duration < needed * (1 - ROUNDING):
+        raise InputError(
+            f"a transfer of {problem.duration:g} s is asked for, and the scenario's waypoints and "
+            f"corridors take {needed:g} s; expected at least so much: begin later, or leave these "
+            "out."
+        )
     if goal == "fixed":
         return replace(scenario, problem=problem)
     A = problem.dynamics.drift(scenario.problem.intervals, arcs)

@@ -164,6 +164,27 @@ def test_after_a_loss_of_thrust_craft_keep_clear_of_obstacles_too(kind):
     assert any(plan.status == "solved" for plan in plans)
 
 
+@pytest.mark.parametrize(("end", "begin"), [("start", 0.0), ("goal", Problem().duration)])
+def test_what_meets_an_obstacle_adrift_from_an_end_is_infeasible_whatever_is_planned(end, begin):
+    scenario = swarm(0)
+    craft = getattr(scenario, "initial" if end == "start" else "goal")[2]
+    met = after(E, 1000.0, craft, np.zeros(3)) + np.array([6.0, 0, 0, 0.3, 0.2, 0.4])
+    state = after(E, -begin - 1000.0, met, np.zeros(3))
+    scenario = replace(scenario, obstacles=(Obstacle("debris", tuple(state), radius=4.0),))
+
+    plan = planned(scenario, Requirements(passive_safety=0.5))
+
+    assert plan.status == "infeasible"
+    said = rf"craft 2, adrift from its {end}, comes (\S+) m too close to debris at (\S+) s"
+    found = re.match(said, plan.message)
+    assert found, plan.message
+    lack, time = map(float, found.groups())
+    debris = obstacle_at({"state": state}, Case.of(document_of(scenario)), time)
+    apart = after(E, time - begin, craft, np.zeros(3))[:3] - debris
+    assert lack == pytest.approx(7.5 + 4.0 - np.linalg.norm(apart), abs=1e-3)
+    assert planned(scenario).status == "solved"  # without a loss of thrust
+
+
 def test_a_start_or_goal_inside_an_obstacle_is_infeasible():
     a = swarm(0)
     at_goal = Obstacle("debris", (*a.goal[2, :3].tolist(), 0.0, 0.0, 0.0), radius=5.0, hold=True)

@@ -9,6 +9,7 @@ import pytest
 from judge import judge_plan
 from judge.motion import exact_step
 from judged import document
+from scipy.spatial.transform import Rotation
 
 from pipeline.documents import write_document
 from pipeline.errors import InputError
@@ -33,6 +34,8 @@ BETWEEN = tuple(
     for k in range(6)
 )
 NORM = Thrust("norm")
+TURN = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()  # whose columns are axes of thrusters
+TURNED = Thrust(tuple(map(tuple, np.concatenate([TURN.T, -TURN.T]).tolist())))
 
 
 def with_waypoints(*waypoints, thrust=PROBLEM.thrust):
@@ -40,7 +43,7 @@ def with_waypoints(*waypoints, thrust=PROBLEM.thrust):
     return replace(SWARM, problem=replace(PROBLEM, thrust=thrust), waypoints=waypoints)
 
 
-def least_fuel(craft, passed, norm):
+def least_fuel(craft, passed, thrust):
     """Fuel of the craft's own program, m/s², that is at positions at nodes, by cvxpy."""
     free, pushed = exact_step(PROBLEM.mean_motion, PROBLEM.time_step)
     control = cp.Variable((PROBLEM.intervals, 3))
@@ -51,7 +54,8 @@ def least_fuel(craft, passed, norm):
         if node in passed:
             constraints.append(state[:3] == passed[node])
     constraints.append(cp.multiply(size, state) == size * SWARM.goal[craft])
-    cost = cp.sum(cp.norm(control, 2 if norm else 1, axis=1))
+    fired = control @ TURN if thrust is TURNED else control
+    cost = cp.sum(cp.norm(fired, 2 if thrust is NORM else 1, axis=1))
     return cp.Problem(cp.Minimize(cost), constraints).solve(solver="CLARABEL") * 1e-3
 
 
@@ -66,7 +70,7 @@ def test_waypoints_are_passed_at_their_times_for_the_least_fuel(thrust):
     assert plan.status == SOLVED
     for one in BETWEEN:
         assert off(plan, one.craft, one.position)[5] < 1e-6
-    least = sum(least_fuel(k, {5: BETWEEN[k].position}, thrust is NORM) for k in range(6))
+    least = sum(least_fuel(k, {5: BETWEEN[k].position}, thrust) for k in range(6))
     found = plan.certificate
     assert found.fuel_lower_bound == pytest.approx(least, rel=1e-6)
     assert found.fuel >= least * (1 - 1e-6)
@@ -86,11 +90,20 @@ def test_waypoints_without_times_are_passed_where_that_costs_least(thrust):
     assert 0 < nodes[0] < nodes[1] < PROBLEM.intervals
     assert max(off(plan, 0, place).min() for place in (first, second)) < 1e-6
     least = min(
-        least_fuel(0, {a: first, b: second}, thrust is NORM)
+        least_fuel(0, {a: first, b: second}, thrust)
         for a, b in combinations(range(1, PROBLEM.intervals), 2)
     )
-    others = sum(least_fuel(k, {}, thrust is NORM) for k in range(1, 6))
+    others = sum(least_fuel(k, {}, thrust) for k in range(1, 6))
     assert plan.certificate.fuel_lower_bound == pytest.approx(least + others, rel=1e-6)
+
+
+@pytest.mark.parametrize(("thrust", "part"), [(NORM, 0.5), (TURNED, 1.2)])
+def test_a_time_left_open_is_the_one_that_costs_these_thrusters_least(thrust, part):
+    craft, place = 5, part * SWARM.initial[1, :3]
+    alone = with_waypoints(Waypoint(0, tuple(place.tolist())), thrust=thrust)
+    ends = {end: getattr(SWARM, end)[[craft]] for end in ("initial", "goal")}
+    least = min(least_fuel(craft, {k: place}, thrust) for k in range(1, PROBLEM.intervals))
+    assert solve(replace(alone, **ends)).certificate.fuel == pytest.approx(least, rel=1e-5)
 
 
 def test_a_velocity_is_met_as_well():
@@ -105,6 +118,15 @@ def test_the_refiner_has_the_expert_pass_them(requirements):
     plan = named_planner("refiner", requirements).plan([with_waypoints(*BETWEEN[:2])])[0]
     assert plan.status == SOLVED
     assert max(off(plan, k, BETWEEN[k].position)[5] for k in range(2)) < 1e-6
+
+
+def test_a_waypoint_that_no_assignment_can_pass_is_named():
+    """One interval has three controls for the six numbers of a state."""
+    still = Waypoint(1, BETWEEN[1].position, (0.0, 0.0, 0.0), PROBLEM.time_step)
+    planner = GoalAssignment(named_planner("expert", Requirements()))
+    (plan,) = planner.plan([with_waypoints(still)])
+    assert plan.status == INFEASIBLE
+    assert "cannot reach its own by its waypoints within" in plan.message
 
 
 def test_goals_may_be_assigned_after_waypoints():

@@ -4,13 +4,16 @@ import csv
 import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from itertools import product
 
 import numpy as np
 import pytest
 from ccsds_ndm.ndm_io import NdmIo
+from judge.thrusters import Thrusters
 from oem import OrbitEphemerisMessage
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from thrusting import AXES
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
@@ -22,10 +25,13 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.thrust import Thrust
 from pipeline.scenario import draw
+from pipeline.scenario.document import document_of
 from pipeline.scenario.spacecraft import Spacecraft
 
 WHERE = Reference(datetime(2026, 3, 1, 23, 55, 0, 250000, tzinfo=UTC), 97.4, 40.0, 350.0)
 MU = 3.986004418e14
+CORNERS = (tuple((np.array(one) / 3**0.5).tolist()) for one in product((1, -1), repeat=3))
+FOURTEEN = (*AXES, *CORNERS)
 MASS, IMPULSE = [12.0, 14.0, 100.0], 220.0
 ORDER = re.compile(
     r"CCSDS_OPM_VERS (COMMENT )*CREATION_DATE ORIGINATOR OBJECT_NAME OBJECT_ID CENTER_NAME "
@@ -192,6 +198,21 @@ def test_an_opm_without_masses_or_a_place_is_refused(made, tmp_path):
     with pytest.raises(InputError, match='"reference"'):
         write_parameters(nowhere, tmp_path, "p", Masses.of(3, 12.0, 220.0))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_thrusters_at_their_limits_spend_what_the_certificate_says(tmp_path):
+    """Where the cheapest thrusters for a control are at their limit, dearer ones help."""
+    scenario = draw("rings", 0, 3, 3, Problem(thrust=Thrust(FOURTEEN)))
+    limit = 0.15 * float(np.linalg.norm(solve(scenario).controls, axis=2).max())
+    plan = solve(replace(scenario, problem=replace(scenario.problem, max_acceleration=limit)))
+    assert plan.status == "solved"
+    rows = rows_of(plan, tmp_path / "b.csv")
+    document = document_of(plan.scenario)
+    step, thrusters = plan.scenario.problem.time_step, Thrusters.of(document, 3)
+    spent = step * thrusters.firings(plan.controls).sum(axis=(1, 2))
+    for craft, used in enumerate(spent):
+        listed = sum(float(row["delta_v"]) for row in rows if int(row["craft"]) == craft)
+        assert listed == pytest.approx(used, rel=1e-5)
 
 
 def test_masses_and_the_kind_of_thrust_are_the_scenarios(made, tmp_path):

@@ -1,6 +1,6 @@
 """Transfers of other durations: what varies, what the goal is, and that plans are sound."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -8,11 +8,13 @@ from judge import exact_step, judge_plan
 from judged import document
 
 from pipeline.errors import InputError
+from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.scenario import draw
+from pipeline.scenario.waypoint import Waypoint
 from pipeline.tradeoff import arcs_between, tradeoff, with_arcs
 
 SCENARIO = draw("rings", 5, 6, 0, Problem(), "valid")
@@ -37,6 +39,18 @@ def test_durations_are_whole_arcs_within_the_range_and_as_many_as_asked_for():
 def test_a_range_that_no_transfer_has_is_refused(asked, words):
     with pytest.raises(InputError, match=words):
         arcs_between(*asked)
+
+
+PLACE = Waypoint(0, (50.0, 0.0, 0.0), None, 600.0)
+ROOM = Corridor(Box((-900.0,) * 3, (900.0,) * 3), 0.0, 720.0)
+
+
+@pytest.mark.parametrize("own", [{"waypoints": (PLACE,)}, {"corridors": (ROOM,)}])
+def test_durations_too_short_for_waypoints_and_corridors_are_refused(own):
+    scenario = replace(draw("rings", 0, 2, 0, Problem(time_step=120.0)), **own)
+    with pytest.raises(InputError, match=r"transfer of 600 s is asked for.*take 720 s"):
+        with_arcs(scenario, 5)
+    assert with_arcs(scenario, 6).problem.duration == 720.0
 
 
 @pytest.mark.parametrize("arcs", [5, 10, 23])
