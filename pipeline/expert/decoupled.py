@@ -73,14 +73,14 @@ def decoupled_optima(
         feasible = found.exact & within
         controls[feasible], bound[:] = found.controls[feasible], found.bound
     tabled = np.full(len(miss), found is not None)
-    left = np.flatnonzero(~feasible)
-    if len(left):
-        at = arrivals_of(initial[left], goal[left], problem, {})
-        alone = limited_optima(controls[left], at, problem, limits_of((), len(left), problem))
-        feasible[left], hopeless[left] = alone.feasible, alone.impossible
-        controls[left] = alone.controls
-        tabled[left] &= alone.lower_bound <= bound[left]
-        bound[left] = np.maximum(bound[left], alone.lower_bound)
+    for k in np.flatnonzero(~feasible).tolist():
+        one = slice(k, k + 1)  # by itself, so that a plan is the same whatever it is made beside
+        at = arrivals_of(initial[one], goal[one], problem, {})
+        alone = limited_optima(controls[one], at, problem, limits_of((), 1, problem))
+        feasible[one], hopeless[one] = alone.feasible, alone.impossible
+        controls[one] = alone.controls
+        tabled[one] &= alone.lower_bound <= bound[one]
+        bound[one] = np.maximum(bound[one], alone.lower_bound)
     exact = meet_goal(initial, controls, goal, problem)
     basis = None if found is None else found.basis
     return DecoupledOptima(exact, bound, feasible, hopeless, tabled, basis)

@@ -19,6 +19,7 @@ from pipeline.orbit.transfer import transfer_maps
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying within it
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 BURN = 1e-5  # share of a craft's largest control under which one is rounding, of a cone program
+NOISE = 1e-3  # share of the largest control of all craft that a craft's largest counts as, at least
 MET = 1e-9  # change of a final state that counts as none, m; velocities over e
 
 
@@ -119,7 +120,8 @@ def settled(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) 
     size = np.abs(controls)
     if thrust.model != COMPONENTS:
         size = np.broadcast_to(cost(controls, thrust)[..., None], controls.shape)
-    largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
+    # What is solved together has rounding of the size of the largest.
+    largest = np.maximum(size.max(axis=(1, 2), keepdims=True), NOISE * size.max())
     burns = allowed & (size > BURN * largest)
     kept = np.where(burns, controls, 0.0)
     if thrust.min_delta_v is not None and not isinstance(thrust.model, str):
@@ -127,9 +129,17 @@ def settled(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) 
         fired = thrusts(kept, limits, thrust)
         fired = np.where(fired > BURN * largest, fired, 0.0)
         kept = _completed(fired, fired > 0, at, thrust) @ thrust.directions
-    for free in (burns, allowed):
-        kept = _completed(kept, free, at)
-    return kept
+    kept = _completed(kept, burns, at)
+    # Where what is left out cannot be made up for, as of burns that are all small, nothing is.
+    missed = _missed(kept, at) > MET
+    kept = np.where(missed[:, None, None] & allowed, controls, kept)
+    return _completed(kept, allowed, at)
+
+
+def _missed(amounts: Controls, at: Arrivals) -> Float[Array, "n"]:
+    """By how much controls miss where each craft must be, m; velocities over e."""
+    led = np.matvec(at.reach, amounts.reshape(len(amounts), -1))
+    return np.abs(at.weight * (at.miss - led * at.asked)).max(axis=1)
 
 
 def _completed(

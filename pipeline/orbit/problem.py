@@ -99,9 +99,12 @@ class Problem:
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> "Problem":
         """The problem of such fields, as ``document`` gives them."""
-        kinds = {"orbit": ReferenceOrbit, "thrust": Thrust}
-        made = {name: kind(**document[name]) for name, kind in kinds.items() if document.get(name)}
-        return cls(**{**document, **made})
+        fields = dict(document)
+        if orbit := document.get("orbit"):
+            fields["orbit"] = ReferenceOrbit(**orbit)
+        if thrust := document.get("thrust"):
+            fields["thrust"] = Thrust.of(thrust)
+        return cls(**fields)
 
     def document(self) -> dict[str, Any]:
         """The fields for files, without a reference orbit and thrust where they are the default."""

@@ -1,7 +1,8 @@
 """Thrust: what a control costs, how large it may be, and when it may be."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -56,10 +57,7 @@ class Thrust:
 
     def __post_init__(self) -> None:
         """Refuse values out of range and directions that do not push all ways."""
-        # Lists, as files have them, become tuples, which can be hashed.
-        object.__setattr__(self, "no_burn", tuple(map(tuple, self.no_burn)))
         if not isinstance(self.model, str):
-            object.__setattr__(self, "model", tuple(map(tuple, self.model)))
             check_directions(self.model)
         elif self.model not in (COMPONENTS, NORM):
             raise InputError(
@@ -69,6 +67,13 @@ class Thrust:
             if (value := getattr(self, name)) is not None:
                 check_range(name, value, 1e-12, 1e6)
         check_windows(self.no_burn)
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Any]) -> "Thrust":
+        """The thrust of such fields, as files have them, with lists."""
+        model, no_burn = fields["model"], tuple(map(tuple, fields["no_burn"]))
+        model = model if isinstance(model, str) else tuple(map(tuple, model))
+        return cls(**{**fields, "model": model, "no_burn": no_burn})
 
     @property
     def directions(self) -> Float[Array, "K 3"] | None:

@@ -63,7 +63,7 @@ def write_dataset(folder, n, one, problem=None):
         digests[name] = digest_of((folder / name).read_bytes())
     document = {
         "schema": "prolearn.dataset/2",
-        "problem": asdict(problem),
+        "problem": problem.document(),
         "samples": {str(n): asdict(one)},
         "solve": recorded(Settings(), AT_ALL_TIMES),
         "made_with": {"sample": {}, "solve": {}},
