@@ -88,17 +88,24 @@ def closest_pair(
 
 
 def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
-    """All ways to give one craft's waypoints increasing nodes; a few more than MOST_CHOICES."""
-    found: list[tuple[int, ...]] = [()]
-    for one in waypoints:
+    """Candidate nodes of one craft's waypoints, one after the other.
+
+    All of them, or some more than MOST_CHOICES where there are more than that.
+    """
+    latest: list[int] = []
+    last = problem.intervals
+    for one in reversed(waypoints):  # the node of each that leaves room for those after it
         node = one.node(problem)
-        longer = []
+        last = last - 1 if node is None else min(last - 1, node)
+        latest.insert(0, last)
+    found: list[tuple[int, ...]] = [()]
+    for one, last in zip(waypoints, latest, strict=True):
+        node, longer = one.node(problem), []
         for before in found:
-            first = before[-1] + 1 if before else 1
-            open_nodes = range(first, problem.intervals)
+            open_nodes = range(before[-1] + 1 if before else 1, last + 1)
             nodes = open_nodes if node is None else [node] * (node in open_nodes)
             longer += [(*before, k) for k in nodes]
-            if len(longer) > MOST_CHOICES * problem.nodes:
+            if len(longer) > MOST_CHOICES:
                 break
         found = longer
     return found

@@ -25,7 +25,7 @@ from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
 from pipeline.scenario import diagnostics, draw
 from pipeline.scenario.document import document_of, read_scenario, scenario_from
-from pipeline.scenario.waypoint import Waypoint
+from pipeline.scenario.waypoint import MOST_CHOICES, Waypoint, choices_of
 
 PROBLEM = Problem()
 SWARM = draw("rings", 0, 6, 3, PROBLEM)
@@ -219,3 +219,13 @@ def test_a_plan_as_flown_refuses_them():
     orbit = ReferenceOrbit(6878137.0, 0.001, 97.4)
     with pytest.raises(InputError, match="leave --world out"):
         AsFlown(named_planner("expert"), orbit).plan([with_waypoints(BETWEEN[0])])
+
+
+def test_no_choice_of_open_times_is_left_out_before_a_time_that_is_given():
+    """Three nodes below the tenth of 1,249, by combinatorics; and too many where none is given."""
+    long, place = Problem(nodes=1250, time_step=10.0), (0.0, 300.0, 0.0)
+    open_times = [Waypoint(0, place)] * 3
+    found = choices_of([*open_times, Waypoint(0, place, time=100.0)], long)
+    assert sorted(found) == [(*some, 10) for some in combinations(range(1, 10), 3)]
+    assert len(choices_of(open_times, long)) > MOST_CHOICES
+    assert choices_of([*open_times, Waypoint(0, place, time=20.0)], long) == []
