@@ -116,7 +116,7 @@ def _sampled(problem: Problem) -> tuple[Float[Array, "S 6 6"], Float[Array, "S 6
 
 
 def by_repair(scenario: Scenario) -> Controls:
-    """Each craft's own optimum; a craft that meets one of lower number plans anew around all.
+    """Prioritized planning: decoupled optima, and craft in conflict planned again in turn.
 
     One linear program by HiGHS each, with half-spaces about its last way at sampled times.
     """

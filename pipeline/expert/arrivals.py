@@ -17,7 +17,7 @@ from pipeline.scenario.waypoint import Waypoint
 
 @dataclass(frozen=True, eq=False)
 class Arrivals:
-    """Equations reach · u = miss in the flattened controls u of each craft, SI units.
+    """Equality constraints of each craft, reach · u = miss, on its flattened controls u; SI units.
 
     The first six are those of the goal; then there are six for each node with a waypoint.
     """

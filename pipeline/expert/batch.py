@@ -93,8 +93,7 @@ class Batch:
         """Lower bound on the largest share of its Δv that one of some craft burns; 0 without."""
         if self.weight is None or self.limits is None:
             return 0.0
-        least = self.optima.lower_bound[craft] * self.problem.time_step
-        return float((least / self.limits.delta_v[craft]).max())
+        return self.optima.least_share(self.limits, self.problem.time_step, craft)
 
     def bound(self, k: int) -> tuple[float, str]:
         """Lower bound on the fuel of a scenario, m/s², and how it is proven."""
@@ -166,7 +165,7 @@ def _limits(scenarios: Sequence[Scenario]) -> Limits | None:
 
 
 def _meeting(scenario: Scenario) -> str:
-    """Which pair must be too close at a waypoint, or nothing."""
+    """Why the waypoints themselves bring two craft too close, or an empty string."""
     closest = closest_pair(scenario.waypoints, scenario.problem, scenario.radii)
     if closest is None:
         return ""

@@ -47,6 +47,10 @@ class DecoupledOptima(Rows):
         proof = TABLE if self.tabled[craft].all() else PROGRAM
         return float(self.lower_bound[craft].sum()), proof
 
+    def least_share(self, limits: Limits, time_step: float, craft: slice = slice(None)) -> float:
+        """Lower bound on the largest share of its Δv that one of some craft burns."""
+        return float((self.lower_bound[craft] * time_step / limits.delta_v[craft]).max())
+
 
 def decoupled_optima(
     initial: Formation,
@@ -73,10 +77,12 @@ def decoupled_optima(
         feasible = found.exact & within
         controls[feasible], bound[:] = found.controls[feasible], found.bound
     tabled = np.full(len(miss), found is not None)
-    for k in np.flatnonzero(~feasible).tolist():
+    beyond = np.flatnonzero(~feasible).tolist()
+    if beyond:
+        at, alike = arrivals_of(initial, goal, problem, {}), limits_of((), len(miss), problem)
+    for k in beyond:
         one = slice(k, k + 1)  # by itself, so that a plan is the same whatever it is made beside
-        at = arrivals_of(initial[one], goal[one], problem, {})
-        alone = limited_optima(controls[one], at, problem, limits_of((), 1, problem))
+        alone = limited_optima(controls[one], at[one], problem, alike[one])
         feasible[one], hopeless[one] = alone.feasible, alone.impossible
         controls[one] = alone.controls
         tabled[one] &= alone.lower_bound <= bound[one]

@@ -19,7 +19,8 @@ from pipeline.expert.conic import ConicProgram, stacked
 from pipeline.expert.solvers import ROWWISE, new_highs
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.arrays import Values
-from pipeline.orbit.thrust_cost import ROUNDING, cost
+from pipeline.orbit.problem import LIMIT_ROUNDING
+from pipeline.orbit.thrust_cost import cost
 
 GAP = 1e-3  # relative gap at which the search for the best choice of burns ends
 NODES = 500  # of its tree, after which it ends with the best that it has
@@ -67,7 +68,7 @@ class _Integers:
         return np.asarray(most)
 
     def opposite(self) -> list[Int[Array, "_"]]:
-        """Pairs of thrusts that are opposite."""
+        """Numbers of the two variables of each pair of opposite thrusters, in every interval."""
         effect = self.program.effect
         V = effect.shape[1]
         pairs = [
@@ -124,9 +125,9 @@ def by_integers(sub: Subproblem) -> Optimum:
     for _ in range(ROUNDS):
         found = integers.solved(excluded)
         fired = found[: S * V].reshape(S, V)
-        fired = np.where(fired > ROUNDING * fired.max(initial=0.0), fired, 0.0)
+        fired = np.where(fired > LIMIT_ROUNDING * fired.max(initial=0.0), fired, 0.0)
         spent, least = fired.sum(axis=1), cost(fired @ program.effect.T, sub.thrust)
-        dear = np.flatnonzero(spent > least * (1 + ROUNDING))
+        dear = np.flatnonzero(spent > least * (1 + LIMIT_ROUNDING))
         if len(dear) == 0:
             found[: S * V] = fired.ravel()
             slack = LENGTH * found[S * V : S * V + k]

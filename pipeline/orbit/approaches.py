@@ -15,6 +15,7 @@ from pipeline.orbit.arrays import (
     Controls,
     Indices,
     Marked,
+    PositionMaps,
     Rows,
     Scalar,
     States,
@@ -66,11 +67,11 @@ class SwarmPartition:
     def beside(
         self, states: States, nodes: slice = slice(None)
     ) -> Float[Array, "participants T 6"]:
-        """States of all participants, of which pairs are, at some nodes: the craft's."""
+        """Node states of all participants, craft and obstacles; here of craft alone."""
         return states
 
     def pushed(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
-        """Controls of all participants: the craft's."""
+        """Controls of all participants, craft and obstacles; here of craft alone."""
         return controls
 
     def marked(self, moved: Marked) -> Bool[Array, "participants"]:
@@ -81,12 +82,7 @@ class SwarmPartition:
         """Which participants no plan moves."""
         return np.zeros(len(rows), dtype=bool)
 
-    def places(
-        self,
-        rows: Indices,
-        interval: Indices,
-        maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
-    ) -> Vectors:
+    def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
         """Positions of what no plan moves, by maps from states at intervals' starts, m."""
         return np.zeros((len(rows), 3))
 

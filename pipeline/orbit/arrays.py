@@ -25,6 +25,8 @@ Scalar = Float[Array, "*batch"]
 
 Indices = Int[Array, "k"]
 Values = Float[Array, "k"]
+# From k states at intervals' starts, and from the controls there, to positions, as A and B of Eq. 2
+PositionMaps = tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]]
 Vectors = Float[Array, "k 3"]  # of k pairs, times or the like
 
 

@@ -105,7 +105,7 @@ class Cone:
 
 @dataclass(frozen=True)
 class Corridor:
-    """A convex set that craft stay inside of for some time.
+    """A corridor: a box or an approach cone that craft must stay inside of for some time.
 
     Attributes:
         inside: the set.

@@ -22,6 +22,7 @@ from pipeline.orbit.arrays import (
     Formation,
     Indices,
     Marked,
+    PositionMaps,
     States,
     Values,
     Vector,
@@ -207,12 +208,7 @@ class Participants(SwarmPartition):
         assert scale is not None
         return np.asarray(norm(gap * scale[rest]) - np.asarray(beyond)[rest])
 
-    def places(
-        self,
-        rows: Indices,
-        interval: Indices,
-        maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
-    ) -> Vectors:
+    def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
         """As ``SwarmPartition.places``; intervals may lie beyond the plan's last."""
         k, dynamics = rows - self.craft, self.problem.dynamics
         begin = np.array(self.states[k, 0])

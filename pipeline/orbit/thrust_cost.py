@@ -10,10 +10,9 @@ from scipy.spatial import ConvexHull
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
-ROUNDING = 1e-6  # share of a limit that counts as rounding
 WITHIN = 1 + 1e-12  # by which prices are shrunk more than to 1, so that rounding leaves them there
 EXCESS = 1e3  # cost of a thrust beyond its limit, so that there is none where it can be avoided
 
@@ -177,9 +176,9 @@ def exceeds(
         used = thrusts(controls, limits, thrust).max(axis=(1, 2))
     burned = time_step * spent(controls, thrust, limits)
     return {
-        "max_acceleration": ~(used <= limits.component * (1 + ROUNDING)),
-        "max_acceleration_norm": ~(norm.max(axis=1) <= limits.norm * (1 + ROUNDING)),
-        "delta_v": ~(burned <= limits.delta_v * (1 + ROUNDING)),
+        "max_acceleration": ~(used <= limits.component * (1 + LIMIT_ROUNDING)),
+        "max_acceleration_norm": ~(norm.max(axis=1) <= limits.norm * (1 + LIMIT_ROUNDING)),
+        "delta_v": ~(burned <= limits.delta_v * (1 + LIMIT_ROUNDING)),
         "no_burn": ((controls != 0) & ~limits.burns).any(axis=(1, 2)),
         "min_delta_v": too_small(controls, limits, problem).any(axis=(1, 2)),
     }
@@ -198,7 +197,7 @@ def burn_sizes(
     if thrust.model == NORM:
         return np.broadcast_to(_length(controls), controls.shape)
     fired = thrusts(controls, limits, thrust)
-    fires = fired > ROUNDING * fired.max(axis=-1, keepdims=True)  # less is left by rounding
+    fires = fired > LIMIT_ROUNDING * fired.max(axis=-1, keepdims=True)  # less is left by rounding
     size = np.where(fires, fired, np.inf).min(axis=-1)
     return np.broadcast_to(np.where(np.isfinite(size), size, 0.0)[..., None], controls.shape)
 
@@ -210,4 +209,4 @@ def too_small(
     if (least := problem.thrust.min_delta_v) is None:
         return np.zeros(controls.shape, dtype=bool)
     size = burn_sizes(controls, limits, problem.thrust)
-    return (size > 0) & (problem.time_step * size < least * (1 - ROUNDING))
+    return (size > 0) & (problem.time_step * size < least * (1 - LIMIT_ROUNDING))

@@ -77,7 +77,7 @@ class Clearance:
 
     @classmethod
     def of(cls, least: Separation, scenario: Scenario) -> "Clearance | None":
-        """Of the least separation, as ``Participants`` has it; None where craft are all alike."""
+        """The clearance of a least separation; None where all craft have the same size."""
         if not scenario.sized or least.pair is None or least.time is None:
             return None
         (i, j), radius = least.pair, scenario.problem.collision_radius

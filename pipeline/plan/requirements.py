@@ -108,7 +108,7 @@ AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
 
 
 def refuse_risk(scenarios: Sequence[Scenario]) -> None:
-    """Refuse a risk where sizes differ, whose bound is for craft alike, with an InputError."""
+    """Refuse a limit on the collision risk where sizes of craft or obstacles differ."""
     if any(one.unlike for one in scenarios):
         raise InputError(
             "a risk is asked for, and craft have radii of their own or there are obstacles or "

@@ -222,7 +222,7 @@ def _made(scenario: Scenario, controls: Controls, end: Formation, linear: Plan) 
     timing = {"plan": linear.timing.get("plan", 0.0)}
     least = 0.0
     if problem.thrust.objective == "fair" and scenario.limits is not None:
-        least = float((optima.lower_bound * problem.time_step / scenario.limits.delta_v).max())
+        least = optima.least_share(scenario.limits, problem.time_step)
     proven = bound, PROOF.format(proof)
     return Made(controls, *proven, linear.convex_solves, timing, least_share=least)
 

@@ -351,7 +351,7 @@ class ConeDocument(BaseModel):
 
 
 class CorridorDocument(BaseModel):
-    """A convex set that craft stay inside of for some time."""
+    """A corridor: a box or an approach cone that craft must stay inside of for some time."""
 
     model_config = _strict(_one_of(box="object", cone="object"))
 

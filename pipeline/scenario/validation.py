@@ -317,7 +317,7 @@ def _reachable(scenario: Scenario) -> Diagnostic:
 
 
 def _reachable_within(scenario: Scenario, limits: Limits) -> Diagnostic:
-    """The same within all limits of thrust: what is certain of each craft on its own."""
+    """Whether each craft alone can reach its goal within all its thrust and Δv limits."""
     needs = needs_of(scenario, limits)
     found = list(shortfalls(scenario, limits, needs))
     if not found:

@@ -1,4 +1,4 @@
-"""Scripts that are run in Basilisk, a simulator that shares no code with us."""
+"""Scripts for the simulator Basilisk, run there; it is independent of our code."""
 
 import ast
 import subprocess

@@ -193,7 +193,7 @@ def document_has_sizes(scenario: Mapping[str, Any]) -> bool:
 
 
 def _untrue_clearance(flight: _Flight, said: Mapping[str, Any]) -> Iterator[str]:
-    """Claims of a least clearance, or of how far inside of corridors craft stay.
+    """False claims about the least clearance and the margin inside corridors.
 
     About an ellipsoid or in a cone the claim may be less than is true.
     """
