@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pipeline.plan import Plan, Requirements
 
 CONDITIONS = tuple(field.name for field in fields(FlightConditions))
-OF_REPLANNING = ("planner", "effort", "margin")
+OF_REPLANNING = ("planner", "effort", "sigmas")
 OF_TRIALS = tuple(field.name for field in fields(FlownTrials) if field.name != "trials")
 """Parameters that say nothing without others: the nonlinear world, a planner, trials."""
 
@@ -53,11 +53,12 @@ def fly(
     Exit status 0: no pair comes within r_col at any time, or at the nodes where the plan was made
     for these only; 1: one does; 2: bad input.
 
-    With `--trials` it is flown so many times with errors of thrust, timing and navigation, and
-    with `--replan every-node` also planned anew from where craft seem to be, without and with a
-    margin. The table has how often a pair comes within r_col, with Wilson's intervals, errors
-    at the goal and Δv; into the folder go the trials, the table and a figure. Killed or
-    interrupted, the same command goes on; the exit status is 0 when all is flown.
+    With `--trials` it is flown so many times with errors of thrust, timing and navigation; with
+    `--replan feedback` also with what is off the plan corrected at every node; with `--replan
+    every-node` planned anew from where craft seem to be, without and with a margin. The table
+    has how often a pair comes within r_col, with Wilson's intervals, errors at the goal and Δv;
+    into the folder go the trials, the table and a figure. Killed or interrupted, the same command
+    goes on; the exit status is 0 when all is flown.
 
     Examples:
 
@@ -67,13 +68,14 @@ def fly(
         prolearn fly plan.json --eccentricity 0 --no-j2 --json
         prolearn fly plan.json --passive-safety 1
         prolearn fly plan.json --trials 1000 --replan every-node
+        prolearn fly plan.json --trials 1000 --replan feedback
         prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
     """
     from pipeline.plan.document import read_plan
 
     if settings.trials is None:
         refuse(context, OF_TRIALS, "without --trials; expected both: add --trials 1000.")
-    elif settings.replan == "none":
+    elif settings.replan != "every-node":
         refuse(context, OF_REPLANNING, "and nobody plans anew; add --replan every-node.")
     if settings.trials is not None:
         refuse(context, ("passive_safety",), "with --trials, which have errors; leave it out.")
@@ -105,7 +107,8 @@ def _fly_trials(
     errors = errors_of(settings.errors, settings.error or [])
     planner = None
     if settings.replan != "none":
-        refuse_replanning(plan)
+        refuse_replanning(plan, with_feedback=settings.replan == "feedback")
+    if settings.replan == "every-node":
         planner = planner_of(settings.planner, plan.requirements, settings.effort)
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
@@ -244,7 +247,7 @@ QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
     ("Δv, m/s: median", "delta_v_median", number),
     ("  95 %", "delta_v_high", number),
     ("missed burns a trial", "missed_burns", number),
-    ("margin, m", "margin", number),
+    ("margin, σ", "sigmas", number),
     ("nodes without a safe plan", "unsafe_replans", number),
     ("time a replan, ms: median", "replan_seconds", lambda v: number(1e3 * v)),
 )

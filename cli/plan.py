@@ -71,7 +71,9 @@ def plan(
 
     With `--risk` pairs are kept so far apart that, flown in open loop with Gaussian errors in the
     linear model, they come within the collision radius with at most that probability, at any time
-    from the first node to the last. The certificate has the bound, and the fuel without it.
+    from the first node to the last. The certificate has the bound, and the fuel without it. With
+    `--closed-loop` it is the risk of flying with `fly --replan feedback`: at each node what is off
+    the plan is corrected, and the bound counts corrections beyond the thrust limit, too.
 
     With `--passive-safety` no pair comes within collision_radius either should one craft lose
     thrust at any node and drift from there for so many orbits, 0.5 or 2, while the others fly their
@@ -92,6 +94,7 @@ def plan(
         prolearn plan scenario.json --assignment optimal --out plan.json
         prolearn plan s.json --risk 1e-3 --navigation-sigma 0.2 --out p.json
         prolearn plan s.json --risk 0.01 --thrust-sigma 0.01 --out p.json
+        prolearn plan s.json --risk 1e-3 --errors cold-gas --closed-loop --out p.json
         prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan scenario.json --world --out plan.json
         prolearn plan s.json --world --eccentricity 0.01 --out p.json

@@ -159,12 +159,18 @@ def _saved(row: Row) -> list[str]:
 
 
 def _risk(row: Row) -> list[str]:
-    """The bound on the risk, and the fuel that keeping it costs, of that without it."""
+    """The bound on the risk, and the fuel that keeping it costs, of that without it.
+
+    With feedback also what its corrections add.
+    """
     risk = row["risk"]
     if risk is None:
         return [MISSING] * 2
-    bare = risk["fuel_without"]
-    return [number(risk["bound"]), f"{row['fuel'] / bare - 1:.2%}" if bare else MISSING]
+    bare, feedback = risk["fuel_without"], risk["feedback"]
+    costs = f"{row['fuel'] / bare - 1:.2%}" if bare else MISSING
+    if bare and feedback:
+        costs += f" + {feedback['delta_v'] / row['delta_v'] * row['fuel'] / bare:.2%}"
+    return [number(risk["bound"]), costs]
 
 
 def _share(row: Row) -> list[str]:

@@ -376,10 +376,10 @@ class RiskSettings:
 
     asked: Annotated[
         float | None,
-        option("Most probability that a pair ever comes within r_col in open loop.", "--risk"),
+        option("Most probability that a pair ever comes within r_col, with errors.", "--risk"),
     ] = None
     navigation_sigma: Annotated[
-        float | None, option("With --risk: sigma of each component of initial positions, m.")
+        float | None, option("With --risk: sigma of each component of known positions, m.")
     ] = None
     thrust_sigma: Annotated[
         float | None,
@@ -393,23 +393,46 @@ class RiskSettings:
         option("Likewise of velocities, m/s; by default the mean motion times --navigation-sigma."),
     ] = None
 
+    errors: Annotated[
+        Literal["cold-gas"] | None,
+        option("Instead of sigmas: errors as of `prolearn fly`, but for missed burns."),
+    ] = None
+    closed_loop: Annotated[
+        bool,
+        flag("--closed-loop", "Corrected at each node, from states known with the same errors."),
+    ] = False
+
     def limit(self) -> "RiskLimit | None":
         """The limit on the risk, if any; InputError for one without errors, or errors without."""
         from pipeline.plan import RiskLimit
 
-        given = {name: value for name, value in vars(self).items() if value is not None}
+        given = {name: value for name, value in vars(self).items() if value not in (None, False)}
         if not given:
             return None
-        if [*given] == ["asked"]:
+        if [*given] == ["closed_loop"]:
+            raise InputError(
+                "--closed-loop is given without --risk; expected the probability that craft may "
+                "come too close with it, such as --risk 1e-3 --navigation-sigma 0.2."
+            )
+        errors = given.keys() - {"asked", "closed_loop"}
+        if not errors:
             raise InputError(
                 f"--risk is {self.asked:g} and no error is given; expected --navigation-sigma, "
-                "--thrust-sigma, --velocity-sigma or several of them with it."
+                "--thrust-sigma, --velocity-sigma or several of them with it, or --errors cold-gas."
+            )
+        if self.errors is not None and len(errors) > 1:
+            raise InputError(
+                f"--errors is {self.errors} and a sigma is given besides; expected one of the two."
             )
         if self.asked is None:
             raise InputError(
                 "a sigma is given without --risk; expected the probability that craft may come too "
                 "close with it, such as --risk 1e-3."
             )
+        if self.errors is not None:
+            from pipeline.flight.errors import PRESETS
+
+            given["errors"] = PRESETS[self.errors]
         return RiskLimit(**given)
 
 
@@ -485,14 +508,16 @@ class FlownTrials:
         Literal["nonlinear", "linear"], _trial("The conditions above, or the model of planners.")
     ] = "nonlinear"
     replan: Annotated[
-        Literal["none", "every-node"], _trial("Compare with craft planned anew at every node.")
+        Literal["none", "feedback", "every-node"],
+        _trial("Compare with craft corrected, or planned anew, at every node."),
     ] = "none"
     planner: Annotated[
         str, _trial("Who plans anew, as for `prolearn plan`.", autocompletion=planners)
     ] = "expert"
     effort: Annotated[Effort | None, _trial("Of the expert then, as for `prolearn plan`.")] = None
-    margin: Annotated[
-        float | None, _trial("Beyond r_col then, m; by default 3 sigma one interval ahead.")
+    sigmas: Annotated[
+        float | None,
+        _trial("Standard deviations of separations kept beyond r_col then; 3 by default."),
     ] = None
     size: Annotated[float, _trial("Distance of two centres at which craft may touch, m.")] = 0.35
     out: Annotated[Path | None, _trial("Folder; PLAN-flown by default.")] = None

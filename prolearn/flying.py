@@ -9,7 +9,13 @@ from pipeline.errors import InputError, check_range
 from pipeline.flight.conditions import Conditions, conditions_of, world_of
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
-from pipeline.flight.loops import flight_loops, fly_loops, refuse_replanning
+from pipeline.flight.loops import (
+    MOST_SIGMAS,
+    SIGMAS,
+    flight_loops,
+    fly_loops,
+    refuse_replanning,
+)
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.plan import Plan
@@ -58,7 +64,7 @@ def monte_carlo(
     errors: Errors = COLD_GAS,
     conditions: Conditions | None = None,
     replan: str | Planner | None = None,
-    margin: float | None = None,
+    sigmas: float = SIGMAS,
     size: float = SIZE,
     seed: int = 0,
 ) -> MonteCarlo:
@@ -72,8 +78,9 @@ def monte_carlo(
         trials: number of flights of each loop.
         errors: standard deviations; by default those of cold gas and differential GPS.
         conditions: as in ``fly``.
-        replan: who plans anew at every node, in two further loops: without and with a margin.
-        margin: separation asked for beyond r_col then, m; by default 3 sigma one interval ahead.
+        replan: who plans anew at every node, in two further loops: without and with a margin; or
+            "feedback", which only corrects what is off the plan.
+        sigmas: standard deviations of each separation that the margin is.
         size: distance of two craft's centres at which they may touch, m.
         seed: of the errors.
 
@@ -83,13 +90,14 @@ def monte_carlo(
     asked = plan.scenario
     refuse_distance(asked, plan.controls)
     check_range("size", size, 0.0, FURTHEST)
-    check_range("margin", margin or 0.0, 0.0, FURTHEST)
-    planner = None
+    check_range("sigmas", sigmas, 0.0, MOST_SIGMAS)
+    planner, with_feedback = None, replan == "feedback"
     if replan is not None:
-        refuse_replanning(plan)
+        refuse_replanning(plan, with_feedback=with_feedback)
+    if replan is not None and not with_feedback:
         planner = planner_from(replan, plan.requirements)
     world = world_of(asked, _conditions(plan, conditions))
-    loops = list(flight_loops(asked, plan.controls, errors, planner, margin))
+    loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
     flown = fly_loops(asked, world, errors, loops, trials, seed)
     radius = asked.problem.collision_radius
     summaries = tuple(summarize(loop, flown[loop.name], radius, size) for loop in loops)

@@ -12,7 +12,7 @@ from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import flight_loops, portion_of
+from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, portion_of
 from pipeline.flight.montecarlo import TrialSettings, fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import World
@@ -39,11 +39,13 @@ def fly_trials(
     scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
-    for name, given in (("size", size), ("margin", settings.margin or 0.0)):
-        check_range(f"--{name}", given, 0.0, FURTHEST)
+    check_range("--size", size, 0.0, FURTHEST)
+    sigmas = SIGMAS if settings.sigmas is None else settings.sigmas
+    check_range("--sigmas", sigmas, 0.0, MOST_SIGMAS)
     refuse_distance(scenario, plan.controls)
     of = TrialSettings(scenario, world, errors, settings.seed, portion_of(scenario.n))
-    loops = list(flight_loops(scenario, plan.controls, errors, planner, settings.margin))
+    with_feedback = settings.replan == "feedback"
+    loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
     workers = Workers(settings.jobs)
     tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
     radius = scenario.problem.collision_radius

@@ -49,12 +49,11 @@ DELTA_V = average("Δv / bound, av.", "delta_v_ratio", ratio, "delta_v_ratio")
 MOST_DELTA_V = average("Δv / bound, max.", "delta_v_most", ratio, "delta_v_ratio", "max", "max")
 OVER_LINEAR = average("Δv / linear plan's, av.", "over_linear_mean", ratio, "over_linear")
 NO_PLAN = average("No safe plan", "no_plan_share", share, "no_plan")
-MARGIN = average("Margin, av. (m)", "margin_mean", number, "margin")
 
 SHARES = (WITHIN_RADIUS, WITHIN_SIZE)
 AVERAGES = (
     *(*SHARES, averages.SEPARATION, GOAL, GOAL_HIGH, GOAL_MOST, VELOCITY),
-    *(DELTA_V, MOST_DELTA_V, OVER_LINEAR, NO_PLAN, MARGIN),
+    *(DELTA_V, MOST_DELTA_V, OVER_LINEAR, NO_PLAN),
 )
 
 CONDITIONS = [Column(name.capitalize(), name) for name in CONDITION]
@@ -80,7 +79,6 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         return Section(template, {"flown": None})
     every = summarize_flights(flights)
     summary, planned = in_loops(every), in_both_models(every)
-    coordinated = summary[~summary["planner"].isin(list(labels.BASELINES))]
     values = {
         "flown": {"n": int(summary["n"].iloc[0]), "each": int(flights["flight"].max()) + 1},
         "trials": int(summary["trials"].max()),
@@ -88,7 +86,6 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         "most": share(1 - SAFE),
         "typical": TYPICAL,
         "size": SIZE,
-        "margin": coordinated.loc[coordinated["loop"] == LOOPS[-1], MARGIN.source].mean(),
         "picture": Picture("experiment5", flights_figure(summary, look)),
         "within": within_table(summary),
         "conditions": conditions_table(summary),

@@ -129,7 +129,6 @@ def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
                 world=way.world,
                 errors=way.errors,
                 loop=loop.name,
-                margin=loop.margin,
                 flight=range(count),
                 within_radius=flown["min_separation"] <= problem.collision_radius,
                 within_size=flown["min_separation"] <= SIZE,
@@ -151,7 +150,7 @@ def _ways(
     scenario, baseline = asked.scenario, one.planner.name in BASELINES
     (plan,) = one.planner.plan([scenario])
     if asked.flights:
-        every = flight_loops(scenario, plan.controls, COLD_GAS, one.planner)
+        every = flight_loops(plan, COLD_GAS, one.planner)
         loops = list(islice(every, 2) if baseline else every)
         for world, errors, loop in product(records.WORLDS, MAGNITUDES, loops):
             if errors != NO_ERRORS or loop.name != MARGIN:

@@ -92,7 +92,6 @@ class Flight:
     delta_v_bound: float  # the least of any plan without errors, m/s
     missed_burns: int
     unsafe_replans: float  # nodes without a safe plan from there; NaN in open loop
-    margin: float  # asked for beyond the collision radius, m
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from pipeline.expert.cuts import (
 from pipeline.orbit.approaches import PROVABLE, SwarmPartition, close_approaches, side_by_side
 from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
 from pipeline.orbit.corridors import margins
-from pipeline.orbit.covariance import Uncertainty, deviation_along, dispersion
+from pipeline.orbit.covariance import Dispersion, Uncertainty, deviation_along, dispersion
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import levels_at
@@ -54,6 +54,26 @@ class BackOff:
 
     uncertainty: Uncertainty  # 1-σ errors of navigation and of thrust execution
     sigmas: float  # how many standard deviations, along the line between the two craft
+    closed_loop: bool = False  # whether deviations are corrected at each node
+
+    def dispersion(self, controls: Controls, problem: Problem) -> Dispersion:
+        """How far craft that fly some controls, m/s², come off their plan."""
+        return dispersion(controls, problem, self.uncertainty, self.closed_loop)
+
+
+def keeps_back_off(
+    flown: Trajectory,
+    problem: Problem,
+    requirements: Requirements,
+    back_off: BackOff,
+    swarms: SwarmPartition,
+) -> Bool[Array, "S"]:
+    """Whether all pairs of each swarm are beyond the collision radius and a back-off."""
+    detection = ConflictDetection(problem, requirements, swarms, back_off=back_off)
+    cuts, _ = detection.conflicts(flown, problem.collision_radius)
+    kept = np.ones(len(swarms.starts), dtype=bool)
+    kept[np.searchsorted(swarms.starts, cuts.first, side="right") - 1] = False
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +103,7 @@ class ConflictDetection:
         if self.back_off is None:
             cuts, bound = self._in_flight(flown, within, moved, beside)
         else:
-            errors = dispersion(flown.controls, self.problem, self.back_off.uncertainty)
+            errors = self.back_off.dispersion(flown.controls, self.problem)
             deviation = 2**0.5 * float(errors.most_deviation(self.problem).max())
             most = within + self.back_off.sigmas * deviation
             cuts, bound = self._in_flight(flown, most, moved, beside)
@@ -121,7 +141,7 @@ class ConflictDetection:
             found[flying] = self.back_off_of(replace(cuts[flying], other=None), flown)
             return found
         problem, i, j, k = self.problem, cuts.first, cuts.second, cuts.interval
-        errors = dispersion(flown.controls, problem, self.back_off.uncertainty)
+        errors = self.back_off.dispersion(flown.controls, problem)
         normal = normals(cuts, flown.states, flown.controls)
         deviation = deviation_along(normal, (cuts.free, cuts.pushed), errors.of_pairs(i, j, k))
         sigmas = np.full(len(cuts), self.back_off.sigmas)

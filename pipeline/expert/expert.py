@@ -16,23 +16,25 @@ from pipeline.arrays import Array
 from pipeline.expert.conflicts import BackOff
 from pipeline.expert.nominal import nominal_plans
 from pipeline.expert.settings import Settings
-from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.risk import CollisionRisk, collision_risk
 from pipeline.plan import (
     AT_ALL_TIMES,
     INFEASIBLE,
     SOLVED,
     UNSOLVED,
+    Made,
     Plan,
     Requirements,
     Risk,
     RiskLimit,
+    planned,
     refuse_risk,
 )
 from pipeline.scenario import Scenario
 
 TRIES = 8  # searches at most, each for another number of standard deviations
 ENOUGH = 0.5  # share of the risk asked for from which a plan is not needlessly safe
+SATURATION = 0.1  # share of it that is left to corrections beyond the thrust limit
 AIM = 0.75  # share of it that the next number of standard deviations is chosen for
 
 
@@ -86,15 +88,20 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     limit = requirements.risk
     if limit is None or plan.status == INFEASIBLE:
         return plan
-    refuse_risk([plan.scenario])
+    refuse_risk([plan.scenario], closed_loop=limit.closed_loop)
     started, settings = perf_counter(), settings or Settings()
-    uncertainty = limit.uncertainty(plan.scenario.problem)
-    tried = [_judged(plan, 0.0, uncertainty)]
+    problem = plan.scenario.problem
+    back_off = BackOff(limit.uncertainty(problem), 0.0, limit.closed_loop)
+    tried = [_judged(plan, back_off)]
     if plan.status == SOLVED and tried[0].risk.total > limit.asked:
         tried.extend(_more_careful(tried[0], limit, settings, requirements.nominal))
     best = min(tried, key=lambda one: _worth(one, limit.asked))
     fuel_without = plan.certificate.fuel if plan.status == SOLVED else None
-    claim = Risk(best.risk.total, limit.asked, uncertainty, best.sigmas, fuel_without)
+    claim = replace(
+        Risk.asked_for(limit, problem).of(best.risk, problem),
+        sigmas=best.sigmas,
+        fuel_without=fuel_without,
+    )
     seconds = perf_counter() - started
     same = best.plan is plan or plan.planner.endswith(best.plan.planner)
     found = replace(
@@ -118,14 +125,17 @@ def _more_careful(
     tail Q(k); the number is kept between the largest known to be too few and the least that is
     enough.
     """
-    scenario, asked = first.plan.scenario, limit.asked
-    uncertainty = limit.uncertainty(scenario.problem)
+    asked, uncertainty = limit.asked, limit.uncertainty(first.plan.scenario.problem)
     held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
     sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
+    if first.risk.total - first.risk.saturation <= asked:
+        sigmas = 0.0
     for _ in range(TRIES):
-        back_off = BackOff(uncertainty, sigmas)
+        back_off = BackOff(uncertainty, sigmas, limit.closed_loop)
+        scenario = _leaving_room(plan, back_off, asked)
         (made,) = nominal_plans([scenario], [plan.states], settings, requirements, back_off)
-        one = _judged(made, sigmas, uncertainty)
+        made = _within_limit(made, first.plan, requirements)
+        one = _judged(made, back_off)
         yield one
         risk = one.risk.total
         if made.status != SOLVED:
@@ -143,14 +153,43 @@ def _more_careful(
         sigmas, plan = wanted, made
 
 
+def _leaving_room(plan: Plan, back_off: BackOff, asked: float) -> Scenario:
+    """The scenario with as much less thrust as corrections at each node need, if there is so much.
+
+    So that all of them are within the thrust limit but with a small share of the risk.
+    """
+    scenario, limit = plan.scenario, plan.scenario.problem.max_acceleration
+    if limit is None or not back_off.closed_loop:
+        return scenario
+    commanded = back_off.dispersion(plan.controls, scenario.problem).commanded
+    largest = float(np.sqrt(np.diagonal(commanded, axis1=2, axis2=3)).max())
+    left = limit - _tail(SATURATION * asked / plan.controls.size) * largest
+    if left <= 0:
+        return scenario
+    return replace(scenario, problem=replace(scenario.problem, max_acceleration=left))
+
+
+def _within_limit(made: Plan, plan: Plan, requirements: Requirements) -> Plan:
+    """A plan with less thrust as one of another plan's scenario, with the bound of that one."""
+    if made.scenario is plan.scenario:
+        return made
+    if made.status != SOLVED:
+        return replace(made, scenario=plan.scenario, status=UNSOLVED)
+    bound = plan.certificate.fuel_lower_bound, plan.certificate.fuel_lower_bound_proof
+    found = Made(made.controls, *bound, made.convex_solves, made.timing)
+    return planned(made.planner, plan.scenario, found, requirements)
+
+
 def _tail(probability: float) -> float:
     """Standard deviations that a normal variable exceeds with a probability, at least 0."""
     return max(0.0, -float(ndtri(min(probability, 0.5))))
 
 
-def _judged(plan: Plan, sigmas: float, uncertainty: Uncertainty) -> _Tried:
-    risk = collision_risk(plan.states, plan.controls, plan.scenario.problem, uncertainty)
-    return _Tried(plan, sigmas, risk)
+def _judged(plan: Plan, back_off: BackOff) -> _Tried:
+    problem = plan.scenario.problem
+    errors = back_off.uncertainty, back_off.closed_loop
+    risk = collision_risk(plan.states, plan.controls, problem, *errors)
+    return _Tried(plan, back_off.sigmas, risk)
 
 
 def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
@@ -162,6 +201,11 @@ def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
 def _too_risky(tried: _Tried, asked: float) -> str:
     """Why the risk is not kept: the pair that adds most, and whether the ends alone have it."""
     scenario, risk = tried.plan.scenario, tried.risk
+    if risk.saturation > asked:
+        return (
+            f"corrections at each node ask for more than max_acceleration with a probability of up "
+            f"to {risk.saturation:.3g}, asked for was a risk of {asked:g}"
+        )
     radius, worst = scenario.problem.collision_radius, int(risk.of_pair.argmax())
     said = (
         f"the risk that a pair comes within {radius:g} m is bounded by {risk.total:.3g}, asked for "

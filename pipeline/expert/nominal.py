@@ -68,6 +68,17 @@ def nominal_plans(
     return [_explained(*both) for both in zip(plans, results, strict=True)]
 
 
+def with_back_off(
+    plans: Sequence[Plan], back_off: BackOff, requirements: Requirements
+) -> list[Plan]:
+    """Plans that keep a back-off, too, from safe plans of one problem; by the expert.
+
+    Where it finds none, its plan keeps the collision radius alone, or is not SOLVED.
+    """
+    scenarios, seeds = [plan.scenario for plan in plans], [plan.states for plan in plans]
+    return nominal_plans(scenarios, seeds, Settings(), requirements, back_off)
+
+
 def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls | None:
     """Controls of the trajectory nearest to a seed, m/s²."""
     if seed is None:

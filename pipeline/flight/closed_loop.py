@@ -12,18 +12,21 @@ leaves the least ‖Δp‖² + ‖Δv/e‖², which is about the size of the orb
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
+from pipeline.expert import BackOff, Trajectory, keeps_back_off, with_back_off
 from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.feedback import last_control
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances
-from pipeline.orbit.transfer import fly, meet_goal, state_weight
-from pipeline.plan import Plan, Requirements
+from pipeline.orbit.transfer import fly, meet_goal
+from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
@@ -53,10 +56,10 @@ class ClosedLoop:
         controls: Float[Array, "n intervals 3"],
         planner: Planner,
         trials: int,
-        margin: float = 0.0,
+        back_off: BackOff | None = None,
     ) -> None:
-        """Begin with a plan's controls, m/s²; ask for a margin, m, where estimates allow it."""
-        self._scenario, self._planner, self._margin = scenario, planner, margin
+        """Begin with a plan's controls, m/s²; keep a back-off too where that is not too dear."""
+        self._scenario, self._planner, self._back_off = scenario, planner, back_off
         self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
         self.unsafe = np.zeros(trials, dtype=int)
@@ -90,27 +93,38 @@ class ClosedLoop:
     ) -> None:
         """Ask the planner, for less separation each time where it finds nothing safe."""
         self.seconds[:, node] = 0.0
-        for asked in _asked(problem, apart_at(estimate), self._margin):
+        for asked in _asked(problem, apart_at(estimate)):
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
                 which = np.flatnonzero(choice.open & (asked == radius))
                 wider = replace(problem, collision_radius=radius)
                 asks = replace(self._scenario, problem=wider)
                 plans = self._planner.plan([replace(asks, initial=estimate[k]) for k in which])
-                choice.offer(which, plans, radius)
-                spent = [[p.timing.get(k, 0.0) for k in ("plan", "certificate")] for p in plans]
-                self.seconds[which, node] += np.sum(spent, axis=1)
+                self._spent(node, which, plans)
+                if self._back_off is not None and radius == problem.collision_radius:
+                    safe = np.array([plan.status == SOLVED for plan in plans])
+                    seeds, required = list(compress(plans, safe)), self._planner.requirements
+                    further = with_back_off(seeds, self._back_off, required)
+                    self._spent(node, which[safe], further)
+                    choice.offer(which[safe], further, radius, self._back_off)
+                left = choice.open[which]
+                choice.offer(which[left], list(compress(plans, left)), radius)
+
+    def _spent(self, node: int, which: Int[Array, "k"], plans: Sequence[Plan]) -> None:
+        """Count the time that plans took."""
+        for k, plan in zip(which, plans, strict=True):
+            stages = ("plan", "certificate")
+            self.seconds[k, node] += sum(plan.timing.get(stage, 0.0) for stage in stages)
 
     def _end(self, estimate: Float[Array, "K n 6"]) -> None:
         """Choose the last controls: the nearest to the goal, or the planned ones if safer."""
         whole = self._scenario.problem
         problem = whole.starting_at(whole.intervals - 1)
-        A, B = problem.dynamics.step(problem.time_step)
-        weight = state_weight(problem)
-        nearest = np.linalg.pinv(weight[:, None] * B) * weight
+        A, _ = problem.dynamics.step(problem.time_step)
         miss = self._scenario.goal - np.matvec(A, estimate)
         required = self._planner.requirements
         planned = Choice(problem, estimate, self._ahead, required)
-        homing = Choice(problem, estimate, np.matvec(nearest, miss)[:, :, None], required)
+        nearest = np.matvec(last_control(whole), miss)[:, :, None]
+        homing = Choice(problem, estimate, nearest, required)
         # Where both are unsafe, the one that keeps craft further apart
         homes = homing.separation > problem.collision_radius
         homes |= homing.separation >= planned.separation
@@ -119,17 +133,12 @@ class ClosedLoop:
         self.unsafe += flown <= problem.collision_radius
 
 
-def _asked(problem: Problem, apart: EachTrial, margin: float) -> Iterator[EachTrial]:
-    """Separations to ask for in turn, m, of each trial; 0 where there is nothing more to ask.
-
-    No more than craft have already; then r_col alone; then less.
-    """
+def _asked(problem: Problem, apart: EachTrial) -> Iterator[EachTrial]:
+    """Separations to ask for in turn, m, of each trial: r_col, or what craft have; then less."""
     radius = problem.collision_radius
-    grains = np.floor((np.minimum(apart, 2 * radius + margin) - 2 * TOLERANCE) / (GRAIN * radius))
-    most = np.minimum(radius + margin, radius * (grains * GRAIN))
-    least = np.minimum(most, radius)
-    yield most
-    yield np.where(least < most, least, 0.0)
+    grains = np.floor((np.minimum(apart, 2 * radius) - 2 * TOLERANCE) / (GRAIN * radius))
+    least = np.minimum(radius, radius * (grains * GRAIN))
+    yield least
     for share in LESS:
         yield least * (1 - share)
 
@@ -160,7 +169,7 @@ class Choice:
     ) -> None:
         """Begin with the controls under way, m/s², corrected for the goal, for what is left.
 
-        The allowance, m/s², is fuel beyond theirs that more separation than r_col may cost.
+        The allowance, m/s², is fuel beyond theirs that a back-off may cost.
         """
         self._problem, self._estimate, self._requirements = problem, estimate, requirements
         self.controls = self._within_limit(under_way)
@@ -169,22 +178,34 @@ class Choice:
         self.open = np.ones(len(estimate), dtype=bool)
         self._to_goal = np.abs(under_way).max(axis=(1, 2, 3)) <= problem.most_control
 
-    def offer(self, which: Int[Array, "k"], plans: Sequence[Plan], radius: float) -> None:
+    def offer(
+        self,
+        which: Int[Array, "k"],
+        plans: Sequence[Plan],
+        radius: float,
+        back_off: BackOff | None = None,
+    ) -> None:
         """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
 
         Where neither is, the one remains that keeps craft further apart; but one that misses the
-        goal does not replace one that meets it. Where a margin costs too much, as where all craft
-        must turn round for it, the plan counts as none. Plans are for ``which`` trials, all open,
-        and were asked for separation by a radius, m.
+        goal does not replace one that meets it. Plans are for ``which`` trials, all open, and were
+        asked for separation by a radius, m; with a back-off only those are safe that keep it, too,
+        and do not cost too much, as where all craft must turn round for it.
         """
+        if not plans:
+            return
         controls = self._within_limit(np.stack([plan.controls for plan in plans]))
         separation = self._separation(which, controls)
         to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
-        worth = (_fuel(controls) <= self._most[which]) | (radius <= self._problem.collision_radius)
-        safe = worth & to_goal & (separation > radius)
+        safe = to_goal & (separation > radius)
         kept = self._to_goal[which] & (self.separation[which] > radius)
+        further = (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
+        if back_off is not None:
+            worth = _fuel(controls) <= self._most[which]
+            safe &= worth & self._keeps(back_off, which, controls)
+            kept &= self._keeps(back_off, which, self.controls[which])
+            further[:] = False  # which is for the plan without a back-off
         cheaper = _fuel(controls) < _fuel(self.controls[which])
-        further = worth & (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
         better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
         taken = which[better]
         self.controls[taken], self.separation[taken] = controls[better], separation[better]
@@ -198,6 +219,16 @@ class Choice:
     def _within_limit(self, controls: SomeControls) -> SomeControls:
         limit = self._problem.max_acceleration
         return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
+
+    def _keeps(
+        self, back_off: BackOff, which: Int[Array, "k"], controls: SomeControls
+    ) -> Bool[Array, "k"]:
+        """Whether trials keep a back-off besides, on some controls."""
+        trials, n, intervals, _ = controls.shape
+        initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
+        flown = Trajectory(flat, _nodes(initial, flat, self._problem))
+        swarms, asked = side_by_side((n,) * trials), self._requirements
+        return keeps_back_off(flown, self._problem, asked, back_off, swarms)
 
     def _separation(
         self, which: Int[Array, "k"] | slice, controls: SomeControls

@@ -1,7 +1,7 @@
 """Errors of navigation and thrust in flight, and their draws trial by trial."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
@@ -11,11 +11,8 @@ from scipy.special import ndtri
 from pipeline.arrays import Array
 from pipeline.errors import check_range
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.covariance import NO_BURN, Uncertainty
 from pipeline.scenario.families import SEEDS
-
-NO_BURN = 1e-9
-"""Acceleration in m/s² up to which a control is rounding of the planner's and no burn."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +25,18 @@ class Errors(Uncertainty):
     (1963), two proportional to the burn and two fixed.
     """
 
-    position_bias: float = 0.0  # of an estimated position, over a whole transfer, m
-    velocity_bias: float = 0.0  # of an estimated velocity, over a whole transfer, m/s
-    magnitude_fixed: float = 0.0  # of a burn's Δv along it, whatever its size, m/s
-    direction_fixed: float = 0.0  # of a burn's Δv along each axis across it, m/s
     timing: float = 0.0  # of a burn, which begins and ends so much late, or early, s
     missed: float = 0.0  # probability that a burn is not made at all
+
+    def gaussian(self, time_step: float) -> Uncertainty:
+        """The Gaussian errors of intervals of so many s, without missed burns.
+
+        A burn that is late by τ falls short in position like one that is too small by 2τ/h.
+        """
+        late = 2 * self.timing / time_step
+        return replace(
+            super().gaussian(time_step), magnitude=min(float(np.hypot(self.magnitude, late)), 0.3)
+        )
 
 
 COLD_GAS = Errors(

@@ -1,46 +1,44 @@
-"""Ways to fly a plan: open loop, replanned at every node, and replanned with a margin.
+"""Ways to fly a plan: open loop, with feedback, replanned at every node, and with a margin.
 
-The margin is separation asked for beyond r_col, so that errors use it up before craft are at risk.
+The margin is a back-off: so many standard deviations of each pair's separation at each time, under
+feedback, are kept beyond r_col, so that errors use them up before craft are at risk.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.errors import InputError, check_range
-from pipeline.flight.closed_loop import ClosedLoop, apart_at
+from pipeline.expert import BackOff, with_back_off
+from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import Errors, check_seed, draws
-from pipeline.flight.trials import Trials, fly_trials, open_loop
+from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import World
-from pipeline.orbit.approaches import MOST_PAIRS, TOLERANCE
-from pipeline.orbit.arrays import Controls
-from pipeline.orbit.bezier import norm
-from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED, Plan
+from pipeline.orbit.approaches import MOST_PAIRS
+from pipeline.orbit.arrays import Controls, States
+from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
-OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"  # names of the loops
+# Names of the loops
+OPEN, FEEDBACK, REPLANNED, MARGIN = "open loop", "feedback", "replanned", "with margin"
 PORTION = 50  # most trials that are flown side by side
 MOST_TRIALS = 10_000_000  # of one Monte Carlo
-SIGMAS = 3.0  # standard deviations of a relative position that the default margin covers
-
-# Shares of a margin that are tried in turn at the first node, until there is a safe plan
-MARGIN_SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)
+SIGMAS = 3.0  # standard deviations of a separation that the margin is by default
+MOST_SIGMAS = 10.0  # that can be asked for
+DEAR = 2.0  # times a plan's fuel that a margin may cost
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A way to fly a plan's controls, m/s²: in open loop, or with a planner that replans.
-
-    A margin, m, is asked for beyond the collision radius when replanning.
-    """
+    """A way to fly a plan's controls, m/s²."""
 
     name: str
     controls: Controls
-    planner: Planner | None = None
-    margin: float = 0.0
+    states: States | None = None  # that feedback keeps to, m and m/s
+    planner: Planner | None = None  # that replans at every node
+    back_off: BackOff | None = None  # kept then beyond the collision radius
 
     def fly(
         self, scenario: Scenario, world: World, errors: Errors, trials: range, seed: int
@@ -48,10 +46,13 @@ class Loop:
         """Fly some trials side by side, as in ``fly_trials``."""
         drawn = draws(seed, trials, scenario.n, scenario.problem.intervals)
         if self.planner is None:
-            flown = fly_trials(scenario, world, open_loop(self.controls), drawn, errors)
+            guidance = open_loop(self.controls)
+            if self.states is not None:
+                guidance = feedback(self.controls, self.states, scenario.problem)
+            flown = fly_trials(scenario, world, guidance, drawn, errors)
             unsafe, seconds = np.zeros(len(trials), dtype=int), np.zeros((len(trials), 0))
         else:
-            closed = ClosedLoop(scenario, self.controls, self.planner, len(trials), self.margin)
+            closed = ClosedLoop(scenario, self.controls, self.planner, len(trials), self.back_off)
             flown = fly_trials(scenario, world, closed, drawn, errors)
             unsafe, seconds = closed.unsafe, closed.seconds
         replanning = {"unsafe_replans": unsafe, "replan_seconds": seconds}
@@ -59,23 +60,27 @@ class Loop:
 
 
 def flight_loops(
-    scenario: Scenario,
-    controls: Controls,
+    plan: Plan,
     errors: Errors,
     planner: Planner | None = None,
-    margin: float | None = None,
+    sigmas: float = SIGMAS,
+    *,
+    with_feedback: bool = False,
 ) -> Iterator[Loop]:
-    """The open loop of a plan's controls, m/s², and with a planner two closed loops.
+    """The open loop of a plan, on request with feedback, and with a planner two more.
 
-    The last one asks for a margin, m, as far as there is room; by default the one for ``errors``.
+    The last one keeps so many standard deviations of ``errors`` beyond the collision radius.
     """
-    yield Loop(OPEN, controls)
+    yield Loop(OPEN, plan.controls)
+    if with_feedback:
+        yield Loop(FEEDBACK, plan.controls, plan.states)
     if planner is None:
         return
-    yield Loop(REPLANNED, controls, planner)
-    wanted = default_margin(errors, controls, scenario.problem) if margin is None else margin
-    wider, allowed = with_margin(scenario, controls, planner, wanted)
-    yield Loop(MARGIN, wider, planner, allowed)
+    yield Loop(REPLANNED, plan.controls, planner=planner)
+    expected = errors.gaussian(plan.scenario.problem.time_step)
+    back_off = BackOff(expected, sigmas, closed_loop=True)
+    wider = _keeping(plan, back_off, planner.requirements)
+    yield Loop(MARGIN, wider, planner=planner, back_off=back_off)
 
 
 def portion_of(n: int) -> int:
@@ -107,8 +112,8 @@ def fly_loops(
     return found
 
 
-def refuse_replanning(plan: Plan) -> None:
-    """Refuse to plan anew for a risk, which is one of open loop, or with other limits of thrust.
+def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
+    """Refuse what guidance does not keep: a risk of other guidance, or other limits of thrust.
 
     Raises:
         InputError: where the plan was asked for one, or has some.
@@ -120,48 +125,22 @@ def refuse_replanning(plan: Plan) -> None:
             "max_acceleration_norm, min_delta_v, no_burn, objective, limits of its craft and "
             "waypoints."
         )
-    if (risk := plan.certificate.risk) is not None:
-        raise InputError(
-            f"the plan was asked for a risk of at most {risk.asked:g} in open loop, which planning "
-            "anew does not keep; expected no replanning, or a plan without a risk: a margin is "
-            "what keeps craft apart from their errors then."
-        )
+    if (risk := plan.certificate.risk) is None or with_feedback:
+        return
+    how, instead = "in open loop", "no replanning, or a plan without a risk"
+    if risk.feedback is not None:
+        how, instead = "with feedback", "feedback: --replan feedback"
+    raise InputError(
+        f"the plan was asked for a risk of at most {risk.asked:g} {how}, which planning anew does "
+        f"not keep; expected {instead}."
+    )
 
 
-def default_margin(errors: Errors, controls: Controls, problem: Problem) -> float:
-    """Three standard deviations of a relative position one interval ahead, m.
+def _keeping(plan: Plan, back_off: BackOff, requirements: Requirements) -> Controls:
+    """Controls that keep a back-off from the first node on, m/s²; else those of the plan.
 
-    To these, two craft's navigation errors grow, and the errors of the largest burn of the controls
-    (m/s²) lead meanwhile, along the worst direction in the worst interval. Fixed errors of burns
-    count with it.
+    Also where they would cost too much.
     """
-    h, burn = problem.time_step, float(norm(controls).max())
-    A, B = (one[..., :3, :] for one in problem.dynamics.step(h, np.arange(problem.intervals)))
-    position = errors.position**2 + errors.position_bias**2
-    velocity = errors.velocity**2 + errors.velocity_bias**2
-    share = max(errors.magnitude, errors.direction)
-    fixed = max(errors.magnitude_fixed, errors.direction_fixed)
-    thrust = (share * burn) ** 2 + (fixed / h) ** 2 * (burn > 0)
-    late = (errors.timing * burn) ** 2
-    covariance = A @ np.diag(np.repeat([position, velocity], 3)) @ A.mT
-    covariance += thrust * B @ B.mT + late * A[..., 3:] @ A[..., 3:].mT
-    return SIGMAS * float(np.sqrt(2 * np.linalg.eigvalsh(covariance).max()))
-
-
-def with_margin(
-    scenario: Scenario, controls: Controls, planner: Planner, margin: float
-) -> tuple[Controls, float]:
-    """Controls with more separation than r_col, m/s², and how much more, m.
-
-    As much of the margin as both formations leave room for, or the largest share of that with
-    which the planner finds a safe plan; where there is none, the controls that are given.
-    """
-    radius = scenario.problem.collision_radius
-    room = min(float(apart_at(end[None])[0]) for end in (scenario.initial, scenario.goal)) - radius
-    most = min(margin, room - 2 * TOLERANCE)
-    for share in MARGIN_SHARES if most > 0 else ():
-        wider = replace(scenario.problem, collision_radius=radius + share * most)
-        (plan,) = planner.plan([replace(scenario, problem=wider)])
-        if plan.status == SOLVED:
-            return plan.controls, share * most
-    return controls, 0.0
+    (wider,) = with_back_off([plan], back_off, requirements)
+    dear = wider.certificate.fuel > DEAR * plan.certificate.fuel
+    return plan.controls if dear or wider.status != SOLVED else wider.controls

@@ -114,7 +114,8 @@ class Portion:
     def metadata(self) -> dict[bytes, bytes]:
         """The schema metadata of its shard: all that decides its bytes."""
         of, loop = self.of, self.loop
-        ends = of.scenario.initial, of.scenario.goal, loop.controls
+        ends = [of.scenario.initial, of.scenario.goal, loop.controls]
+        ends += [] if loop.states is None else [loop.states]
         plan = hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in ends))
         world: Any = of.world
         return shards.metadata_of(
@@ -129,7 +130,7 @@ class Portion:
                 "errors": asdict(of.errors),
                 "loop": loop.name,
                 "planner": None if loop.planner is None else identity(loop.planner),
-                "margin": loop.margin,
+                "back_off": None if loop.back_off is None else asdict(loop.back_off),
                 "part": self.number,
                 "made_with": dict(of.made_with),
             }

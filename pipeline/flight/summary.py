@@ -43,7 +43,7 @@ class Summary:
 
     loop: str  # how they were flown
     planner: str | None  # that replanned
-    margin: float | None  # asked for beyond r_col, m
+    sigmas: float | None  # standard deviations of each separation kept beyond r_col
     trials: int
     within_radius: float | None  # share in which a pair came within r_col
     within_radius_interval: Interval | None  # Wilson's of that share
@@ -79,7 +79,7 @@ def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary
     return Summary(
         loop=loop.name,
         planner=planner.name if planner else None,
-        margin=loop.margin if planner else None,
+        sigmas=None if loop.back_off is None else loop.back_off.sigmas,
         trials=len(trials["trial"]),
         least_separation=float(apart.min()) if len(apart) else None,
         separation_median=float(np.median(apart)) if len(apart) else None,

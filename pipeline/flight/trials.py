@@ -10,7 +10,9 @@ from pipeline.arrays import Array
 from pipeline.flight.errors import Draws, Errors, burns_made, navigation_error
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.feedback import feedback_gains
 from pipeline.orbit.nearest import nearer, nearest
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_cost import burned
 from pipeline.scenario import Scenario
 
@@ -30,6 +32,19 @@ estimated states there, m and m/s; called for each node once, in order."""
 def open_loop(controls: Float[Array, "n intervals 3"]) -> Guidance:
     """Guidance that flies a plan's controls, m/s², whatever the estimate."""
     return lambda node, estimate: np.broadcast_to(controls[:, node], (*estimate.shape[:2], 3))
+
+
+def feedback(
+    controls: Float[Array, "n intervals 3"], states: Float[Array, "n T 6"], problem: Problem
+) -> Guidance:
+    """Guidance that corrects a plan's controls, m/s², for what is off its states, m and m/s.
+
+    By ``pipeline.orbit.feedback``, and within the thrust limit.
+    """
+    gains, most = feedback_gains(problem), problem.most_control
+    return lambda node, estimate: np.clip(
+        controls[:, node] + np.matvec(gains[node], estimate - states[:, node]), -most, most
+    )
 
 
 def fly_trials(

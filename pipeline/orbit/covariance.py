@@ -1,4 +1,4 @@
-"""Covariances of craft about their plan in open loop, through the linear model."""
+"""Covariances of craft about their plan, in open or closed loop, through the linear model."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -8,10 +8,13 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import check_range
-from pipeline.orbit.arrays import Controls, Indices, Values, Vector, Vectors
+from pipeline.orbit.arrays import Controls, Indices, Values, Vectors
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import transfer_maps
+
+NO_BURN = 1e-9
+"""Acceleration in m/s² up to which a control is rounding of the planner's and no burn."""
 
 # Largest errors, SI: beyond any with which craft would be flown near each other
 MOST = {
@@ -27,38 +30,51 @@ MOST = {
 class Uncertainty:
     """1-σ errors of navigation and of thrust execution, independent Gaussians.
 
-    A burn is one interval's control. Its errors are Gates's proportional ones (Gates 1963, "A
-    simplified model of midcourse maneuver execution errors", JPL TR 32-504): along the burn in its
-    size, across it in its direction.
+    A burn is one interval's control. Its errors are Gates's proportional and fixed ones (Gates
+    1963, "A simplified model of midcourse maneuver execution errors", JPL TR 32-504): along the
+    burn in its size, across it in its direction.
 
     Attributes:
         position: of each component of a position as it is known, m.
         velocity: of each component of a velocity as it is known, m/s.
         magnitude: of a burn's size, as a share of it.
         direction: of a burn's direction, about each axis across it, rad.
+        position_bias: of an estimated position, over a whole transfer, m.
+        velocity_bias: of an estimated velocity, over a whole transfer, m/s.
+        magnitude_fixed: of a burn's Δv along it, whatever its size, m/s.
+        direction_fixed: of a burn's Δv along each axis across it, m/s.
     """
 
     position: float = 0.0
     velocity: float = 0.0
     magnitude: float = 0.0
     direction: float = 0.0
+    position_bias: float = 0.0
+    velocity_bias: float = 0.0
+    magnitude_fixed: float = 0.0
+    direction_fixed: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
         for field in fields(self):
             check_range(field.name, getattr(self, field.name), 0.0, MOST[field.name])
 
+    def gaussian(self, time_step: float) -> "Uncertainty":
+        """These errors alone, of intervals of so many s, where there are others besides."""
+        return Uncertainty(**{f.name: getattr(self, f.name) for f in fields(Uncertainty)})
+
 
 @dataclass(frozen=True, eq=False)
 class Dispersion:
-    """Errors of each craft's motion in open loop, linear in J = 6 + 3(T-1) standard normals.
+    """Errors of each craft's motion about its plan, linear in J standard normals.
 
-    The normals are the six components of a craft's initial state and the three of each burn. Craft
-    err independently, so that covariances of a pair's difference are the sums of both craft's.
+    The normals are those of the errors of navigation and three of each burn. Craft err
+    independently, so that covariances of a pair's difference are the sums of both craft's.
     """
 
     state: Float[Array, "n T 6 J"]  # of those normals on each node's state, m and m/s
-    burn: Float[Array, "n intervals 3 3"]  # of an interval's three on its control, m/s²
+    control: Float[Array, "n intervals 3 J"]  # of them on each interval's control, m/s²
+    commanded: Float[Array, "n intervals 3 3"]  # covariance of what feedback adds to controls
 
     @cached_property
     def state_covariance(self) -> Float[Array, "n T 6 6"]:
@@ -66,30 +82,23 @@ class Dispersion:
         return self.state @ self.state.mT
 
     @cached_property
-    def burn_covariance(self) -> Float[Array, "n intervals 3 3"]:
-        """Covariance of each craft's controls, independent of the state at its start."""
-        return self.burn @ self.burn.mT
+    def covariance(self) -> Float[Array, "n intervals 9 9"]:
+        """Covariance of the state at each interval's start and its control, of each craft."""
+        both = np.concatenate([self.state[:, :-1], self.control], axis=2)
+        return both @ both.mT
 
-    def of_pairs(
-        self, first: Indices, second: Indices, interval: Indices
-    ) -> tuple[Float[Array, "k 6 6"], Float[Array, "k 3 3"]]:
-        """Covariances of the difference of two craft: state at an interval's start, and control."""
-        state, burn = self.state_covariance, self.burn_covariance
-        i, j, k = first, second, interval
-        return state[i, k] + state[j, k], burn[i, k] + burn[j, k]
+    def of_pairs(self, first: Indices, second: Indices, interval: Indices) -> Float[Array, "k 9 9"]:
+        """The same of the difference of two craft."""
+        return self.covariance[first, interval] + self.covariance[second, interval]
 
     def most_acceleration(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square error of the acceleration in each interval, m/s².
 
         The Frobenius norm, whose square is the mean square, obeys the triangle inequality.
         """
-        n, T, _, J = self.state.shape
-        columns = np.zeros((n, T - 1, J + 3, 6))
-        columns[:, :, :J] = self.state[:, :-1].mT
-        push = np.zeros((n, T - 1, J + 3, 3))
-        push[:, :, J:] = self.burn.mT
-        intervals = np.arange(T - 1)[:, None]
-        bound = problem.dynamics.most_acceleration(columns, push, problem.time_step, intervals)
+        intervals = np.arange(problem.intervals)[:, None]
+        columns = self.state[:, :-1].mT, self.control.mT
+        bound = problem.dynamics.most_acceleration(*columns, problem.time_step, intervals)
         return norm(bound)
 
     def most_deviation(self, problem: Problem) -> Float[Array, "n intervals"]:
@@ -102,36 +111,85 @@ class Dispersion:
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
 
 
-def dispersion(controls: Controls, problem: Problem, uncertainty: Uncertainty) -> Dispersion:
-    """The dispersion of craft that fly some controls (m/s²), whatever states they start from."""
-    maps, n, (T, m) = transfer_maps(problem), len(controls), (problem.nodes, problem.intervals)
-    known = np.repeat([uncertainty.position, uncertainty.velocity], 3)
-    burn = burn_deviation(controls, uncertainty)
-    state = np.empty((n, T, 6, 6 + 3 * m))
-    state[..., :6] = maps.drift * known
-    reach = maps.reach.reshape(T, 6, m, 3).transpose(0, 2, 1, 3)
-    state[..., 6:] = (reach @ burn[:, None]).swapaxes(2, 3).reshape(n, T, 6, 3 * m)
-    return Dispersion(state, burn)
+def dispersion(
+    controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
+) -> Dispersion:
+    """The dispersion of craft that fly some controls (m/s²), whatever states they start from.
 
-
-def burn_deviation(controls: Vector, uncertainty: Uncertainty) -> Float[Array, "*batch 3 3"]:
-    """The symmetric square root of a burn's covariance, by Gates's proportional model, m/s².
-
-    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖.
+    In open loop, or with ``pipeline.orbit.feedback`` from an estimate at each node.
     """
-    size = norm(controls)[..., None, None]
-    along = controls[..., :, None] * controls[..., None, :] / np.where(size > 0, size, 1.0)
-    across = uncertainty.direction
-    return across * size * np.eye(3) + (uncertainty.magnitude - across) * along
+    m = problem.intervals
+    noise = np.repeat([uncertainty.position, uncertainty.velocity], 3)
+    bias = np.repeat([uncertainty.position_bias, uncertainty.velocity_bias], 3)
+    if not closed_loop:
+        burn = burn_deviation(controls, problem, uncertainty)
+        return _driven(open_loop_responses(problem), np.hypot(noise, bias), burn)
+    responses, known = closed_loop_responses(problem), np.concatenate([bias, np.tile(noise, m)])
+    burn = burn_deviation(controls, problem, uncertainty)
+    first = _driven(responses, known, burn)
+    burn = burn_deviation(controls, problem, uncertainty, first.commanded)
+    return _driven(responses, known, burn)
+
+
+def _driven(
+    to: Responses, known: Float[Array, "J_s"], burn: Float[Array, "n intervals 3 3"]
+) -> Dispersion:
+    """Responses to errors of navigation of such deviations, and of burns with such roots."""
+    n, m = burn.shape[:2]
+
+    def columns(navigation: Array, burns: Array) -> Array:
+        T, size, _ = navigation.shape
+        found = np.empty((n, T, size, len(known) + 3 * m))
+        found[..., : len(known)] = navigation * known
+        reach = burns.reshape(T, size, m, 3).transpose(0, 2, 1, 3)
+        found[..., len(known) :] = (reach @ burn[:, None]).swapaxes(2, 3).reshape(n, T, size, 3 * m)
+        return found
+
+    state = columns(to.state_to_navigation, to.state_to_burns)
+    control = columns(to.control_to_navigation, to.control_to_burns)
+    commanded = control @ control.mT
+    of_burns = control[..., len(known) :].reshape(n, m, 3, m, 3)
+    each = np.arange(m)
+    of_burns[:, each, :, each] += burn.swapaxes(0, 1)
+    return Dispersion(state, control, commanded)
+
+
+def burn_deviation(
+    controls: Controls,
+    problem: Problem,
+    uncertainty: Uncertainty,
+    commanded: Float[Array, "n intervals 3 3"] | None = None,
+) -> Float[Array, "n intervals 3 3"]:
+    """The symmetric square root of each burn's covariance, by Gates's model, m/s².
+
+    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖. To a
+    control that has the covariance ``commanded`` C itself, its error has the covariance
+    σd² (tr C I - C) + σm² C besides; the larger of both fixed errors counts along every axis.
+    """
+    size, along, across = (
+        norm(controls)[..., None, None],
+        uncertainty.magnitude,
+        uncertainty.direction,
+    )
+    unit = controls[..., :, None] * controls[..., None, :] / np.where(size > 0, size, 1.0)
+    root = across * size * np.eye(3) + (along - across) * unit
+    fixed = max(uncertainty.magnitude_fixed, uncertainty.direction_fixed) / problem.time_step
+    if commanded is None and fixed == 0:
+        return root
+    covariance = root @ root + fixed**2 * np.eye(3) * (size > NO_BURN)
+    if commanded is not None:
+        total = np.trace(commanded, axis1=-2, axis2=-1)[..., None, None]
+        covariance = root @ root + fixed**2 * np.eye(3)
+        covariance += across**2 * total * np.eye(3) + (along**2 - across**2) * commanded
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :] @ vectors.mT
 
 
 def deviation_along(
     normal: Vectors,
     maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
-    covariances: tuple[Float[Array, "k 6 6"], Float[Array, "k 3 3"]],
+    covariance: Float[Array, "k 9 9"],
 ) -> Values:
     """Standard deviation of a relative position along unit vectors, m, by its maps."""
-    rows = [np.vecmat(normal, one) for one in maps]
-    return np.sqrt(
-        sum(np.vecdot(np.vecmat(row, one), row) for row, one in zip(rows, covariances, strict=True))
-    )
+    row = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)
+    return np.sqrt(np.maximum(np.vecdot(np.vecmat(row, covariance), row), 0.0))

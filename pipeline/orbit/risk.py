@@ -56,7 +56,10 @@ class CollisionRisk:
     # of each the larger part of its first and last node, which no other plan changes but by other
     # errors
     at_ends: Float[Array, "p"]
-    total: float  # bound on the probability that any pair of the swarm does, at any time
+    # bound on the probability that any pair of the swarm does, at any time, with that of saturation
+    total: float
+    saturation: float = 0.0  # that feedback asks for more than the thrust limit, of any craft
+    corrections: float = 0.0  # mean fuel that feedback adds to the plan's, of all craft, m/s²
 
 
 Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]  # linear in state and control
@@ -71,7 +74,7 @@ class _Stretches:
     interval: Int[Array, "s"]  # which
     state: Float[Array, "s 6"]  # mean difference of states at the interval's start, m and m/s
     push: Float[Array, "s 3"]  # mean difference of controls, m/s²
-    covariances: tuple[Float[Array, "s 6 6"], Float[Array, "s 3 3"]]  # of both
+    errors: Float[Array, "s 9 9"]  # covariance of the errors of both
     near: Float[Array, "s"]  # distance from which the pair is far, m
     bend: Float[Array, "s"]  # bound on the mean relative acceleration, m/s²
     stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
@@ -89,15 +92,15 @@ class _Stretches:
 
     def covariance(self, which: Indices, one: Maps, other: Maps) -> Values:
         """Covariance of two linear functionals of the errors."""
-        state, push = self.covariances
-        found = np.vecdot(np.vecmat(one[0], state[which]), other[0])
-        return found + np.vecdot(np.vecmat(one[1], push[which]), other[1])
+        first, second = (np.concatenate(each, axis=-1) for each in (one, other))
+        return np.vecdot(np.vecmat(first, self.errors[which]), second)
 
     def directions(self, which: Indices, share: Values) -> Vectors:
         """Directions in which pairs are likeliest to meet, at shares of the interval."""
-        (free, pushed), (state, push) = self.maps(which, share), self.covariances
-        spread = free @ state[which] @ free.mT + pushed @ push[which] @ pushed.mT
-        mean = self.position(which, (free, pushed))
+        maps = self.maps(which, share)
+        both = np.concatenate(maps, axis=-1)
+        spread = both @ self.errors[which] @ both.mT
+        mean = self.position(which, maps)
         return likeliest_direction(mean, spread, self.problem.collision_radius)
 
     def may_be_near(self, panels: "_Panels") -> Bool[Array, "q"]:
@@ -143,13 +146,22 @@ class _Panels(Rows):
 
 
 def collision_risk(
-    states: States, controls: Controls, problem: Problem, uncertainty: Uncertainty
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    uncertainty: Uncertainty,
+    closed_loop: bool = False,
 ) -> CollisionRisk:
-    """The risk of flying planned states (m, m/s) and controls (m/s²) in open loop, at any time."""
+    """The risk of flying planned states (m, m/s) and controls (m/s²), at any time.
+
+    In open loop, or with feedback; then also the risk that it asks for more than the thrust limit.
+    """
     i, j = pairs(len(states))
+    spread = dispersion(controls, problem, uncertainty, closed_loop)
+    commanded = controls, np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
+    beyond, added = saturation(*commanded, problem.most_control), corrections(*commanded)
     if len(i) == 0:
-        return CollisionRisk(i, j, np.zeros(0), np.zeros(0), 0.0)
-    spread = dispersion(controls, problem, uncertainty)
+        return CollisionRisk(i, j, np.zeros(0), np.zeros(0), beyond, beyond, added)
     stretches, broken = _stretches(states, controls, problem, spread)
     pair, chance = _chances(stretches)
     total = np.zeros(len(i))
@@ -161,8 +173,25 @@ def collision_risk(
         _within(*_at_node(node, i, j, states, spread), problem.collision_radius) for node in (0, -1)
     ]
     rounding = FAR + ROUNDING * len(chance)
-    most = min(1.0, float(total.sum()) + rounding)
-    return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most)
+    most = min(1.0, float(total.sum()) + beyond + rounding)
+    return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most, beyond, added)
+
+
+def saturation(controls: Controls, sigma: Controls, most: float) -> float:
+    """Bound on the probability that feedback ever asks for a component beyond ``most``, m/s².
+
+    Of controls with such Gaussian deviations, m/s².
+    """
+    size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
+    return min(1.0, float(ndtr((np.stack([size, -size]) - most) / sigma).sum()))
+
+
+def corrections(controls: Controls, sigma: Controls) -> float:
+    """Mean fuel, m/s², that Gaussian deviations add to that of controls: E|u + σξ| - |u|."""
+    size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
+    ratio = size / sigma
+    density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
+    return float(2 * (sigma * density - size * ndtr(-ratio)).sum())
 
 
 def _at_node(
@@ -219,7 +248,7 @@ def _stretches(
         interval=k,
         state=state,
         push=push,
-        covariances=spread.of_pairs(i, j, k),
+        errors=spread.of_pairs(i, j, k),
         near=near,
         bend=bend,
         stray=bend + most * np.hypot(erring[i, k], erring[j, k]),

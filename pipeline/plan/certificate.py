@@ -14,21 +14,35 @@ from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.risk import collision_risk
+from pipeline.orbit.risk import CollisionRisk, collision_risk
 from pipeline.orbit.separation import Separation, least_separations, swarm_node_collisions
 from pipeline.orbit.thrust import ALONG_AXES
 from pipeline.orbit.thrust_cost import burn_sizes
 from pipeline.orbit.thrust_cost import spent as fuel_of
 from pipeline.orbit.transfer import dynamics_defect
-from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, refuse_risk
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, refuse_risk
 from pipeline.scenario import Scenario, participants, shared_problem
 
 FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
 
 
 @dataclass(frozen=True)
+class Feedback:
+    """What corrections at each node ask for (``pipeline.orbit.feedback``).
+
+    Attributes:
+        saturation: bound on the probability that any is beyond the thrust limit; the bound on the
+            risk has it in it.
+        delta_v: mean Δv that they add to the plan's, Σ‖u‖₁Δt of all craft, m/s.
+    """
+
+    saturation: float
+    delta_v: float
+
+
+@dataclass(frozen=True)
 class Risk:
-    """The collision risk of flying a plan in open loop, in the linear model.
+    """The collision risk of flying a plan with errors, in the linear model.
 
     Attributes:
         bound: the probability that any pair comes within the collision radius, at any time from
@@ -39,6 +53,7 @@ class Risk:
             beyond the collision radius; 0 where the plan was safe enough without.
         fuel_without: fuel of the planner's plan that keeps the collision radius alone, m/s²; None
             where it found none, or plans without a view to the risk.
+        feedback: what corrections at each node ask for; None where it is flown in open loop.
     """
 
     bound: float
@@ -46,11 +61,30 @@ class Risk:
     uncertainty: Uncertainty
     sigmas: float
     fuel_without: float | None
+    feedback: Feedback | None = None
 
     @property
     def kept(self) -> bool:
         """Whether the risk is at most what was asked for."""
         return self.bound <= self.asked
+
+    def of(self, risk: CollisionRisk, problem: Problem) -> "Risk":
+        """The same claim with the bound that was found."""
+        feedback = Feedback(risk.saturation, risk.corrections * problem.time_step)
+        return replace(self, bound=risk.total, feedback=self.feedback and feedback)
+
+    def judge(self, states: States, controls: Controls, problem: Problem) -> "Risk":
+        """The same claim about other states, m and m/s, and controls, m/s²."""
+        closed_loop = self.feedback is not None
+        return self.of(
+            collision_risk(states, controls, problem, self.uncertainty, closed_loop), problem
+        )
+
+    @classmethod
+    def asked_for(cls, limit: RiskLimit, problem: Problem) -> "Risk":
+        """What is asked for, before any plan is judged by it."""
+        feedback = Feedback(0.0, 0.0) if limit.closed_loop else None
+        return cls(0.0, limit.asked, limit.uncertainty(problem), 0.0, None, feedback)
 
 
 @dataclass(frozen=True)
@@ -349,11 +383,10 @@ def certify(
                 )
             ]
     if limit is not None:
-        refuse_risk(scenarios)
-        errors = limit.uncertainty(problem)
+        refuse_risk(scenarios, closed_loop=limit.closed_loop)
+        asked = Risk.asked_for(limit, problem)
         parts = zip(np.split(states, starts[1:]), np.split(controls, starts[1:]), strict=True)
-        bounded = [collision_risk(*part, problem, errors).total for part in parts]
-        columns["risk"] = [Risk(bound, limit.asked, errors, 0.0, None) for bound in bounded]
+        columns["risk"] = [asked.judge(*part, problem) for part in parts]
     rows = zip(*columns.values(), strict=True)
     return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
 

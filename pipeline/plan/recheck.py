@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.risk import FAR, collision_risk
+from pipeline.orbit.risk import FAR
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.judge import POSITION_TOLERANCE, Made, planned, violations
 from pipeline.plan.plan import SOLVED, Plan
@@ -67,10 +67,9 @@ def recheck(claimed: Plan) -> Rechecked:
     found = flown.certificate
     unsafe = violations(flown).keys() & {"separation", "passive safety", "corridor"}
     if said.risk is not None:
-        refuse_risk([claimed.scenario])
+        refuse_risk([claimed.scenario], closed_loop=said.risk.feedback is not None)
         # By the errors that the file says.
-        risk = collision_risk(flown.states, flown.controls, problem, said.risk.uncertainty)
-        found = replace(found, risk=replace(said.risk, bound=risk.total))
+        found = replace(found, risk=said.risk.judge(flown.states, flown.controls, problem))
     if said.smallest_burn and found.smallest_burn:  # what the planner says of a plan without it
         without = said.smallest_burn.fuel_without
         found = replace(found, smallest_burn=replace(found.smallest_burn, fuel_without=without))

@@ -20,7 +20,7 @@ LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far ou
 
 @dataclass(frozen=True)
 class RiskLimit:
-    """The largest collision risk of a plan flown in open loop, and the errors it refers to.
+    """The largest collision risk of a plan flown with errors, and the errors it refers to.
 
     Attributes:
         asked: largest probability that any pair ever comes within the collision radius.
@@ -29,12 +29,17 @@ class RiskLimit:
         velocity_sigma: of each component of an initial velocity, m/s; by default the mean motion
             times ``navigation_sigma``, the velocity error that goes with such an error of position
             along an orbit.
+        closed_loop: deviations are estimated at each node with the same errors and corrected
+            (``pipeline.orbit.feedback``); otherwise it is flown in open loop.
+        errors: all errors, instead of the sigmas; their Gaussian ones count.
     """
 
     asked: float
     navigation_sigma: float = 0.0
     thrust_sigma: float = 0.0
     velocity_sigma: float | None = None
+    closed_loop: bool = False
+    errors: Uncertainty | None = None
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
@@ -50,6 +55,8 @@ class RiskLimit:
 
     def uncertainty(self, problem: Problem) -> Uncertainty:
         """The 1-σ errors of a problem's craft."""
+        if self.errors is not None:
+            return self.errors.gaussian(problem.time_step)
         velocity = self.velocity_sigma
         if velocity is None:
             velocity = problem.mean_motion * self.navigation_sigma
@@ -107,8 +114,17 @@ class Requirements:
 AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
 
 
-def refuse_risk(scenarios: Sequence[Scenario]) -> None:
-    """Refuse a limit on the collision risk where sizes of craft or obstacles differ."""
+def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> None:
+    """Refuse a limit on the collision risk where sizes of craft or obstacles differ.
+
+    And in closed loop where thrust has other limits than on its components.
+    """
+    if closed_loop and any(one.limits is not None for one in scenarios):
+        raise InputError(
+            "a risk is asked for in closed loop, and the scenario says more of thrust than "
+            "max_acceleration, or has waypoints, which corrections do not know; expected one of "
+            "the two: leave --closed-loop out, or these."
+        )
     if any(one.unlike for one in scenarios):
         raise InputError(
             "a risk is asked for, and craft have radii of their own or there are obstacles or "

@@ -173,11 +173,24 @@ def _risk_rows(found: Certificate) -> Rows:
     errors = risk.uncertainty
     sigmas = (
         f"position {errors.position:g} m, velocity {errors.velocity:.3g} m/s, thrust "
-        f"{errors.magnitude:g} in size and {errors.direction:g} rad"
+        f"{errors.magnitude:.3g} in size and {errors.direction:g} rad"
     )
+    if errors.position_bias or errors.velocity_bias:
+        sigmas += f"; biases {errors.position_bias:g} m, {errors.velocity_bias:.3g} m/s"
+    if errors.magnitude_fixed or errors.direction_fixed:
+        fixed = max(errors.magnitude_fixed, errors.direction_fixed)
+        sigmas += f"; {fixed:.3g} m/s of any burn"
     without = MISSING if risk.fuel_without is None else f"{risk.fuel_without:.6g} m/s²"
+    feedback, how = risk.feedback, "in open loop" if risk.feedback is None else "with feedback"
+    corrections: Rows = []
+    if feedback is not None:
+        corrections = [
+            ("Of it, corrections beyond the thrust limit", f"{feedback.saturation:.3g}"),
+            ("Mean Δv of corrections, Σ‖u‖₁Δt", f"{feedback.delta_v:.6g} m/s"),
+        ]
     return [
-        ("Risk of a pair within r_col in open loop, at most", f"{risk.bound:.3g}"),
+        (f"Risk of a pair within r_col {how}, at most", f"{risk.bound:.3g}"),
+        *corrections,
         ("Asked for", f"{risk.asked:g}"),
         ("Standard deviations of errors", sigmas),
         ("Fuel without that", without),

@@ -120,7 +120,7 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
         (lambda p: prolearn.monte_carlo(p, 0), "trials is 0"),
         (lambda p: prolearn.monte_carlo(p, 2, seed=-1), "seed is -1"),
         (lambda p: prolearn.monte_carlo(p, 2, size=-1.0), "size is -1"),
-        (lambda p: prolearn.monte_carlo(p, 2, replan="expert", margin=-1.0), "margin is -1"),
+        (lambda p: prolearn.monte_carlo(p, 2, replan="expert", sigmas=-1.0), "sigmas is -1"),
         (lambda p: prolearn.read_plan("nothing.json"), "nothing.json cannot be read"),
     ],
 )
@@ -169,7 +169,7 @@ def test_a_monte_carlo_is_that_of_the_command(plan, tmp_path, forked):
     told = json.loads(done.stdout)["loops"]
     found = prolearn.monte_carlo(plan, 6, replan="expert", seed=3)
     for row, summary in zip(told, found.summaries, strict=True):
-        for name in ("loop", "margin", "within_radius", "goal_error_high", "delta_v_median"):
+        for name in ("loop", "sigmas", "within_radius", "goal_error_high", "delta_v_median"):
             assert getattr(summary, name) == row[name]
     assert prolearn.plot(found)._repr_png_().startswith(PNG)
 

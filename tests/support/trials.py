@@ -56,6 +56,12 @@ def drawn(
     n, intervals, _ = controls.shape
     deviation = np.repeat([errors.position, errors.velocity], 3)
     starts = initial + deviation * rng.normal(size=(trials, n, 6))
+    asked = np.broadcast_to(controls, (trials, *controls.shape))
+    return starts, made(asked, errors.thrust, rng.normal(size=(trials, n, intervals, 3)))
+
+
+def made(controls: np.ndarray, share: float, draws: np.ndarray) -> np.ndarray:
+    """Burns that err by a share of their size along them, and to two sides across, (..., 3)."""
     size = np.linalg.norm(controls, axis=-1, keepdims=True)
     along = np.divide(controls, size, out=np.zeros_like(controls), where=size > 0)
     helper = np.eye(3)[np.abs(along).argmin(axis=-1)]
@@ -63,8 +69,68 @@ def drawn(
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     across = np.divide(across, length, out=np.zeros_like(across), where=length > 0)
     axes = np.stack([along, across, np.cross(along, across)], axis=-1)
-    share = errors.thrust * rng.normal(size=(trials, n, intervals, 3))
-    return starts, controls + np.einsum("niab,knib->knia", size[..., None] * axes, share)
+    return controls + share * size * np.einsum("...ab,...b->...a", axes, draws)
+
+
+def corrected(
+    problem: Case,
+    states: np.ndarray,
+    controls: np.ndarray,
+    errors: Errors,
+    trials: int,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Node states, controls that were asked for and those made, of plans corrected at each node.
+
+    From the second node on states are known with new errors, and the deviation is to be gone after
+    0.15 orbits, or at the end, with the least energy; in the last interval the least of
+    ‖Δp‖² + ‖Δv/e‖² is to be left.
+    """
+    rng, (n, intervals, _) = np.random.default_rng(seed), controls.shape
+    A, B = exact_step(problem.rate, problem.step)
+    deviation = np.repeat([errors.position, errors.velocity], 3)
+    state = states[:, 0] + deviation * rng.normal(size=(trials, n, 6))
+    nodes, asked, flown = [state], [], []
+    ahead = max(2, int(np.ceil(0.15 * 2 * np.pi / problem.rate / problem.step)))
+    for k in range(intervals):
+        left = min(ahead, intervals - k)
+        reach = np.hstack([np.linalg.matrix_power(A, left - 1 - j) @ B for j in range(left)])
+        weight = np.diag(np.repeat([1.0, 1.0 / problem.rate], 3))
+        drift = np.linalg.matrix_power(A, left)
+        gain = -np.linalg.lstsq(weight @ reach, weight @ drift, rcond=None)[0][:3]
+        off = state + deviation * rng.normal(size=state.shape) - states[:, k]
+        command = controls[:, k] + (off @ gain.T if k else np.zeros((trials, n, 3)))
+        push = made(command, errors.thrust, rng.normal(size=command.shape))
+        state = state @ A.T + push @ B.T
+        nodes.append(state)
+        asked.append(command)
+        flown.append(push)
+    return np.stack(nodes, 2), np.stack(asked, 2), np.stack(flown, 2)
+
+
+def frequency_corrected(
+    problem: Case,
+    states: np.ndarray,
+    controls: np.ndarray,
+    errors: Errors,
+    trials: int,
+    seed: int = 0,
+    within: float = 40.0,
+) -> int:
+    """In how many trials any pair comes within the collision radius, corrected at each node."""
+    nodes, _, flown = corrected(problem, states, controls, errors, trials, seed)
+    n, T = states.shape[:2]
+    flat = nodes.reshape(-1, T, 6), flown.reshape(-1, T - 1, 3)
+    tracks = positions(problem, *flat).reshape(trials, n, -1, 3)
+    planned = positions(problem, states, controls)
+    i, j = np.triu_indices(n, 1)
+    near = np.linalg.norm(planned[i] - planned[j], axis=-1).min(axis=-1) < within
+    hit = np.zeros(trials, dtype=bool)
+    for one, other in zip(i[near], j[near], strict=True):
+        hit |= (
+            np.linalg.norm(tracks[:, one] - tracks[:, other], axis=-1).min(axis=1) < problem.radius
+        )
+    return int(hit.sum())
 
 
 def pairs_flown(
@@ -78,13 +144,13 @@ def pairs_flown(
 ) -> Iterator[Flown]:
     """Every pair that is planned to come within a distance, m, with its relative motion."""
     rng = np.random.default_rng(seed)
-    planned = _positions(problem, fly(problem, initial, controls), controls)
+    planned = positions(problem, fly(problem, initial, controls), controls)
     i, j = np.triu_indices(len(initial), 1)
     apart = np.linalg.norm(planned[i] - planned[j], axis=-1).min(axis=-1)
     starts, pushes = drawn(initial, controls, errors, trials, rng)
     shape = (trials * len(initial), problem.nodes - 1, 3)
     states = fly(problem, starts.reshape(-1, 6), pushes.reshape(shape))
-    tracks = _positions(problem, states, pushes.reshape(shape))
+    tracks = positions(problem, states, pushes.reshape(shape))
     tracks = tracks.reshape(trials, len(initial), -1, 3)
     for one, other in zip(i[apart < within], j[apart < within], strict=True):
         yield Flown(planned[one] - planned[other], tracks[:, one] - tracks[:, other])
@@ -114,7 +180,7 @@ def wilson(hits: int, trials: int, z: float = 3.3) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def _positions(problem: Case, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+def positions(problem: Case, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
     """Positions at PIECES times an interval, and the last."""
     offsets = problem.step / PIECES * np.arange(1, PIECES + 1)
     maps = [exact_step(problem.rate, float(at)) for at in offsets]

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judge import Case
-from trials import Errors, frequency, wilson
+from trials import Errors, corrected, frequency, frequency_corrected, wilson
 
+from pipeline.errors import InputError
 from pipeline.expert import EFFORTS, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation
+from pipeline.orbit.thrust import Thrust
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Requirements, RiskLimit
 from pipeline.scenario import Scenario, draw
 
@@ -127,3 +129,69 @@ def test_a_thrust_limit_that_leaves_no_room_for_safety_is_said():
     assert bare.status == SOLVED
     assert plan.status == UNSOLVED
     assert "is bounded by" in plan.message
+
+
+def closed(asked, errors=USUAL):
+    return Requirements(risk=RiskLimit(asked, *errors, closed_loop=True))
+
+
+@pytest.mark.parametrize(("index", "asked"), [(1, 0.05), (2, 0.05), (6, 0.01)])
+def test_with_feedback_craft_come_too_close_no_more_often_than_asked_for(index, asked):
+    """By trials that are corrected at each node; without feedback the same plan fails."""
+    scenario = draw("rings", 0, 10, index, PROBLEM, "valid")
+    plan = solve(scenario, requirements=closed(asked))
+    claim, errors = plan.certificate.risk, Errors(0.2, 0.2 * PROBLEM.mean_motion, 0.01)
+    assert plan.status == SOLVED
+    assert claim.bound <= asked
+    hit = frequency_corrected(CASE, plan.states, plan.controls, errors, TRIALS)
+    lower, upper = wilson(hit, TRIALS)
+    assert lower <= claim.bound
+    assert upper >= claim.bound / 3
+    in_loop = solve(scenario, requirements=limit(asked))
+    assert plan.certificate.fuel <= in_loop.certificate.fuel
+    assert claim.feedback.saturation == 0
+
+
+def test_thirty_craft_are_safe_with_feedback_whose_errors_outgrow_their_goals_without():
+    scenario = draw("rings", 0, 30, 3, PROBLEM, "valid")
+    assert solve(scenario, requirements=limit(1e-3)).status == UNSOLVED
+    plan = solve(scenario, requirements=closed(1e-3))
+    claim = plan.certificate.risk
+    assert (plan.status, claim.bound <= 1e-3) == (SOLVED, True)
+    assert plan.certificate.fuel < 1.01 * claim.fuel_without
+    assert 0 < claim.feedback.delta_v < 0.06 * plan.certificate.delta_v
+
+
+def test_corrections_have_room_within_the_thrust_limit():
+    """The plan alone would burn at the limit; what is asked for in trials stays within it."""
+    scenario = draw("rings", 0, 10, 2, PROBLEM, "valid")
+    largest = float(np.abs(solve(scenario).controls).max())
+    tight = replace(scenario, problem=replace(PROBLEM, max_acceleration=0.9 * largest))
+    bare = solve(tight)
+    assert np.abs(bare.controls).max() == pytest.approx(0.9 * largest, rel=1e-6)
+    plan = within_risk(bare, closed(0.01))
+    claim = plan.certificate.risk
+    assert plan.status == SOLVED
+    assert claim.feedback.saturation < 1e-3
+    errors = Errors(0.2, 0.2 * PROBLEM.mean_motion, 0.01)
+    _, asked, _ = corrected(CASE, plan.states, plan.controls, errors, 4000, 0)
+    beyond = (np.abs(asked) > 0.9 * largest).any(axis=(1, 2, 3)).mean()
+    assert beyond <= claim.feedback.saturation + 3.3 * (1e-3 / 4000) ** 0.5
+    assert plan.certificate.fuel_lower_bound == bare.certificate.fuel_lower_bound
+
+
+def test_a_limit_that_leaves_corrections_no_room_is_named():
+    scenario = draw("rings", 0, 3, 0, PROBLEM, "valid")
+    largest = float(np.abs(solve(scenario).controls).max())
+    tight = replace(scenario, problem=replace(PROBLEM, max_acceleration=0.6 * largest))
+    assert solve(tight).status == SOLVED
+    plan = solve(tight, requirements=closed(1e-3, (20.0, 0.01)))
+    assert plan.status == UNSOLVED
+    assert "corrections at each node ask for more than max_acceleration" in plan.message
+
+
+def test_what_corrections_do_not_know_is_refused():
+    scenario = draw("rings", 0, 3, 0, PROBLEM, "valid")
+    pointed = replace(scenario, problem=replace(PROBLEM, thrust=Thrust("norm")))
+    with pytest.raises(InputError, match="leave --closed-loop out"):
+        solve(pointed, requirements=closed(1e-3))

@@ -14,7 +14,7 @@ import pytest
 from kills import run_script
 
 from pipeline.errors import InputError
-from pipeline.expert import FIRST_SAFE, solve
+from pipeline.expert import FIRST_SAFE, BackOff, solve
 from pipeline.flight.errors import COLD_GAS, draws
 from pipeline.flight.loops import Loop, fly_loops
 from pipeline.flight.montecarlo import TrialSettings, fly_all
@@ -34,7 +34,12 @@ SCENARIO = draw("rings", 0, 3, 0, Problem(nodes=6), "test")
 PLAN = solve(SCENARIO)
 WORLD = LinearWorld(SCENARIO.problem.dynamics)
 OF = TrialSettings(SCENARIO, WORLD, COLD_GAS, seed=5, portion=4)
-LOOPS = [Loop("open", PLAN.controls), Loop("replanned", PLAN.controls, Expert(), 0.5)]
+BACK_OFF = BackOff(COLD_GAS.gaussian(SCENARIO.problem.time_step), 2.0, closed_loop=True)
+LOOPS = [
+    Loop("open", PLAN.controls),
+    Loop("replanned", PLAN.controls, planner=Expert(), back_off=BACK_OFF),
+    Loop("feedback", PLAN.controls, PLAN.states),
+]
 
 
 def fly(folder, trials=10, of=OF, jobs=1, loops=LOOPS):
@@ -58,7 +63,7 @@ def undisturbed(tmp_path_factory):
 def test_two_workers_write_the_same_bytes_as_one(undisturbed, tmp_path):
     fly(tmp_path, jobs=2)
     assert content(tmp_path) == content(undisturbed[0])
-    assert len(content(tmp_path)) == 2 * 3
+    assert len(content(tmp_path)) == len(LOOPS) * 3
 
 
 def test_a_row_is_what_its_trial_flown_alone_comes_to(undisturbed):
@@ -88,7 +93,7 @@ def test_the_schema_says_how_trials_were_made(undisturbed):
     told = json.loads(pq.read_schema(path).metadata[b"prolearn"])
     assert told["errors"]["magnitude"] == COLD_GAS.magnitude
     assert (told["seed"], told["loop"], told["planner"]["name"]) == (5, "replanned", "expert")
-    assert (told["margin"], told["world"]["name"]) == (0.5, "LinearWorld")
+    assert (told["back_off"]["sigmas"], told["world"]["name"]) == (2.0, "LinearWorld")
     assert told["collision_radius"] == 15.0
     assert {"prolearn", "numpy"} <= set(told["made_with"])
 

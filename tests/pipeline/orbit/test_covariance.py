@@ -32,13 +32,13 @@ def test_position_errors_in_free_space_are_those_by_hand():
 
 
 def test_a_burn_errs_in_size_along_it_and_in_direction_across_it():
-    burn = np.array([[3.0, 0.0, 4.0]])
-    (root,) = burn_deviation(burn, Uncertainty(magnitude=0.02, direction=0.03))
+    burn, problem = np.array([[[3.0, 0.0, 4.0]]]), Problem()
+    ((root,),) = burn_deviation(burn, problem, Uncertainty(magnitude=0.02, direction=0.03))
     axes = np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
     assert axes @ root @ root.T @ axes.T == pytest.approx(
         np.diag([0.1, 0.15, 0.15]) ** 2, abs=1e-12
     )
-    assert (burn_deviation(np.zeros((1, 3)), Uncertainty(magnitude=0.02)) == 0).all()
+    assert (burn_deviation(np.zeros((1, 1, 3)), problem, Uncertainty(magnitude=0.02)) == 0).all()
 
 
 def test_covariances_of_a_transfer_are_those_of_many_trials():
@@ -64,11 +64,10 @@ def test_no_deviation_within_an_interval_is_above_its_bound():
     craft, interval = (one.ravel() for one in np.indices(most.shape))
     for offset in np.linspace(0, 600, 41):
         A, B = problem.dynamics.step(np.full(len(craft), offset))
-        state = spread.state_covariance[craft, interval]
-        burn = spread.burn_covariance[craft, interval]
+        covariance = spread.covariance[craft, interval]
         mean_square = sum(
             deviation_along(
-                np.tile(axis, (len(craft), 1)), (A[:, :3], B[:, :3]), (state, burn)
+                np.tile(axis, (len(craft), 1)), (A[:, :3], B[:, :3]), covariance
             ) ** 2
             for axis in np.eye(3)
         )  # fmt: skip
