@@ -370,6 +370,11 @@ class OrbitPlace:
         )
 
 
+ErrorPreset = Literal[
+    "cold-gas", "cold-gas-calibrated", "cold-gas-uncalibrated", "electric", "none"
+]
+
+
 @dataclass(frozen=True)
 class RiskSettings:
     """A chance constraint on separation, and the errors that it is about."""
@@ -394,7 +399,7 @@ class RiskSettings:
     ] = None
 
     errors: Annotated[
-        Literal["cold-gas"] | None,
+        ErrorPreset | None,
         option("Instead of sigmas: errors as of `prolearn fly`, but for missed burns."),
     ] = None
     closed_loop: Annotated[
@@ -406,7 +411,9 @@ class RiskSettings:
         """The limit on the risk, if any; InputError for one without errors, or errors without."""
         from pipeline.plan import RiskLimit
 
-        given = {name: value for name, value in vars(self).items() if value not in (None, False)}
+        given = {
+            name: value for name, value in vars(self).items() if value not in (None, False, "none")
+        }
         if not given:
             return None
         if [*given] == ["closed_loop"]:
@@ -493,14 +500,13 @@ class FlownTrials:
 
     trials: Annotated[int | None, _trial("Fly so many times, with errors that differ.")] = None
     seed: Annotated[int, _trial("Root seed of the errors.")] = 0
-    errors: Annotated[Literal["cold-gas", "none"], _trial("Size of the errors, to begin with.")] = (
-        "cold-gas"
-    )
+    errors: Annotated[ErrorPreset, _trial("Size of the errors, to begin with.")] = "cold-gas"
     error: Annotated[
         list[str] | None,
         _trial(
             "Change one: magnitude=0.05. Names: position, velocity, position_bias, velocity_bias, "
-            "magnitude, direction, magnitude_fixed, direction_fixed, timing, missed.",
+            "semi_major_axis, navigation_time, latency, magnitude, direction, magnitude_fixed, "
+            "direction_fixed, magnitude_bias, direction_bias, impulse_bit, timing, missed.",
             metavar="NAME=VALUE",
         ),
     ] = None

@@ -11,7 +11,14 @@ from scipy.special import ndtri
 from pipeline.arrays import Array
 from pipeline.errors import check_range
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.covariance import NO_BURN, Uncertainty
+from pipeline.orbit.covariance import (
+    MOST,
+    NO_BURN,
+    Uncertainty,
+    correlation_root,
+    navigation_roots,
+)
+from pipeline.orbit.problem import Problem
 from pipeline.scenario.families import SEEDS
 
 
@@ -27,15 +34,20 @@ class Errors(Uncertainty):
 
     timing: float = 0.0  # of a burn, which begins and ends so much late, or early, s
     missed: float = 0.0  # probability that a burn is not made at all
+    # of each component's Δv over an interval, of which thrusters make whole multiples, m/s
+    impulse_bit: float = 0.0
 
     def gaussian(self, time_step: float) -> Uncertainty:
         """The Gaussian errors of intervals of so many s, without missed burns.
 
-        A burn that is late by τ falls short in position like one that is too small by 2τ/h.
+        A burn that is late by τ falls short in position like one that is too small by 2τ/h; one
+        that is rounded to multiples of a bit errs by the bit over √12.
         """
-        late = 2 * self.timing / time_step
+        late, rounded = 2 * self.timing / time_step, self.impulse_bit / 12**0.5
         return replace(
-            super().gaussian(time_step), magnitude=min(float(np.hypot(self.magnitude, late)), 0.3)
+            super().gaussian(time_step),
+            magnitude=min(float(np.hypot(self.magnitude, late)), MOST["magnitude"]),
+            direction_fixed=float(np.hypot(self.direction_fixed, rounded)),
         )
 
 
@@ -67,7 +79,47 @@ COLD_GAS = Errors(
   7 kg; 0.1 s of timing; biases of 2 cm and 0.1 mm/s; one burn in a thousand missed.
 """
 
-PRESETS: Mapping[str, Errors] = {"none": Errors(), "cold-gas": COLD_GAS}  # by name
+_FILTERED = {"semi_major_axis": 0.1, "navigation_time": 300.0}
+
+CALIBRATED = replace(COLD_GAS, **_FILTERED, magnitude=0.01, direction=0.01, magnitude_bias=0.005)
+"""The same swarm with thrusters that are calibrated in flight, and errors of a navigation filter.
+
+Our own choice: what a filter gets wrong hangs together over some 5 minutes, and it knows the
+relative semi-major axis, which decides how craft drift, to 0.1 m; errors of position and velocity
+that were independent would put it at 1 m, which no filter does.
+"""
+
+UNCALIBRATED = replace(
+    COLD_GAS, **_FILTERED, magnitude_bias=0.05, direction_bias=0.02, impulse_bit=1e-4
+)
+"""The same swarm as it is launched: each craft's thrusters are off by as much in all their burns.
+
+Our own choice: 5 % of their size and 1.1° of alignment; Δv comes in bits of 0.1 mm/s.
+"""
+
+ELECTRIC = Errors(
+    position=0.05,
+    velocity=5e-4,
+    position_bias=0.02,
+    velocity_bias=1e-4,
+    magnitude=0.005,
+    direction=0.01,
+    magnitude_bias=0.01,
+    direction_bias=0.01,
+    **_FILTERED,
+)
+"""A swarm with electric thrusters, steady and slow to change: our own choice.
+
+No burn is missed or late, and none has an error that does not grow with it.
+"""
+
+PRESETS: Mapping[str, Errors] = {
+    "none": Errors(),
+    "cold-gas": COLD_GAS,
+    "cold-gas-calibrated": CALIBRATED,
+    "cold-gas-uncalibrated": UNCALIBRATED,
+    "electric": ELECTRIC,
+}  # by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +134,7 @@ class Draws:
     burn: Float[Array, "K intervals n 3"]  # of each interval's burn
     lag: Float[Array, "K intervals n"]  # of the time of each burn
     missed: Float[Array, "K intervals n"]  # whether a burn is
+    thruster: Float[Array, "K n 4"]  # of a craft's thrusters: in size, and their rotation
 
 
 def check_seed(seed: int) -> None:
@@ -105,7 +158,11 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     bias, noise, burn, lag, missed = (
         part.reshape(len(trials), *shape) for part, shape in zip(parts, shapes, strict=True)
     )
-    return Draws(_normal(bias), _normal(noise), _normal(burn), _normal(lag), missed)
+    blocks = n  # of four numbers each, of another stream
+    other = np.random.Generator(np.random.Philox(key=seed + SEEDS, counter=trials.start * blocks))
+    thruster = other.random((len(trials), n, 4))
+    bias, noise, burn, lag, thruster = map(_normal, (bias, noise, burn, lag, thruster))
+    return Draws(bias, noise, burn, lag, missed, thruster)
 
 
 def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:
@@ -113,11 +170,15 @@ def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:
     return np.asarray(ndtri(np.maximum(uniform, 2.0**-54)))
 
 
-def navigation_error(drawn: Draws, node: int, errors: Errors) -> Float[Array, "K n 6"]:
-    """Estimated states at a node minus true ones, m and m/s: bias and new noise."""
-    bias = np.repeat([errors.position_bias, errors.velocity_bias], 3)
-    noise = np.repeat([errors.position, errors.velocity], 3)
-    return bias * drawn.bias + noise * drawn.noise[:, node]
+def navigation_errors(
+    drawn: Draws, errors: Errors, problem: Problem
+) -> Float[Array, "K intervals n 6"]:
+    """Estimated states at nodes minus true ones, m and m/s: bias, and noise with a memory."""
+    noise, bias = navigation_roots(errors, problem)
+    mixed = drawn.noise
+    if errors.navigation_time > 0:
+        mixed = np.einsum("kl,Klnj->Kknj", correlation_root(errors, problem), mixed)
+    return np.matvec(bias, drawn.bias)[:, None] + np.matvec(noise, mixed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +197,11 @@ def burns_made(
 
     A burn that is late by τ is, to second order in τ, the burn in time with an impulse of -uτ at
     its start and one of uτ at its end: the position after it is off by uτ²/2, and so little that
-    the velocity is off by e times as much. A missed burn has neither.
+    the velocity is off by e times as much. A missed burn has neither. Burns are of whole bits.
     """
+    if errors.impulse_bit > 0:
+        bit = errors.impulse_bit / time_step
+        commanded = bit * np.round(commanded / bit)
     size = norm(commanded)
     burning = size > NO_BURN
     missed = burning & (drawn.missed[:, interval] < errors.missed)
@@ -147,6 +211,8 @@ def burns_made(
     in_size = np.hypot(errors.magnitude * size, errors.magnitude_fixed / time_step)
     across = np.hypot(errors.direction * size, errors.direction_fixed / time_step)
     error = in_size[..., None] * along + across[..., None] * (draw - along)
+    error += errors.magnitude_bias * drawn.thruster[..., :1] * commanded
+    error += errors.direction_bias * np.cross(drawn.thruster[..., 1:], commanded)
     burns, lag = burning[..., None], errors.timing * drawn.lag[:, interval]
     held = np.where(missed[..., None], 0.0, np.where(burns, commanded + error, commanded))
     return Burns(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))

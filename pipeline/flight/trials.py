@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.flight.errors import Draws, Errors, burns_made, navigation_error
+from pipeline.flight.errors import Draws, Errors, burns_made, navigation_errors
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import feedback_gains
@@ -58,13 +58,17 @@ def fly_trials(
     """
     problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
     h, shape, closest = problem.time_step, (trials, n), []
-    state = scenario.initial - navigation_error(drawn, 0, errors)
+    wrong = navigation_errors(drawn, errors, problem)
+    state = scenario.initial - wrong[:, 0]
     used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
-    late = np.zeros((*shape, 3))
+    late, carried = np.zeros((*shape, 3)), state
     for node in range(problem.intervals):
-        known = state + navigation_error(drawn, node, errors) if node else scenario.initial
-        estimate = np.broadcast_to(known, (*shape, 6))
-        burns = burns_made(guidance(node, estimate), drawn, node, errors, h)
+        known = _pushed(state, late) + wrong[:, node] if node else scenario.initial
+        known = np.broadcast_to(known, (*shape, 6))
+        commanded = guidance(node, carried if errors.latency and node else known)
+        A, B = problem.dynamics.step(h, node)
+        carried = np.matvec(A, known) + np.matvec(B, commanded)  # to the next node
+        burns = burns_made(commanded, drawn, node, errors, h)
         start = _pushed(state, late - burns.late).reshape(-1, 6)
         arc = world.arc(start, burns.held.reshape(-1, 3), node)
         arcs = arc.reshape(*shape, *arc.shape[1:])

@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from pipeline.arrays import Array
-from pipeline.errors import check_range
+from pipeline.errors import InputError, check_range
 from pipeline.orbit.arrays import Controls, Indices, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
@@ -18,10 +19,13 @@ NO_BURN = 1e-9
 
 # Largest errors, SI: beyond any with which craft would be flown near each other
 MOST = {
-    **dict.fromkeys(("position", "position_bias"), 1e3),
+    **dict.fromkeys(("position", "position_bias", "semi_major_axis"), 1e3),
     **dict.fromkeys(("velocity", "velocity_bias", "magnitude_fixed", "direction_fixed"), 10.0),
-    **dict.fromkeys(("magnitude", "direction"), 0.3),
+    **dict.fromkeys(("magnitude", "direction", "magnitude_bias", "direction_bias"), 0.3),
     "timing": 1e3,
+    "navigation_time": 1e7,
+    "latency": 1.0,
+    "impulse_bit": 1.0,
     "missed": 1.0,
 }
 
@@ -43,6 +47,13 @@ class Uncertainty:
         velocity_bias: of an estimated velocity, over a whole transfer, m/s.
         magnitude_fixed: of a burn's Δv along it, whatever its size, m/s.
         direction_fixed: of a burn's Δv along each axis across it, m/s.
+        magnitude_bias: of the size of all burns of a craft in a transfer, as a share.
+        direction_bias: about each axis, of a rotation that turns all of them, rad.
+        semi_major_axis: of the relative semi-major axis as it is known, m, where it is known better
+            than position and velocity alone say, as by a filter: then ẏ = -2e x + e δa / 2. Above
+            0 it takes the place of the velocity's along y.
+        navigation_time: in which errors of navigation lose their memory (Gauss-Markov), s.
+        latency: intervals by which states are known late, 0 or 1.
     """
 
     position: float = 0.0
@@ -53,11 +64,21 @@ class Uncertainty:
     velocity_bias: float = 0.0
     magnitude_fixed: float = 0.0
     direction_fixed: float = 0.0
+    magnitude_bias: float = 0.0
+    direction_bias: float = 0.0
+    semi_major_axis: float = 0.0
+    navigation_time: float = 0.0
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
         for field in fields(self):
             check_range(field.name, getattr(self, field.name), 0.0, MOST[field.name])
+        if self.latency not in (0, 1):
+            raise InputError(
+                f"latency is {self.latency:g}; expected 0 or 1, the intervals by which states are "
+                "known late."
+            )
 
     def gaussian(self, time_step: float) -> "Uncertainty":
         """These errors alone, of intervals of so many s, where there are others besides."""
@@ -68,8 +89,9 @@ class Uncertainty:
 class Dispersion:
     """Errors of each craft's motion about its plan, linear in J standard normals.
 
-    The normals are those of the errors of navigation and three of each burn. Craft err
-    independently, so that covariances of a pair's difference are the sums of both craft's.
+    The normals are those of the errors of navigation, three of each burn and four of a craft's
+    thrusters. Craft err independently, so that covariances of a pair's difference are the sums of
+    both craft's.
     """
 
     state: Float[Array, "n T 6 J"]  # of those normals on each node's state, m and m/s
@@ -118,39 +140,86 @@ def dispersion(
 
     In open loop, or with ``pipeline.orbit.feedback`` from an estimate at each node.
     """
-    m = problem.intervals
-    noise = np.repeat([uncertainty.position, uncertainty.velocity], 3)
-    bias = np.repeat([uncertainty.position_bias, uncertainty.velocity_bias], 3)
-    if not closed_loop:
-        burn = burn_deviation(controls, problem, uncertainty)
-        return _driven(open_loop_responses(problem), np.hypot(noise, bias), burn)
-    responses, known = closed_loop_responses(problem), np.concatenate([bias, np.tile(noise, m)])
+    noise, bias = navigation_roots(uncertainty, problem)
     burn = burn_deviation(controls, problem, uncertainty)
-    first = _driven(responses, known, burn)
+    thruster = thruster_deviation(controls, uncertainty)
+    if not closed_loop:
+        return _driven(open_loop_responses(problem), _joint(noise, bias), burn, thruster)
+    known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
+    responses = closed_loop_responses(problem, bool(uncertainty.latency))
+    first = _driven(responses, known, burn, thruster)
     burn = burn_deviation(controls, problem, uncertainty, first.commanded)
-    return _driven(responses, known, burn)
+    return _driven(responses, known, burn, thruster)
+
+
+def navigation_roots(
+    uncertainty: Uncertainty, problem: Problem
+) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
+    """Roots of the covariances of known states, m and m/s: of what is new at a node, and bias."""
+    noise = np.diag(np.repeat([uncertainty.position, uncertainty.velocity], 3))
+    bias = np.diag(np.repeat([uncertainty.position_bias, uncertainty.velocity_bias], 3))
+    if uncertainty.semi_major_axis > 0:
+        rate = problem.mean_motion
+        noise[4] = 0.0
+        noise[4, [0, 4]] = -2 * rate * uncertainty.position, rate * uncertainty.semi_major_axis / 2
+    return noise, bias
+
+
+def _joint(one: Float[Array, "6 6"], other: Float[Array, "6 6"]) -> Float[Array, "6 6"]:
+    """A root of the sum of two covariances, of which the second is diagonal."""
+    if not other.any():
+        return one
+    values, vectors = np.linalg.eigh(one @ one.T + other @ other.T)
+    found: Float[Array, "6 6"] = vectors * np.sqrt(np.maximum(values, 0.0))
+    return found
+
+
+def correlation_root(uncertainty: Uncertainty, problem: Problem) -> Float[Array, "m m"]:
+    """Root of the correlation of errors of navigation between nodes but the last."""
+    nodes = np.arange(problem.intervals)
+    if uncertainty.navigation_time == 0:
+        return np.eye(len(nodes))
+    apart = np.abs(nodes[:, None] - nodes) * problem.time_step
+    return np.linalg.cholesky(np.exp(-apart / uncertainty.navigation_time))
+
+
+def thruster_deviation(
+    controls: Controls, uncertainty: Uncertainty
+) -> Float[Array, "n intervals 3 4"]:
+    """Of a bias in size and of a rotation of a craft's thrusters on its controls, m/s²."""
+    found = np.zeros((*controls.shape, 4))
+    found[..., 0] = uncertainty.magnitude_bias * controls
+    found[..., 1:] = uncertainty.direction_bias * np.cross(np.eye(3), controls[..., None, :]).mT
+    return found
 
 
 def _driven(
-    to: Responses, known: Float[Array, "J_s"], burn: Float[Array, "n intervals 3 3"]
+    to: Responses,
+    known: Float[Array, "J_s J_s"],
+    burn: Float[Array, "n intervals 3 3"],
+    thruster: Float[Array, "n intervals 3 4"],
 ) -> Dispersion:
-    """Responses to errors of navigation of such deviations, and of burns with such roots."""
+    """Responses to errors of navigation, of burns and of thrusters with such roots."""
     n, m = burn.shape[:2]
+    count = len(known)
 
     def columns(navigation: Array, burns: Array) -> Array:
         T, size, _ = navigation.shape
-        found = np.empty((n, T, size, len(known) + 3 * m))
-        found[..., : len(known)] = navigation * known
+        found = np.empty((n, T, size, count + 3 * m + 4))
+        found[..., :count] = navigation @ known
         reach = burns.reshape(T, size, m, 3).transpose(0, 2, 1, 3)
-        found[..., len(known) :] = (reach @ burn[:, None]).swapaxes(2, 3).reshape(n, T, size, 3 * m)
+        of_burns = (reach @ burn[:, None]).swapaxes(2, 3).reshape(n, T, size, 3 * m)
+        found[..., count:-4] = of_burns
+        found[..., -4:] = burns @ thruster.reshape(n, 1, 3 * m, 4)
         return found
 
     state = columns(to.state_to_navigation, to.state_to_burns)
     control = columns(to.control_to_navigation, to.control_to_burns)
     commanded = control @ control.mT
-    of_burns = control[..., len(known) :].reshape(n, m, 3, m, 3)
-    each = np.arange(m)
+    of_burns, each = control[..., count:-4].reshape(n, m, 3, m, 3), np.arange(m)
     of_burns[:, each, :, each] += burn.swapaxes(0, 1)
+    control[..., count:-4] = of_burns.reshape(n, m, 3, 3 * m)
+    control[..., -4:] += thruster
     return Dispersion(state, control, commanded)
 
 

@@ -69,8 +69,11 @@ def open_loop_responses(problem: Problem) -> Responses:
 
 
 @lru_cache(maxsize=32)
-def closed_loop_responses(problem: Problem) -> Responses:
-    """With feedback from an estimate at each node but the first, where the estimate is the plan."""
+def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
+    """With feedback from an estimate at each node but the first, where the estimate is the plan.
+
+    Where estimates are late, from that of the node before, carried on by what was commanded since.
+    """
     intervals, gains = problem.intervals, feedback_gains(problem)
     known, count = 6 * (1 + intervals), 9 * intervals + 6
     steps = problem.dynamics.step(problem.time_step, np.arange(intervals))
@@ -78,11 +81,13 @@ def closed_loop_responses(problem: Problem) -> Responses:
     states, controls = np.zeros((intervals + 1, 6, count)), np.zeros((intervals, 3, count))
     each = np.arange(6)
     states[0, each, each] = states[0, each, 6 + each] = -1.0  # truth less the estimate
+    before = np.zeros((6, count))
     for k in range(intervals):
         estimate = states[k].copy()
         estimate[each, each] += 1.0
         estimate[each, 6 * (1 + k) + each] += 1.0
-        controls[k] = gains[k] @ estimate
+        controls[k] = gains[k] @ (before if late else estimate)
+        before = A[k] @ estimate + B[k] @ controls[k]
         pushed = controls[k].copy()
         pushed[each[:3], known + 3 * k + each[:3]] += 1.0
         states[k + 1] = A[k] @ states[k] + B[k] @ pushed

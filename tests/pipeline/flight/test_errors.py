@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.flight.errors import COLD_GAS, Errors, burns_made, draws, navigation_error
+from pipeline.flight.errors import COLD_GAS, Errors, burns_made, draws, navigation_errors
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
 
@@ -107,7 +107,8 @@ def test_a_late_burn_is_two_impulses_to_second_order_in_the_delay(lag):
 def test_navigation_has_noise_that_is_new_and_a_bias_that_stays():
     errors = Errors(position=0.3, velocity=0.02, position_bias=0.4, velocity_bias=0.05)
     drawn = draws(0, range(20_000), 1, 2)
-    first, second = (navigation_error(drawn, node, errors)[:, 0] for node in (0, 1))
+    found = navigation_errors(drawn, errors, Problem(nodes=3))
+    first, second = found[:, 0, 0], found[:, 1, 0]
     for axis in range(6):
         noise, bias = ((0.3, 0.4), (0.02, 0.05))[axis // 3]
         covariance = np.cov(first[:, axis], second[:, axis])
@@ -115,10 +116,41 @@ def test_navigation_has_noise_that_is_new_and_a_bias_that_stays():
         assert covariance[0, 1] == pytest.approx(bias**2, rel=0.06)
 
 
+def test_burns_are_of_whole_bits_and_smaller_ones_are_not_made():
+    commanded = np.array([[[1.24e-5, -4.9e-6, 6e-6]]])
+    made = burns_made(commanded, draws(0, range(1), 1, 1), 0, Errors(impulse_bit=1e-3), 100.0)
+    assert made.held == pytest.approx(np.array([[[1e-5, 0.0, 1e-5]]]), abs=1e-20)
+
+
+def test_a_crafts_thrusters_err_alike_in_all_its_burns():
+    """A share of the burn along it, and a rotation of it by a small angle: to that of the frame."""
+    errors = Errors(magnitude_bias=0.05, direction_bias=0.03)
+    drawn, commanded = draws(1, range(20_000), 1, 2), np.array([0.0, 0.0, 2e-3])
+    first, second = (
+        burns_made(np.broadcast_to(commanded, (20_000, 1, 3)), drawn, k, errors, 60.0).held[:, 0]
+        for k in (0, 1)
+    )
+    assert np.array_equal(first, second)
+    spread = np.cov((first / 2e-3).T)
+    assert spread == pytest.approx(np.diag([0.03, 0.03, 0.05]) ** 2, abs=6e-5)
+
+
+def test_errors_of_a_filter_hang_together_and_know_the_orbits_size():
+    problem = Problem(nodes=4)
+    errors = Errors(position=0.5, velocity=1.0, semi_major_axis=0.1, navigation_time=300.0)
+    found = navigation_errors(draws(0, range(20_000), 1, 3), errors, problem)[:, :, 0]
+    size = 4 * found[..., 0] + 2 * found[..., 4] / problem.mean_motion
+    assert size.std(axis=0) == pytest.approx(0.1, rel=0.03)
+    assert found[..., 0].std(axis=0) == pytest.approx(0.5, rel=0.03)
+    together = np.corrcoef(found[:, 0, 1], found[:, 2, 1])[0, 1]
+    assert together == pytest.approx(np.exp(-240 / 300), abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
         ({"missed": 1.5}, "missed is 1.5; expected a number from 0 to 1"),
+        ({"latency": 0.5}, "latency is 0.5; expected 0 or 1"),
         ({"timing": -1.0}, "timing is -1; expected a number from 0 to 1000"),
         ({"magnitude": float("nan")}, "magnitude is nan; expected a number from 0 to 0.3"),
     ],

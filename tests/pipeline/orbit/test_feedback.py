@@ -91,33 +91,51 @@ def test_what_corrections_cost_and_how_often_they_meet_the_limit_is_what_trials_
     assert risk.total >= risk.saturation
 
 
-@pytest.mark.parametrize("orbit", [None, "eccentric"])
-def test_biases_and_fixed_errors_spread_a_flight_as_they_are_said_to(orbit):
+class Watched:
+    """A world that remembers the states that intervals begin from."""
+
+    def __init__(self, world):
+        self.world, self.starts = world, []
+
+    def arc(self, states, controls, interval):
+        self.starts.append(states)
+        return self.world.arc(states, controls, interval)
+
+
+FIXED = {"position": 0.05, "velocity": 5e-4, "magnitude_fixed": 2e-4, "direction_fixed": 2e-4}
+BIASED = {"position_bias": 0.3, "velocity_bias": 1e-4} | {
+    "magnitude_bias": 0.05,
+    "direction_bias": 0.03,
+}
+FILTERED = {"position": 0.5, "velocity": 5e-4, "semi_major_axis": 0.2, "navigation_time": 400.0}
+
+
+@pytest.mark.parametrize(
+    ("orbit", "sizes"),
+    [
+        (None, FIXED | BIASED),
+        ("eccentric", FIXED | BIASED),
+        (None, FILTERED),
+        (None, FILTERED | {"latency": 1.0}),
+    ],
+)
+def test_errors_of_every_kind_spread_a_flight_as_they_are_said_to(orbit, sizes):
     """About an ellipse, too, where gains differ from node to node."""
     problem = PROBLEM
     if orbit:
         problem = PROBLEM.about(ReferenceOrbit(1.2e7, 0.4, j2=False))
-    errors = flown_errors.Errors(
-        position=0.05, velocity=5e-4, position_bias=0.3, velocity_bias=1e-4, magnitude=0.02,
-        direction=0.02, magnitude_fixed=2e-4, direction_fixed=2e-4,
-    )  # fmt: skip
+    errors = flown_errors.Errors(magnitude=0.02, direction=0.02, **sizes)
     rng = np.random.default_rng(5)
     controls = 3e-4 * rng.normal(size=(1, 10, 3))
     states = fly(np.zeros((1, 6)), controls, problem)
     scenario = Scenario(problem, states[:, 0], states[:, -1], "tried", "tried")
     drawn = flown_errors.draws(0, range(6000), 1, 10)
     guide = feedback(controls, states, problem)
-    ends = []
-
-    def watched(node, estimate):
-        ends.append(estimate)
-        return guide(node, estimate)
-
-    fly_trials(scenario, LinearWorld(problem.dynamics), watched, drawn, errors)
+    world = Watched(LinearWorld(problem.dynamics))
+    fly_trials(scenario, world, guide, drawn, errors)
     spread = dispersion(controls, problem, errors.gaussian(problem.time_step), closed_loop=True)
-    for node in (3, 9):
-        true = ends[node][:, 0] - flown_errors.navigation_error(drawn, node, errors)[:, 0]
-        seen, found = np.cov(true.T), spread.state_covariance[0, node]
+    for node in (1, 3, 9):
+        seen, found = np.cov(world.starts[node].T), spread.state_covariance[0, node]
         scale = np.sqrt(np.outer(np.diag(seen), np.diag(seen)))
         assert found / scale == pytest.approx(seen / scale, abs=0.08)
 
