@@ -27,6 +27,7 @@ LOOSE = 1e-7  # share of a craft's fuel that its bound may be below it
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own convex program"
+LEFT_OUT = ", obstacles and corridors left out"
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,12 +15,10 @@ from pipeline.documents import write_document
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
 from pipeline.plan.document import plan_document, read_plan, write_plan
 from pipeline.plan.recheck import recheck
-from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
 from pipeline.scenario import diagnostics, draw
@@ -213,12 +211,6 @@ def test_waypoints_out_of_order_or_with_too_many_choices_are_refused():
     two = [replace(BETWEEN[0], time=None)] * 2
     with pytest.raises(InputError, match="give some a time"):
         replace(many, waypoints=tuple(two))
-
-
-def test_a_plan_as_flown_refuses_them():
-    orbit = ReferenceOrbit(6878137.0, 0.001, 97.4)
-    with pytest.raises(InputError, match="leave --world out"):
-        AsFlown(named_planner("expert"), orbit).plan([with_waypoints(BETWEEN[0])])
 
 
 def test_no_choice_of_open_times_is_left_out_before_a_time_that_is_given():
