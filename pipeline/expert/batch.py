@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from pipeline.arrays import Array
-from pipeline.expert.arrivals import Arrivals
 from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
     LEFT_OUT,
@@ -24,6 +23,7 @@ from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
 from pipeline.scenario import Scenario, participants, shared_problem
+from pipeline.scenario.arrivals import Arrivals
 from pipeline.scenario.spacecraft import limits_of
 from pipeline.scenario.waypoint import closest_pair
 

@@ -18,7 +18,6 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.expert.arrivals import Arrivals, arrivals_of
 from pipeline.expert.decoupled import LEFT_OUT, DecoupledOptima, decoupled_optima
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls, Marked, States, Values
@@ -34,6 +33,7 @@ from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
+from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft, passed_at
 
