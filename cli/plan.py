@@ -81,9 +81,9 @@ def plan(
     to be infeasible, with the pair and the time.
 
     With `--world` the plan is made for the flight that `prolearn fly` flies, about an orbit with
-    eccentricity, J2 and, if asked for, drag: there it meets every goal to a micrometre and keeps
-    craft apart, proven. The conditions are those of `fly`, or the scenario's own orbit. The gap is
-    to the least fuel of linear programs about that flight.
+    eccentricity, J2 and, if asked for, drag: there it meets goals and waypoints to a micrometre,
+    and keeps craft apart and in their corridors, proven. The conditions are those of `fly`, or the
+    scenario's own orbit. The gap is to the least fuel of linear programs about that flight.
 
     Examples:
 

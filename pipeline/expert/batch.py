@@ -8,9 +8,14 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from pipeline.arrays import Array
-from pipeline.expert.arrivals import Arrivals
 from pipeline.expert.conic import FUEL_SHARE
-from pipeline.expert.decoupled import DecoupledOptima, control_units, decoupled_optima, goal_miss
+from pipeline.expert.decoupled import (
+    LEFT_OUT,
+    DecoupledOptima,
+    control_units,
+    decoupled_optima,
+    goal_miss,
+)
 from pipeline.expert.waypoints import arrivals_at_least_fuel
 from pipeline.orbit.arrays import Controls, Formation, Indices, Values
 from pipeline.orbit.participants import Participants
@@ -18,6 +23,7 @@ from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
 from pipeline.scenario import Scenario, participants, shared_problem
+from pipeline.scenario.arrivals import Arrivals
 from pipeline.scenario.spacecraft import limits_of
 from pipeline.scenario.waypoint import closest_pair
 
@@ -98,8 +104,7 @@ class Batch:
     def bound(self, k: int) -> tuple[float, str]:
         """Lower bound on the fuel of a scenario, m/s², and how it is proven."""
         bound, proof = self.optima.bound(self.craft[k])
-        left_out = ", obstacles and corridors left out" if self.scenarios[k].unlike else ""
-        return bound, proof + left_out
+        return bound, proof + (LEFT_OUT if self.scenarios[k].unlike else "")
 
     @property
     def unlike(self) -> bool:

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
-from pipeline.expert.arrivals import Arrivals, arrivals_of
 from pipeline.expert.limited import (
     FARKAS_MARGIN,
     LIMIT_SHARE,
@@ -21,12 +20,14 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
+from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import limits_of
 
 LOOSE = 1e-7  # share of a craft's fuel that its bound may be below it
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own convex program"
+LEFT_OUT = ", obstacles and corridors left out"
 
 
 @dataclass(frozen=True, eq=False)

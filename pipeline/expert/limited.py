@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.expert.arrivals import Arrivals
 from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, TOLERANCE, ConicProgram
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Rows
@@ -15,6 +14,7 @@ from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
 from pipeline.orbit.thrust_cost import cost, polar, support, thrusts, worth
 from pipeline.orbit.transfer import transfer_maps
+from pipeline.scenario.arrivals import Arrivals
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying within it
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding

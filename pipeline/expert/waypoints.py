@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.expert.arrivals import Arrivals, arrivals_of
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import spent
+from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft
 
 

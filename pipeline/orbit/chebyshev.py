@@ -9,6 +9,7 @@ from numpy.polynomial import chebyshev
 from pipeline.arrays import Array
 
 POINTS = 12  # of a piece, both ends included
+CUBICS = 8  # to which a piece is cut, so that cubics are off by micrometres
 ANGLE = 0.25  # most by which the reference turns in a piece, rad
 # On [-1, 1], ascending
 NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))

@@ -15,10 +15,12 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
 from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
+from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
 from pipeline.orbit.problem import Problem
 
 SIDES = 16  # of the pyramid inside an approach cone; its sides are cos(π/16), 98 %, as far out
 DRAWN = 100.0  # length of the edges of a cone that are shown, m
+MOST_NARROWED = 0.9  # share of its width by which a box is made narrower at most
 STEEPEST = 89.0  # half-angle of a cone, deg
 
 Point = tuple[float, float, float]
@@ -47,6 +49,12 @@ class Box:
         """Outward normals a and offsets b, m, of a · p ≤ b."""
         axes = np.eye(3)
         return np.concatenate([axes, -axes]), np.array([*self.max, *(-low for low in self.min)])
+
+    def narrower(self, by: float) -> "Box":
+        """The same with its faces so much further in, m, as far as it still has an inside."""
+        low, high = np.array(self.min), np.array(self.max)
+        by = np.minimum(by, MOST_NARROWED * (high - low) / 2)
+        return Box(*(tuple(one.tolist()) for one in (low + by, high - by)))
 
     @property
     def outline(self) -> Float[Array, "_ 3"]:
@@ -93,6 +101,12 @@ class Cone:
         normal = np.cross(np.roll(edges, -1, axis=0), edges)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         return normal, normal @ np.array(self.apex)
+
+    def narrower(self, by: float) -> "Cone":
+        """The same with its apex so far along the axis that its faces are so much further in, m."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        apex = np.array(self.apex) - by / (self.faces[0] @ axis).mean() * axis
+        return Cone(tuple(apex.tolist()), self.axis, self.half_angle_deg)
 
     @property
     def outline(self) -> Float[Array, "_ 3"]:
@@ -181,17 +195,7 @@ def margins(
     moved: Marked | None = None,
 ) -> Margins:
     """How far craft stay inside of each face, in each interval in which they have to."""
-    h, starts = problem.time_step, problem.time_step * np.arange(problem.intervals)
-    begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
-    end = np.clip(faces.end[:, None] - starts, 0.0, h)
-    # Of a stretch without length, at one time alone, an interval with that time is looked at.
-    alone = (faces.begin == faces.end)[:, None]
-    at_once = alone & (starts <= faces.begin[:, None]) & (faces.end[:, None] <= starts + h)
-    wanted = (end > begin) | at_once
-    if moved is not None:
-        wanted &= moved[faces.craft, None]
-    face, k = np.nonzero(wanted)
-    begin, length = begin[face, k], (end - begin)[face, k]
+    face, k, begin, length = _stretches(faces, problem.time_step, problem.intervals, moved)
     craft, normal, offset = faces.craft[face], faces.normal[face], faces.offset[face]
     start, push = states[craft, k], controls[craft, k]
     fourth = problem.dynamics.most_fourth_derivative(start, push, k)
@@ -217,6 +221,51 @@ def margins(
     there = np.matvec(free, start) + np.matvec(pushed, push)
     margin = np.maximum(offset - np.vecdot(normal, there), bound)
     return Margins(face, k, time, margin, bound, free, pushed)
+
+
+def flown_margins(
+    arcs: Float[Array, "n pieces q 6"], duration: float, faces: Faces
+) -> tuple[Indices, Values, Values, Values]:
+    """The same of a flight that is known at its pieces' Chebyshev points, as in ``nearest``.
+
+    Of faces in pieces the numbers of the faces, the least margins and the bounds on them, m, and
+    the times of those, s since the first node.
+    """
+    pieces = arcs.shape[1]
+    piece_length = duration / pieces
+    face, k, begin, length = _stretches(faces, piece_length, pieces)
+    normal, offset = faces.normal[face, None], faces.offset[face]
+    states = arcs[faces.craft[face], k]
+    along, speed = np.vecdot(states[..., :3], normal), np.vecdot(states[..., 3:], normal)
+    at = begin[:, None] + length[:, None] * np.linspace(0.0, 1.0, CUBICS + 1)
+    weights = basis(2 * at / piece_length - 1) @ COEFFICIENTS
+    value, slope = (np.matvec(weights, one) for one in (along, speed))
+    h = np.repeat(length / CUBICS, CUBICS)
+    ends = [(value[:, one].ravel(), slope[:, one].ravel()) for one in (slice(-1), slice(1, None))]
+    most, share = (one.reshape(-1, CUBICS) for one in _largest(ends, h))
+    fourth = most_derivative(speed[..., None], 3, piece_length / 2)[:, 0]
+    row, cubic = np.arange(len(face)), most.argmax(axis=1)
+    margin = offset - most[row, cubic]
+    bound = margin - (length / CUBICS) ** 4 / 384 * fourth
+    time = k * piece_length + at[row, cubic] + share[row, cubic] * length / CUBICS
+    return face, margin, bound, time
+
+
+def _stretches(
+    faces: Faces, h: float, count: int, moved: Marked | None = None
+) -> tuple[Indices, Indices, Values, Values]:
+    """Face and interval, begin and length, s, of all that counts in intervals of length h."""
+    starts = h * np.arange(count)
+    begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
+    end = np.clip(faces.end[:, None] - starts, 0.0, h)
+    # Of a stretch without length, at one time alone, an interval with that time is looked at.
+    alone = (faces.begin == faces.end)[:, None]
+    at_once = alone & (starts <= faces.begin[:, None]) & (faces.end[:, None] <= starts + h)
+    wanted = (end > begin) | at_once
+    if moved is not None:
+        wanted &= moved[faces.craft, None]
+    face, k = np.nonzero(wanted)
+    return face, k, begin[face, k], (end - begin)[face, k]
 
 
 def _largest(ends: Sequence[tuple[Values, Values]], h: Values) -> tuple[Values, Values]:

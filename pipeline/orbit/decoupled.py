@@ -132,38 +132,58 @@ def _facets(
     return Facets(component, used[corner % len(used)], sign, weights, dual * scale)
 
 
-def least_limits(
-    initial: Formation,
-    goal: Formation,
-    problem: Problem,
-    burns: Bool[Array, "n intervals"] | None = None,
-) -> Float[Array, "n"]:
+def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
     """Least limit on each component, or thruster, that lets craft join their two states, m/s².
 
-    A linear program for each craft: with every component of w within ±1, or every thrust from 0 to
-    1, how many times s the change b of the final state can R w = s b be? A limit of 1/s is what it
-    takes. All are solved in one call, scaled by transfers of least energy. The problem's own limit
-    is ignored; infinite where no thrust reaches the goal. A thruster that is pointed has limits of
-    its components.
+    States are m and m/s, and the kind of thrust is the problem's. Its own limit is ignored;
+    infinite where no thrust reaches the goal. A thruster that is pointed has limits of its
+    components.
+    """
+    maps, scale = transfer_maps(problem), acceleration_scale(problem)
+    miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
+    reach = np.tile(maps.reach[-1] * scale[:, None], (len(miss), 1, 1))
+    controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
+    return _least_limits(miss, reach, controls, problem)
+
+
+def least_limits_within(
+    miss: Float[Array, "n r"],
+    reach: Float[Array, "n r m"],
+    burns: Bool[Array, "n intervals"],
+    problem: Problem,
+) -> Float[Array, "n"]:
+    """The same of changes of the states at some nodes, of craft that may not burn at all times.
 
     Args:
-        initial: states, m and m/s.
-        goal: likewise.
+        miss: changes, six for each node, m and m/s.
+        reach: effect of each craft's flattened controls on them.
+        burns: in which intervals craft may burn.
         problem: of which the kind of thrust is.
-        burns: in which intervals craft may burn; by default in all.
+    """
+    scale = np.tile(acceleration_scale(problem), miss.shape[1] // 6)
+    reach = reach * scale[:, None] * burns.repeat(3, axis=1)[:, None]
+    miss = miss * scale
+    return _least_limits(miss, reach, np.matvec(np.linalg.pinv(reach), miss), problem)
+
+
+def _least_limits(
+    miss: Float[Array, "n r"],
+    reach: Float[Array, "n r m"],
+    controls: Float[Array, "n m"],
+    problem: Problem,
+) -> Float[Array, "n"]:
+    """The same of scaled changes, and of controls that make them where any do.
+
+    A linear program for each craft: with every component of w within ±1, or every thrust from 0 to
+    1, how many times s the change b can R w = s b be? A limit of 1/s is what it takes. All are
+    solved in one call, scaled by those controls.
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 
-    maps, scale = transfer_maps(problem), acceleration_scale(problem)
-    miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
-    reach = np.tile(maps.reach[-1] * scale[:, None], (1 if burns is None else len(miss), 1, 1))
-    if burns is None:
-        controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
-    else:
-        reach *= burns.repeat(3, axis=1)[:, None]
-        controls = np.matvec(np.linalg.pinv(reach), miss)
+    rows = miss.shape[1]
+    least = np.tile(MISSED * acceleration_scale(problem), rows // 6)
     left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
-    short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), MISSED * scale)
+    short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), least)
     missed = (left > short).any(axis=1)
     limits = np.where(missed, np.inf, 0.0)
     moving = np.flatnonzero((enough > 0) & ~missed)  # the others arrive without thrust
@@ -172,17 +192,16 @@ def least_limits(
     low, thrust = -1.0, problem.thrust
     if not isinstance(thrust.model, str):
         low = 0.0
-        reach = (reach.reshape(len(reach), 6, -1, 3) @ np.array(thrust.model).T).reshape(
-            len(reach), 6, -1
+        reach = (reach.reshape(len(reach), rows, -1, 3) @ np.array(thrust.model).T).reshape(
+            len(reach), rows, -1
         )
     wanted = csr_array(block_diag(list((miss[moving] / enough[moving, None])[..., None])))
     n, m = len(moving), reach.shape[2]
-    each = np.broadcast_to(reach, (len(miss), 6, m))[moving]
-    balance: Any = hstack([csr_array(block_diag(list(each))), -wanted], format="csr")
+    balance: Any = hstack([csr_array(block_diag(list(reach[moving]))), -wanted], format="csr")
     found = linprog(
         np.repeat([0.0, -1.0], [n * m, n]),
         A_eq=balance,
-        b_eq=np.zeros(6 * n),
+        b_eq=np.zeros(rows * n),
         bounds=[(low, 1.0)] * (n * m) + [(0.0, np.inf)] * n,
         method="highs",
     )
@@ -194,30 +213,36 @@ def least_limits(
 
 
 def least_cost(
-    miss: Float[Array, "6"], burns: Bool[Array, "intervals"], most: float, problem: Problem
+    miss: Float[Array, "r"],
+    reach: Float[Array, "r m"],
+    burns: Bool[Array, "intervals"],
+    most: float,
+    problem: Problem,
 ) -> float:
-    """Lower bound on the fuel of one craft, m/s², for a change of state, m and m/s.
+    """Lower bound on the fuel of one craft, m/s², for changes of its states at some nodes.
 
     By a linear program of thrusters; in place of one that is pointed, of so many and so strong ones
     that it does nothing more cheaply. Infinite where none meets the goal.
 
     Args:
-        miss: change of the final state.
+        miss: changes, six for each node, m and m/s.
+        reach: effect of its flattened controls on them.
         burns: in which intervals it may burn.
         most: limit on each component or thruster, m/s².
         problem: of which the kind of thrust is.
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 
-    thrust, scale = problem.thrust, acceleration_scale(problem)
+    thrust, rows = problem.thrust, len(miss)
+    scale = np.tile(acceleration_scale(problem), rows // 6)
     directions = _around() if thrust.directions is None else thrust.directions
-    reach = transfer_maps(problem).reach[-1].reshape(6, -1, 3)[:, burns] @ directions.T
+    reach = reach.reshape(rows, -1, 3)[:, burns] @ directions.T
     wanted = miss * scale
     unit = float(np.abs(wanted).max())
     if unit == 0:
         return 0.0
     pointed_or_free = thrust.directions is None or np.isinf(most)
-    columns = scale[:, None] * reach.reshape(6, -1)
+    columns = scale[:, None] * reach.reshape(rows, -1)
     found = linprog(
         np.ones(columns.shape[1]),
         A_eq=columns,

@@ -13,10 +13,8 @@ from jaxtyping import Float, Int
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import TOLERANCE, Pairs, SwarmPartition, least_of_each, pairs
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
-from pipeline.orbit.chebyshev import COEFFICIENTS, basis, most_derivative
+from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
 from pipeline.orbit.separation import Separation
-
-CUBICS = 8  # to which a piece is cut, so that cubics are off by micrometres
 
 ENDS = basis(np.linspace(-1.0, 1.0, CUBICS + 1)) @ COEFFICIENTS
 """From states at a piece's points to those at the ends of its cubics."""
@@ -56,7 +54,7 @@ def nearest(states: Float[Array, "trials n pieces q 6"], start: float, duration:
 
 def nearest_between(
     states: Float[Array, "trials n pieces q 6"],
-    others: Float[Array, "trials n pieces q 6"],
+    others: Float[Array, "trials m pieces q 6"],
     both: Pairs,
     start: float,
     duration: float,
@@ -105,8 +103,8 @@ def nearer(one: Nearest, other: Nearest) -> Nearest:
 
 
 def _candidates(
-    motions: tuple[Float[Array, "trials n pieces q 6"], Float[Array, "trials n pieces q 6"]],
-    ends: tuple[Float[Array, "trials n pieces ends 6"], ...],
+    motions: tuple[Float[Array, "trials n pieces q 6"], Float[Array, "trials m pieces q 6"]],
+    ends: tuple[Float[Array, "trials _ pieces ends 6"], ...],
     both: Pairs,
     half: float,
     sizes: tuple[Float[Array, "p 3"] | None, Float[Array, "p"]],

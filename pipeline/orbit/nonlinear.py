@@ -14,9 +14,10 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
-from pipeline.orbit.approaches import SwarmPartition
-from pipeline.orbit.arrays import Controls, Formation, States
+from pipeline.orbit.approaches import SwarmPartition, side_by_side
+from pipeline.orbit.arrays import Controls, Formation, Indices, States, Values
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
+from pipeline.orbit.corridors import Faces, flown_margins
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import nearest, nearest_between
 from pipeline.orbit.problem import Problem
@@ -83,44 +84,58 @@ def clear_in_world(
     initial: Formation, controls: Controls, problem: Problem, swarms: SwarmPartition
 ) -> Separation:
     """The least separation of participants in that flight; obstacles have the mean ballistic."""
-    start, pushed = swarms.beside(initial[:, None], slice(0, 1)), swarms.pushed(controls)
-    dynamics = _dynamics(problem)
-    ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
-    ballistics[: len(initial)] = dynamics.orbit.ballistics(len(initial))
-    arcs = flown_arcs(dynamics, start[:, 0], pushed, ballistics)
+    start = swarms.beside(initial[:, None], slice(0, 1))[:, 0]
+    ballistics = _ballistics(problem, len(initial), len(start))
+    arcs = flown_arcs(_dynamics(problem), start, swarms.pushed(controls), ballistics)
     pieces = arcs.reshape(1, len(start), -1, *arcs.shape[3:])
     found = nearest_between(pieces, pieces, swarms.pairs, 0.0, problem.duration, swarms)
     return found.separation()
 
 
+def margins_in_world(
+    initial: Formation, controls: Controls, problem: Problem, faces: Faces
+) -> tuple[Indices, Values, Values, Values]:
+    """How far inside of faces craft stay in that flight: ``flown_margins``."""
+    arcs = _arcs(initial, controls, problem)
+    pieces = arcs.reshape(len(initial), -1, *arcs.shape[3:])
+    return flown_margins(pieces, problem.duration, faces)
+
+
 def least_adrift_in_world(
-    states: States, controls: Controls, problem: Problem, orbits: float
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    orbits: float,
+    swarms: SwarmPartition | None = None,
 ) -> Separation:
     """The least distance of a craft that has lost its thrust at a node to another, in that flight.
 
     It drifts for so many orbits from there, the last interval rounded up; the others fly on and
-    then drift from their goals. ``least_after_loss`` is the same in linear motion.
+    then drift from their goals. ``least_after_loss`` is the same in linear motion. Participants
+    are those of one scenario, by default its craft.
     """
     n, last = len(states), problem.intervals
+    swarms = swarms or side_by_side((n,))
     h = problem.time_step
     after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / h - NO_LENGTH))
     dynamics = replace(_dynamics(problem), intervals=last + after)
-    ballistics, idle = dynamics.orbit.ballistics(n), np.zeros((n, after, 3))
-    others = flown_arcs(
-        dynamics, states[:, 0], np.concatenate([controls, idle], axis=1), ballistics
-    )
-    i, j = np.nonzero(~np.eye(n, dtype=bool))
+    start, burned = swarms.beside(states[:, :1], slice(0, 1))[:, 0], swarms.pushed(controls)
+    m = len(start)
+    ballistics, idle = _ballistics(problem, n, m), np.zeros((m, after, 3))
+    others = flown_arcs(dynamics, start, np.concatenate([burned, idle], axis=1), ballistics)
+    i, j = np.nonzero(~np.eye(n, m, dtype=bool))
     least = Separation()
     for node in range(last + 1):
-        adrift = flown_arcs(dynamics, states[:, node], idle, ballistics, node)
+        adrift = flown_arcs(dynamics, states[:, node], idle[:n], ballistics[:n], node)
         for k in range(0, after, AT_ONCE):
             part = slice(k, min(k + AT_ONCE, after))
             beside = others[:, node + part.start : node + part.stop]
             one, other = (
-                arcs.reshape(1, n, -1, *arcs.shape[3:]) for arcs in (adrift[:, part], beside)
+                arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
+                for arcs in (adrift[:, part], beside)
             )
             begin, length = (node + part.start) * h, (part.stop - part.start) * h
-            found = nearest_between(one, other, (i, j), begin, length).separation()
+            found = nearest_between(one, other, (i, j), begin, length, swarms).separation()
             if found.pair is not None and found.distance < least.distance:
                 least = replace(found, bound=min(found.bound, least.bound), node=node)
             else:
@@ -128,9 +143,10 @@ def least_adrift_in_world(
     return least
 
 
-def ends_in_world(initial: Formation, controls: Controls, problem: Problem) -> Formation:
-    """The last states alone of the same flight."""
-    return _arcs(initial, controls, problem)[:, -1, -1, -1]
+def nodes_in_world(initial: Formation, controls: Controls, problem: Problem) -> States:
+    """The node states alone of the same flight."""
+    arcs = _arcs(initial, controls, problem)
+    return np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
 
 
 def flown_between(
@@ -151,6 +167,13 @@ def _dynamics(problem: Problem) -> LinearizedDynamics:
     dynamics = problem.dynamics
     assert isinstance(dynamics, LinearizedDynamics)  # only about a reference orbit
     return dynamics
+
+
+def _ballistics(problem: Problem, n: int, participants: int) -> Ballistics:
+    """Of n craft, and the mean of other participants."""
+    orbit = _dynamics(problem).orbit
+    others = np.full(participants - n, orbit.ballistic or 0.0)
+    return np.concatenate([orbit.ballistics(n), others])
 
 
 def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:

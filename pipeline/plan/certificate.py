@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.nonlinear import margins_in_world
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
@@ -22,6 +24,7 @@ from pipeline.orbit.thrust_cost import spent as fuel_of
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, refuse_risk
 from pipeline.scenario import Scenario, participants, shared_problem
+from pipeline.scenario.waypoint import missed
 
 FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
 
@@ -146,21 +149,23 @@ class CorridorMargin:
     time: float
 
     @classmethod
-    def of(cls, states: States, controls: Controls, scenario: Scenario) -> "CorridorMargin | None":
-        """Of a flight; None where there are no corridors."""
+    def of(
+        cls, states: States, controls: Controls, scenario: Scenario, *, as_flown: bool = False
+    ) -> "CorridorMargin | None":
+        """Of linear motion or a flight; None where there are no corridors."""
         if not scenario.corridors:
             return None
         problem, faces = scenario.problem, Faces.of(scenario.corridors, scenario.n)
-        found = margins(states, controls, problem, faces)
-        k = int(found.margin.argmin())
-        face = found.face[k]
-        return cls(
-            float(found.margin[k]),
-            float(found.bound.min()),
-            int(faces.craft[face]),
-            int(faces.corridor[face]),
-            float(found.interval[k] * problem.time_step + found.offset[k]),
-        )
+        if as_flown:
+            of = states[:, 0], controls, problem, faces
+            which, margin, bound, time = margins_in_world(*of)
+        else:
+            found = margins(states, controls, problem, faces)
+            which, margin, bound = found.face, found.margin, found.bound
+            time = found.interval * problem.time_step + found.offset
+        k = int(margin.argmin())
+        craft, corridor = int(faces.craft[which[k]]), int(faces.corridor[which[k]])
+        return cls(float(margin[k]), float(bound.min()), craft, corridor, float(time[k]))
 
 
 @dataclass(frozen=True)
@@ -249,6 +254,8 @@ class Certificate:
         min_separation_bound: proven lower bound on the distance of any pair at any time, m.
         goal_error: largest miss of any component of a goal position, m.
         goal_velocity_error: largest miss of any component of a goal velocity, m/s.
+        waypoint_error: largest miss of any component of a waypoint, m, where there are some.
+        waypoint_velocity_error: likewise of velocities, m/s.
         dynamics_error: largest violation of Eq. 2 in position between two nodes, m; of a flight,
             which states are taken from, 0.
         fuel_lower_bound_proof: how the bound is proven, in words.
@@ -288,6 +295,8 @@ class Certificate:
     smallest_burn: SmallestBurn | None = None
     clearance: Clearance | None = None
     corridor: CorridorMargin | None = None
+    waypoint_error: float | None = None
+    waypoint_velocity_error: float | None = None
 
 
 @dataclass(frozen=True)
@@ -297,6 +306,8 @@ class Flights:
     closest: Sequence[Separation]  # of craft
     adrift: Sequence[Separation] | None = None  # of craft after a loss of thrust
     clear: Sequence[Separation] | None = None  # of participants, where sizes differ
+    clear_adrift: Sequence[Separation] | None = None  # of these after a loss of thrust
+    as_flown: bool = True  # whether motion is not linear
 
 
 def certify(
@@ -329,7 +340,7 @@ def certify(
     defect = np.zeros(len(states))
     if flights is None:
         defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
-        flights = Flights(_least_separations(states, controls, problem, swarms))
+        flights = Flights(_least_separations(states, controls, problem, swarms), as_flown=False)
     closest = flights.closest
     columns: dict[str, Sequence[Any]] = {
         "fuel": used,
@@ -354,7 +365,10 @@ def certify(
         clear = flights.clear or _least_separations(states, controls, problem, unlike)
         columns["clearance"] = list(map(Clearance.of, clear, scenarios))
         flown = np.split(states, starts[1:]), np.split(controls, starts[1:])
-        columns["corridor"] = list(map(CorridorMargin.of, *flown, scenarios))
+        inside = partial(CorridorMargin.of, as_flown=flights.as_flown)
+        columns["corridor"] = list(map(inside, *flown, scenarios))
+    off = map(_waypoint_errors, scenarios, np.split(states, starts[1:]))
+    columns["waypoint_error"], columns["waypoint_velocity_error"] = zip(*off, strict=True)
     if not isinstance(problem.thrust.model, str):
         each = np.split(step * burned, starts[1:])
         columns["craft_delta_v_thrusters"] = [tuple(one.tolist()) for one in each]
@@ -372,16 +386,7 @@ def certify(
         columns["smallest_burn"] = [SmallestBurn(problem.thrust.min_delta_v, one) for one in least]
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
-        adrift = flights.adrift or least_after_loss(states, controls, problem, orbits, swarms)
-        columns["passive_safety"] = [PassiveSafety.of(orbits, least) for least in adrift]
-        if unlike is not None:
-            spaced = least_after_loss(states, controls, problem, orbits, unlike)
-            columns["passive_safety"] = [
-                replace(one, clearance=Clearance.of(least, scenario))
-                for one, least, scenario in zip(
-                    columns["passive_safety"], spaced, scenarios, strict=True
-                )
-            ]
+        columns["passive_safety"] = _passive_safety(scenarios, states, controls, orbits, flights)
     if limit is not None:
         refuse_risk(scenarios, closed_loop=limit.closed_loop)
         asked = Risk.asked_for(limit, problem)
@@ -389,6 +394,32 @@ def certify(
         columns["risk"] = [asked.judge(*part, problem) for part in parts]
     rows = zip(*columns.values(), strict=True)
     return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
+
+
+def _waypoint_errors(scenario: Scenario, states: States) -> tuple[float | None, float | None]:
+    """Largest misses of waypoints, m and m/s, where there are some."""
+    if not scenario.waypoints:
+        return None, None
+    return missed(scenario.waypoints, states, scenario.problem)
+
+
+def _passive_safety(
+    scenarios: Sequence[Scenario],
+    states: States,
+    controls: Controls,
+    orbits: float,
+    flights: Flights,
+) -> list[PassiveSafety]:
+    """The passive safety of each scenario, by sizes of participants where these differ."""
+    flown, swarms = (states, controls, scenarios[0].problem, orbits), participants(scenarios)
+    craft = side_by_side(tuple(s.n for s in scenarios))
+    adrift = flights.adrift or least_after_loss(*flown, craft)
+    found = [PassiveSafety.of(orbits, least) for least in adrift]
+    if not isinstance(swarms, Participants):
+        return found
+    spaced = flights.clear_adrift or least_after_loss(*flown, swarms)
+    clear = map(Clearance.of, spaced, scenarios)
+    return [replace(one, clearance=of) for one, of in zip(found, clear, strict=True)]
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:

@@ -27,7 +27,7 @@ WHAT = f"a plan file (schema {SCHEMA})"
 # Claims of a certificate that are there where they were asked for, or where sizes differ
 OPTIONAL = (
     *("risk", "passive_safety", "largest_share", "smallest_burn", "craft_delta_v_thrusters"),
-    *("clearance", "corridor"),
+    *("clearance", "corridor", "waypoint_error", "waypoint_velocity_error"),
 )
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]

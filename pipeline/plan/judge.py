@@ -7,16 +7,17 @@ from time import perf_counter
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.nonlinear import clear_in_world, fly_in_world, least_adrift_in_world
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.separation import Separation
 from pipeline.orbit.thrust_cost import exceeds
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
 from pipeline.plan.certificate import Certificate, Flights, PassiveSafety, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, participants, shared_problem
-from pipeline.scenario.waypoint import missed
 
 # What a craft does that is beyond its limits
 EXCEEDS = {
@@ -84,25 +85,23 @@ def _flights(
     scenarios: Sequence[Scenario], made: Sequence[Made], orbits: float | None
 ) -> tuple[States, Flights]:
     """Node states in the nonlinear flight, and how close craft come there, adrift as well."""
-    if any(scenario.corridors for scenario in scenarios):
-        raise InputError(
-            "the scenario has corridors, and its plan is asked for as flown, where that is not "
-            "proven; expected one of the two: leave --world out."
-        )
-    problem, both = scenarios[0].problem, [*zip(scenarios, made, strict=True)]
-    flights = [fly_in_world(s.initial, one.controls, problem) for s, one in both]
+    problem = scenarios[0].problem
+    of_each = [(s.initial, one.controls, problem) for s, one in zip(scenarios, made, strict=True)]
+    flights = [fly_in_world(*one) for one in of_each]
     states, closest = [s for s, _ in flights], [apart for _, apart in flights]
-    clear, adrift = None, None
-    if any(scenario.sized for scenario in scenarios):
-        clear = [
-            clear_in_world(s.initial, one.controls, problem, participants([s])) for s, one in both
-        ]
-    if orbits is not None:
-        adrift = [
-            least_adrift_in_world(nodes, one.controls, problem, orbits)
-            for nodes, (_, one) in zip(states, both, strict=True)
-        ]
-    return np.concatenate(states), Flights(closest, adrift, clear)
+    alone = [side_by_side((s.n,)) for s in scenarios]
+    sized = any(s.sized for s in scenarios)
+    every = [participants([s]) for s in scenarios] if sized else []
+
+    def adrift(swarms: Sequence[SwarmPartition]) -> list[Separation]:
+        if orbits is None:
+            return []
+        each = zip(states, made, swarms, strict=True)
+        return [least_adrift_in_world(s, one.controls, problem, orbits, of) for s, one, of in each]
+
+    clear = [clear_in_world(*one, of) for one, of in zip(of_each, every, strict=False)]
+    clear_adrift = adrift(every) if sized else []
+    return np.concatenate(states), Flights(closest, adrift(alone), clear, clear_adrift)
 
 
 def planned(
@@ -132,9 +131,9 @@ def violations(plan: Plan) -> dict[str, str]:
     position, velocity = found.goal_error, found.goal_velocity_error
     if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
         wrong["goal"] = f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
-    off = missed(plan.scenario.waypoints, plan.states, problem)
-    if not (off[0] <= POSITION_TOLERANCE and off[1] <= VELOCITY_TOLERANCE):
-        wrong["waypoints"] = f"misses a waypoint by {off[0]:.3g} m and {off[1]:.3g} m/s"
+    position, velocity = found.waypoint_error or 0.0, found.waypoint_velocity_error or 0.0
+    if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
+        wrong["waypoints"] = f"misses a waypoint by {position:.3g} m and {velocity:.3g} m/s"
     limits = plan.scenario.limits
     if limits is not None:
         faults = [

@@ -1,10 +1,11 @@
 """Plans made for the nonlinear flight about a reference orbit, by any planner.
 
 The planner plans in the linear time-varying model about that orbit. Its controls are flown in all
-terms of gravity, J2 and drag; what is missed at the goal is of second order in the size of the
-swarm, and small changes of the burns make up for it, in two or three steps of Newton's method. So
-coasts stay coasts, and the active constraints of the linear programs stay active. Where much is
-missed, as by differential drag, and where craft come too close, it plans again with that in view.
+terms of gravity, J2 and drag; what is missed at goals and waypoints is of second order in the size
+of the swarm, and small changes of the burns make up for it, in two or three steps of Newton's
+method. So coasts stay coasts, and the active constraints of the linear programs stay active. Where
+much is missed, as by differential drag, and where craft come too close or leave a corridor, it
+plans again with that in view.
 """
 
 from collections.abc import Sequence
@@ -17,35 +18,40 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.expert.decoupled import decoupled_optima
+from pipeline.expert.decoupled import LEFT_OUT, DecoupledOptima, decoupled_optima
 from pipeline.orbit.approaches import pairs
-from pipeline.orbit.arrays import Controls, Formation, Marked
+from pipeline.orbit.arrays import Controls, Marked, States, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.decoupled import least_fuel
-from pipeline.orbit.nonlinear import ends_in_world
+from pipeline.orbit.nonlinear import nodes_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Limits, Thrust
-from pipeline.orbit.transfer import COAST, fly, state_weight, transfer_maps
+from pipeline.orbit.transfer import COAST, fly
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
+from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
+from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft, passed_at
 
 CORRECTIONS = 8  # steps at most; each leaves about the square of what was missed
 MET = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that no further step is worth, m and m/s
 LIMIT_SHARE = 1 - 1e-3  # of the thrust limit that is left to the planner; corrections have the rest
-WIDER = 1.5  # times what was missing that a planner is asked to add to the separation
+WIDER = 1.5  # times what was missing that a planner is asked to add, of separation or in corridors
 DEAR = 1e-3  # fuel, as a share of the bound, that corrections may cost before it is planned again
 TRIES = 4  # plans that are asked for at most
 
 PROOF = "{}, about the flight, to first order"
 
+Waypoints = tuple[Waypoint, ...]
+
 
 @dataclass(frozen=True)
 class AsFlown:
-    """A planner whose plans meet their goals, and keep apart, in the nonlinear flight."""
+    """A planner whose plans satisfy what is required in the nonlinear flight."""
 
     planner: Planner
     orbit: ReferenceOrbit | None = None  # or that of each scenario
@@ -77,63 +83,52 @@ class AsFlown:
         return [self._flown(one, plan) for one, plan in zip(asked, plans, strict=True)]
 
     def _about(self, scenario: Scenario) -> Scenario:
-        if scenario.waypoints:
-            raise InputError(
-                "the scenario has waypoints, which are met in linear motion alone; expected none "
-                "in a plan as flown: leave --world out, or the waypoints."
-            )
         orbit = self.orbit or scenario.problem.orbit
         if orbit is None:
             raise InputError(
                 "the scenario has no reference orbit; expected one to plan as flown: name "
                 "conditions, or give the scenario an orbit."
             )
-        asked = self.requirements
-        if scenario.unlike and (asked.at_nodes or asked.passive_safety is not None):
+        if scenario.sized and self.requirements.at_nodes:
             raise InputError(
-                "craft have radii of their own, or there are obstacles, and the plan is asked for "
-                "as flown; expected separation at all times and no passive safety with these: "
+                "craft have radii of their own, or there are obstacles, and separation is asked "
+                "for at the nodes only of a plan as flown; expected it at all times with these: "
                 "leave --world out, or those."
-            )
-        if scenario.corridors:
-            raise InputError(
-                "the scenario has corridors, and its plan is asked for as flown, where that is not "
-                "proven; expected one of the two: leave --world out."
             )
         return replace(scenario, problem=scenario.problem.about(orbit))
 
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
-        """The plan as flown, planned again where craft come too close, or burn too much."""
-        started, planning, wider = perf_counter(), linear.timing.get("plan", 0.0), 0.0
+        """The plan as flown, planned again where it is not safe there, or burns too much."""
+        started, planning, more = perf_counter(), linear.timing.get("plan", 0.0), np.zeros(2)
         dear, solves = linear.certificate.optimality_gap + DEAR, linear.convex_solves
-        best = plan = _corrected(scenario, linear, self.requirements)
+        passed = _passed(linear)
+        best = plan = _corrected(scenario, linear, self.requirements, passed)
         for tried in range(TRIES - 1):
             is_dear = tried == 0 and plan.certificate.optimality_gap > dear
             if linear.status != SOLVED or not (plan.status == UNSAFE or is_dear):
                 break
-            wider += WIDER * _missing(plan)
-            linear = self._again(plan, linear, wider)
+            more += WIDER * np.array([_missing(plan), _outside(plan)])
+            linear = self._again(plan, linear, passed, more)
             solves += linear.convex_solves
             if linear.status == SOLVED:
-                plan = _corrected(scenario, linear, self.requirements)
+                plan = _corrected(scenario, linear, self.requirements, passed)
                 best = min(best, plan, key=_rank)
         spent = perf_counter() - started - best.timing["certificate"]
         timing = {**best.timing, "plan": planning + spent}
         return replace(best, convex_solves=solves, timing=timing)
 
-    def _again(self, plan: Plan, linear: Plan, wider: float) -> Plan:
-        """The linear plan with so much more separation, m, that leads to its goals in the flight.
+    def _again(self, plan: Plan, linear: Plan, passed: Waypoints, more: Values) -> Plan:
+        """The linear plan with more room, m, that leads to goals and waypoints in the flight.
 
         As far as what linear motion leaves out is what it was, and that way is open to it. Who goes
-        where stays as it is.
+        where and when stays as it is.
         """
-        scenario, planner = plan.scenario, self.planner
-        left_out = _left_out(scenario, plan.controls, plan.states[:, -1])
+        planner = self.planner
         if isinstance(planner, GoalAssignment):
             planner = planner.planner
-        solves = 0
-        for goal in (scenario.goal - left_out, scenario.goal):
-            (found,) = planner.plan([_eased(replace(scenario, goal=goal), wider)])
+        asked, solves = replace(plan.scenario, waypoints=passed), 0
+        for one in (_as_linear(asked, plan.controls, plan.states), asked):
+            (found,) = planner.plan([_eased(one, *more.tolist())])
             solves += found.convex_solves
             if found.status == SOLVED:
                 break
@@ -141,9 +136,39 @@ class AsFlown:
         return replace(found, convex_solves=solves, **kept)
 
 
-def _eased(scenario: Scenario, wider: float = 0.0) -> Scenario:
-    """The scenario with so much more separation, m, and a little less thrust."""
-    scenario = scenario.wider(wider)
+def _passed(linear: Plan) -> Waypoints:
+    """The waypoints of a linear plan, with the times at which it passes them; none if it does not.
+
+    As the plan of a baseline may not.
+    """
+    problem, waypoints = linear.scenario.problem, linear.scenario.waypoints
+    if (linear.certificate.waypoint_error or 0.0) > POSITION_TOLERANCE:
+        return ()
+    found = passed_at(waypoints, linear.states, problem)
+    both = [one for some in found.values() for one in some]
+    return tuple(replace(one, time=node * problem.time_step) for node, one in both)
+
+
+def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenario:
+    """The scenario with goals and waypoints to which linear motion leads as a flight to these.
+
+    As far as it leaves out of other flights what it leaves out of that one.
+    """
+    problem = scenario.problem
+    left_out = states - fly(scenario.initial, controls, problem)
+    waypoints = []
+    for one in scenario.waypoints:
+        state = np.concatenate([one.position, one.velocity or (0.0,) * 3])
+        state -= left_out[one.craft, one.node(problem)]
+        x, y, z, *velocity = state.tolist()
+        faster = None if one.velocity is None else tuple(velocity)
+        waypoints.append(replace(one, position=(x, y, z), velocity=faster))
+    return replace(scenario, goal=scenario.goal - left_out[:, -1], waypoints=tuple(waypoints))
+
+
+def _eased(scenario: Scenario, wider: float = 0.0, inside: float = 0.0) -> Scenario:
+    """The scenario with so much more separation, and in corridors, m, and a little less thrust."""
+    scenario = scenario.wider(wider, inside)
     problem = scenario.problem
     limit = None if problem.max_acceleration is None else problem.max_acceleration * LIMIT_SHARE
     eased = replace(problem, max_acceleration=limit, thrust=_less(problem.thrust))
@@ -170,11 +195,6 @@ def _rank(plan: Plan) -> tuple[bool, float]:
     return plan.status != SOLVED, plan.certificate.fuel
 
 
-def _left_out(scenario: Scenario, controls: Controls, end: Formation) -> Formation:
-    """By how much a flight of controls ends elsewhere than linear motion, m and m/s."""
-    return end - fly(scenario.initial, controls, scenario.problem)[:, -1]
-
-
 def _missing(plan: Plan) -> float:
     """Shortfall of the least separation in a flight, m; 0 where the plan fails otherwise."""
     found, radius = plan.certificate, plan.scenario.problem.collision_radius
@@ -185,21 +205,33 @@ def _missing(plan: Plan) -> float:
     if found.clearance is not None:
         least = radius + found.clearance.min_clearance_bound
     bounds = [least, None if drift is None else drift.min_separation_bound]
+    if drift is not None and drift.clearance is not None:
+        bounds[1] = radius + drift.clearance.min_clearance_bound
     close = [float(radius - one) for one in bounds if one is not None and one <= radius]
     return max(close) + 1e-3 if close else 0.0
 
 
-def _corrected(scenario: Scenario, linear: Plan, requirements: Requirements) -> Plan:
-    """The plan of a linear plan's controls, corrected until their flight meets the goals."""
+def _outside(plan: Plan) -> float:
+    """How far a craft leaves its corridor in a flight, m; 0 where none does."""
+    found = plan.certificate.corridor
+    return 0.0 if found is None or found.min_margin_bound > 0 else 1e-3 - found.min_margin_bound
+
+
+def _corrected(
+    scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
+) -> Plan:
+    """The plan of a linear plan's controls, corrected until they lead where they must in flight."""
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
-    problem, initial, goal = scenario.problem, scenario.initial, scenario.goal
-    controls, end = linear.controls, ends_in_world(initial, linear.controls, problem)
+    problem, initial, controls = scenario.problem, scenario.initial, linear.controls
+    timed = replace(scenario, waypoints=passed)
+    at, states = _arrivals(timed), nodes_in_world(initial, controls, problem)
     for _ in range(CORRECTIONS):
-        if (np.abs(goal - end) <= MET).all():
+        miss = at.missed(states)
+        if (np.abs(miss) <= np.tile(MET, len(at.nodes))).all():
             break
-        controls = _changed(controls, goal - end, problem, scenario.limits)
-        end = ends_in_world(initial, controls, problem)
-    made = _made(scenario, controls, end, linear)
+        controls = _changed(controls, miss, at, problem, scenario.limits)
+        states = nodes_in_world(initial, controls, problem)
+    made = _made(timed, controls, states, linear)
     plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
     plan = replace(plan, assignment=linear.assignment)
     if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
@@ -208,29 +240,49 @@ def _corrected(scenario: Scenario, linear: Plan, requirements: Requirements) -> 
     return replace(plan, status=UNSOLVED, message=why)
 
 
-def _made(scenario: Scenario, controls: Controls, end: Formation, linear: Plan) -> Made:
-    """Controls with the bound of the linear programs about the flight, with such an end."""
-    problem, initial, found = scenario.problem, scenario.initial, linear.certificate
-    goal = scenario.goal - _left_out(scenario, controls, end)
-    optima = decoupled_optima(initial, goal, problem, scenario.limits)
+def _arrivals(scenario: Scenario) -> Arrivals:
+    """Where craft must be, where all waypoints have times."""
+    problem, passed = scenario.problem, {}
+    for craft, some in of_craft(scenario.waypoints).items():
+        (nodes,) = choices_of(some, problem)
+        passed[craft] = [*zip(nodes, some, strict=True)]
+    return arrivals_of(scenario.initial, scenario.goal, problem, passed)
+
+
+def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Made:
+    """Controls with the bound of the linear programs about the flight, with such node states.
+
+    Where goals or times were chosen, the bound of all choices changes as this one's does.
+    """
+    found, eased = linear.certificate, _eased(scenario)
+    optima = _optima(_as_linear(scenario, controls, states))
     bound, proof = optima.bound()
-    if linear.assignment is not None:  # the bound of all assignments changes as this one's
-        eased = _eased(scenario)
-        linear_optima = decoupled_optima(initial, scenario.goal, eased.problem, eased.limits)
-        change = bound - linear_optima.bound()[0]
+    proof += LEFT_OUT if scenario.unlike else ""
+    if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
+        change = bound - _optima(eased).bound()[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     timing = {"plan": linear.timing.get("plan", 0.0)}
     least = 0.0
-    if problem.thrust.objective == "fair" and scenario.limits is not None:
-        least = optima.least_share(scenario.limits, problem.time_step)
+    if scenario.problem.thrust.objective == "fair" and scenario.limits is not None:
+        least = optima.least_share(scenario.limits, scenario.problem.time_step)
     proven = bound, PROOF.format(proof)
     return Made(controls, *proven, linear.convex_solves, timing, least_share=least)
 
 
+def _optima(scenario: Scenario) -> DecoupledOptima:
+    """The decoupled optima of a scenario whose waypoints have times."""
+    ends = scenario.initial, scenario.goal, scenario.problem
+    return decoupled_optima(*ends, scenario.limits, _arrivals(scenario))
+
+
 def _changed(
-    controls: Controls, miss: Formation, problem: Problem, limits: Limits | None
+    controls: Controls,
+    miss: Float[Array, "n r"],
+    at: Arrivals,
+    problem: Problem,
+    limits: Limits | None,
 ) -> Controls:
-    """Controls that bring about a small change of the final state, m and m/s, to first order.
+    """Controls that bring about a small change of where craft arrive, m and m/s, to first order.
 
     By least squares in the burns that are there and not at the limit; where those cannot, by least
     fuel, or, with limits of each craft, in all burns that may be.
@@ -241,9 +293,9 @@ def _changed(
         free &= limits.burns & _below(controls, limits)
     elif limit is not None:
         free &= size < limit * LIMIT_SHARE**2
-    added, unable = _least_change(free, miss, problem)
+    added, unable = _least_change(free, miss, at)
     if unable.any() and limits is not None:
-        added[unable] = _least_change(limits.burns[unable], miss[unable], problem)[0]
+        added[unable] = _least_change(limits.burns[unable], miss[unable], at[unable])[0]
     elif unable.any() and (optima := least_fuel(miss[unable], problem)) is not None:
         added[unable] = optima.controls.reshape(len(optima.controls), -1)
     return controls + added.reshape(controls.shape)
@@ -256,12 +308,12 @@ def _below(controls: Controls, limits: Limits) -> Bool[Array, "n intervals 3"]:
 
 
 def _least_change(
-    free: Bool[Array, "n intervals 3"], miss: Formation, problem: Problem
+    free: Bool[Array, "n intervals 3"], miss: Float[Array, "n r"], at: Arrivals
 ) -> tuple[Float[Array, "n m"], Marked]:
     """Least squares of what is added to free components, and of which craft that is too little."""
-    weight = state_weight(problem)
-    columns = (weight[:, None] * transfer_maps(problem).reach[-1]) * free.reshape(len(free), 1, -1)
-    wanted = weight * miss
+    columns = (at.weight[:, None] * at.reach) * free.reshape(len(free), 1, -1)
+    columns *= at.asked[..., None]
+    wanted = at.weight * miss
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-6), wanted)
     added *= free.reshape(added.shape)  # where it is zero but for rounding
     left = np.abs(wanted - np.matvec(columns, added)).max(axis=1)

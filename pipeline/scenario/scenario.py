@@ -175,15 +175,24 @@ class Scenario:
             return f"{own}, craft {j} of {self.radii[j]:g} m"
         return f"{own}, {self.obstacles[j - self.n]}"
 
-    def wider(self, by: float) -> "Scenario":
-        """The scenario with so much more separation of all pairs, m."""
+    def wider(self, by: float, inside: float = 0.0) -> "Scenario":
+        """The scenario with so much more separation of all pairs, and in corridors, m."""
         problem = replace(self.problem, collision_radius=self.problem.collision_radius + by)
         craft = [
             one if one.radius is None else replace(one, radius=one.radius + by / 2)
             for one in self.craft
         ]
         obstacles = tuple(one.wider(by / 2) for one in self.obstacles)
-        return replace(self, problem=problem, craft=tuple(craft), obstacles=obstacles)
+        corridors = tuple(
+            replace(one, inside=one.inside.narrower(inside)) for one in self.corridors
+        )
+        return replace(
+            self,
+            problem=problem,
+            craft=tuple(craft),
+            obstacles=obstacles,
+            corridors=corridors,
+        )
 
     def taking(self, slots: Sequence[int]) -> "Scenario":
         """The scenario in which each craft goes to the goal of that number here."""

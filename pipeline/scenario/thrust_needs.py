@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.decoupled import least_cost, least_limits
+from pipeline.orbit.decoupled import least_cost, least_limits_within
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
-from pipeline.orbit.transfer import transfer_maps
+from pipeline.scenario.arrivals import arrivals_of
 from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.waypoint import of_craft
 
 MARGIN = 1e-6  # share of a need that is left to rounding
 TIME = "give more time by time_step or nodes"
@@ -38,17 +39,25 @@ class Needs:
 
 
 def needs_of(scenario: Scenario, limits: Limits) -> Needs:
-    """Least limits and least Δv of each craft on its own: without others, and impulse bits."""
-    problem, ends = scenario.problem, (scenario.initial, scenario.goal)
-    open_ = np.asarray(limits.burns.any(axis=2))
-    limit = least_limits(*ends, problem, open_)
+    """Least limits and least Δv of each craft on its own: without others, and impulse bits.
+
+    By its waypoints that have times; others are left out.
+    """
+    problem, timed = scenario.problem, [one for one in scenario.waypoints if one.time is not None]
+    passed = {
+        craft: [(node, one) for one in some if (node := one.node(problem)) is not None]
+        for craft, some in of_craft(timed).items()
+    }
+    at = arrivals_of(scenario.initial, scenario.goal, problem, passed)
+    reach, open_ = at.reach * at.asked[..., None], np.asarray(limits.burns.any(axis=2))
+    limit = least_limits_within(at.miss, reach, open_, problem)
     norm = limit
     if not isinstance(problem.thrust.model, str):  # no component is larger than the norm
-        norm = least_limits(*ends, replace(problem, thrust=ALONG_AXES), open_)
+        norm = least_limits_within(at.miss, reach, open_, replace(problem, thrust=ALONG_AXES))
     delta_v = np.zeros(scenario.n)
-    miss = scenario.goal - np.matvec(transfer_maps(problem).drift[-1], scenario.initial)
     for k in np.flatnonzero(np.isfinite(limits.delta_v) & np.isfinite(limit)):
-        least = least_cost(miss[k], open_[k], float(limits.component[k]), problem)
+        most = float(limits.component[k])
+        least = least_cost(at.miss[k], reach[k], open_[k], most, problem)
         delta_v[k] = least * problem.time_step
     return Needs(limit, norm, delta_v)
 
@@ -58,7 +67,7 @@ def shortfalls(scenario: Scenario, limits: Limits, needs: Needs) -> Iterator[Sho
     problem = scenario.problem
     for k in range(scenario.n):
         if np.isinf(needs.limit[k]):
-            yield _no_way(k, limits, problem)
+            yield _no_way(k, limits, scenario)
             continue
         moves = needs.limit[k] > 0
         if moves and (found := _no_burn_large_enough(k, limits, problem)):
@@ -75,15 +84,16 @@ def shortfalls(scenario: Scenario, limits: Limits, needs: Needs) -> Iterator[Sho
                 break
 
 
-def _no_way(k: int, limits: Limits, problem: Problem) -> Shortfall:
+def _no_way(k: int, limits: Limits, scenario: Scenario) -> Shortfall:
     """The shortfall of a craft that reaches its goal with no thrust, however large."""
-    may = int(limits.burns[k].any(axis=1).sum())
+    may, problem = int(limits.burns[k].any(axis=1).sum()), scenario.problem
+    way = " by its waypoints" if k in of_craft(scenario.waypoints) else ""
     if may == problem.intervals:
-        text = f"craft {k} reaches its goal with no thrust, however large"
+        text = f"craft {k} reaches its goal{way} with no thrust, however large"
         return Shortfall(k, text, TIME, {})
     text = (
-        f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its goal "
-        "with any thrust"
+        f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its "
+        f"goal{way} with any thrust"
     )
     cure = f"leave more time to burn by no_burn, or {TIME}"
     return Shortfall(k, text, cure, {"may_burn": float(may)})

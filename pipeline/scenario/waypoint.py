@@ -111,19 +111,29 @@ def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[in
     return found
 
 
-def missed(waypoints: Sequence[Waypoint], states: States, problem: Problem) -> tuple[float, float]:
-    """By how much node states miss the waypoints at most, m and m/s.
+def passed_at(
+    waypoints: Sequence[Waypoint], states: States, problem: Problem
+) -> dict[int, list[tuple[int, Waypoint]]]:
+    """The node and waypoint of all that each craft passes.
 
-    Of those without a time the nodes count, after the waypoint before, that are nearest.
+    Of those without a time the nodes count, after the waypoint before, at which it is nearest.
     """
-    worst = np.zeros(2)
+    found = {}
     for craft, some in of_craft(waypoints).items():
-        misses = [
-            np.max([_miss(one, states[craft, k]) for one, k in zip(some, nodes, strict=True)], 0)
-            for nodes in choices_of(some, problem)
+        tried = [[*zip(nodes, some, strict=True)] for nodes in choices_of(some, problem)]
+        off = [
+            max(far + problem.duration * fast for far, fast in each)
+            for each in ([_miss(one, states[craft, k]) for k, one in way] for way in tried)
         ]
-        worst = np.maximum(worst, min(misses, key=lambda one: one[0]))
-    position, velocity = worst.tolist()
+        found[craft] = tried[int(np.argmin(off))]
+    return found
+
+
+def missed(waypoints: Sequence[Waypoint], states: States, problem: Problem) -> tuple[float, float]:
+    """By how much node states miss the waypoints at most, m and m/s: as ``passed_at`` has it."""
+    passed = passed_at(waypoints, states, problem)
+    each = [_miss(one, states[craft, k]) for craft, some in passed.items() for k, one in some]
+    position, velocity = np.max([(0.0, 0.0), *each], axis=0).tolist()
     return position, velocity
 
 

@@ -34,13 +34,15 @@ class Pair:
     second: int  # the other
     distance: float  # their least separation at any time, m
     time: float  # when, s since the start
+    wanted: float  # separation that they keep, by their sizes, m
 
 
 def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
     """What the page draws (cm, mm, mm/s², s), JSON-ready, and the pairs whose separation it has."""
     scenario, found = plan.scenario, plan.certificate
     problem = scenario.problem
-    pairs = closest_pairs(plan.states, plan.controls, problem)
+    sizes = scenario.radii if scenario.sized else None
+    pairs = closest_pairs(plan.states, plan.controls, problem, radii=sizes)
     closest = [pair.time for pair in pairs]
     if found.min_separation_time is not None:
         closest.append(found.min_separation_time)
@@ -75,6 +77,7 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         "controls": np.round(1000 * plan.controls, 5).tolist(),
         "limit": None if limit is None else 1000 * limit,
         "pairs": [[pair.first, pair.second] for pair in pairs],
+        "wanted": [pair.wanted for pair in pairs],
         "separations": [_whole(1000 * one) for one in apart],
         "nearest": nearest,
     }, pairs
@@ -117,22 +120,36 @@ def orbits(states: Formation, problem: Problem) -> Float[Array, "n P 3"]:
 
 
 def closest_pairs(
-    states: States, controls: Controls, problem: Problem, most: int = MOST
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    most: int = MOST,
+    radii: Values | None = None,
 ) -> list[Pair]:
-    """The pairs of least separation at any time, the closest first; all where there are few."""
+    """The pairs of least separation at any time, the closest first; all where there are few.
+
+    Where craft have radii, the closest is the one with the least separation beyond both radii.
+    """
     n = len(states)
     if n < 2:
         return []
+    at_nodes, swarms = node_distances(states).min(axis=1), None
+    if radii is not None:  # separations that compare with r_col
+        swarms = Participants(problem, [radii], [()])
+        at_nodes -= radii[np.stack(swarms.pairs)].sum(axis=0) - problem.collision_radius
     # As many pairs come within the last of the closest at nodes, and so the closest ones do; a
     # little more, so that none of those is lost to rounding.
-    at_nodes = node_distances(states).min(axis=1)
     last = min(most, len(at_nodes)) - 1
     within = float(np.partition(at_nodes, last)[last]) + TOLERANCE
-    found = close_approaches(states, controls, problem, within)
+    found = close_approaches(states, controls, problem, within, swarms=swarms)
     order = np.argsort(found.distance, kind="stable")
     _, first = np.unique((found.first * n + found.second)[order], return_index=True)
     closest = order[np.sort(first)][:most]
-    columns = (found.first, found.second, found.distance, found.times(problem))
+    wanted = np.full(len(found.first), problem.collision_radius)
+    if radii is not None:
+        wanted = radii[found.first] + radii[found.second]
+    distance = found.distance + (wanted - problem.collision_radius)
+    columns = (found.first, found.second, distance, found.times(problem), wanted)
     return [Pair(*row) for row in zip(*(c[closest].tolist() for c in columns), strict=True)]
 
 

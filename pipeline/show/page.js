@@ -167,8 +167,9 @@ function separationTraces() {
 
 function separationLayout() {
   const shown = data.separations.map((all) => Math.min(...all) / 1000);
-  const top = Math.max(4 * data.collisionRadius, 2 * Math.max(...shown));
-  const bound = data.bound ?? 0, radius = data.collisionRadius;
+  const most = Math.max(...data.wanted), alike = most === Math.min(...data.wanted);
+  const top = Math.max(4 * most, 2 * Math.max(...shown)), bound = data.bound ?? 0;
+  const named = most === data.collisionRadius ? "r_col" : "both radii";
   const level = (y, look) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: look });
   const label = (y, text, x, other) => ({
     xref: "paper", x, xanchor: x ? "right" : "left", y, text, showarrow: false,
@@ -178,15 +179,15 @@ function separationLayout() {
   return layout({
     margin: { l: 50, r: 12, t: 30, b: 45 }, dragmode: narrow.matches ? false : "zoom",
     xaxis: timeAxis(), yaxis: flat("separation, m", { range: [0, top], zeroline: false }),
-    shapes: [
-      cursor(),
-      level(radius, { color: colour("limit"), width: 2, dash: "dash" }),
+    shapes: [cursor(), ...(alike ? [
+      level(most, { color: colour("limit"), width: 2, dash: "dash" }),
       level(bound, { color: colour("ink"), width: 1.5 }),
-    ],
-    annotations: [
-      label(radius, `r_col ${radius} m`, 0, bound),
-      label(bound, `proven: never below ${(Math.floor(bound * 1000) / 1000).toFixed(3)} m`, 1, radius),
-    ],
+    ] : data.wanted.map((wanted, k) =>
+      level(wanted, { color: colour(`pair${k}`), width: 1.8, dash: "dash" })))],
+    annotations: alike ? [
+      label(most, `${named} ${most} m`, 0, bound),
+      label(bound, `proven: never below ${(Math.floor(bound * 1000) / 1000).toFixed(3)} m`, 1, most),
+    ] : [label(most, "dashed: both radii of each pair", 0, 0)],
   });
 }
 

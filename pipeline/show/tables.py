@@ -89,6 +89,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
         *_passive_safety_rows(found),
         ("Goal missed by, position", f"{error(found.goal_error)} m"),
         ("Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"),
+        *_waypoint_rows(found),
         ("Dynamics violated by, at most", f"{error(found.dynamics_error)} m"),
     ]
 
@@ -162,6 +163,17 @@ def _corridor_rows(inside: CorridorMargin | None) -> Rows:
         ("Least distance inside of a corridor", f"{inside.min_margin:.4f} m"),
         ("Of", where),
         ("Proven: never less than", f"{_down(inside.min_margin_bound)} m"),
+    ]
+
+
+def _waypoint_rows(found: Certificate) -> Rows:
+    """By how much waypoints are missed, where there are any."""
+    position, velocity = found.waypoint_error, found.waypoint_velocity_error
+    if position is None or velocity is None:
+        return []
+    return [
+        ("Waypoints missed by, position", f"{error(position)} m"),
+        ("Waypoints missed by, velocity", f"{error(velocity)} m/s"),
     ]
 
 

@@ -204,3 +204,23 @@ def test_a_tampered_plan_is_not_shown_as_safe(prolearn, tmp_path):
     refused = prolearn("show", "p.json")
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert "world is another orbit than the scenario's" in refused.stderr
+
+
+def test_waypoints_corridors_and_obstacles_of_a_file_are_kept_in_flight(prolearn, tmp_path):
+    own = json.loads((tmp_path / "s.json").read_text())
+    fields = {name: own[name] for name in ("schema", "mean_motion", "collision_radius")}
+    fields["initial"] = [[0, -300, 0, 0, 0, 0], [0, -400, 0, 0, 0, 0]]
+    fields["goal"] = [[0, -100, 0, 0, 0, 0], [0, -320, 0, 0, 0, 0]]
+    fields["waypoints"] = [{"craft": 0, "position": [20, -180, 10], "time": 600}]
+    fields["corridors"] = [
+        {"from": 0, "to": 1200, "box": {"min": [-25, -500, -15], "max": [25, -50, 15]}}
+    ]
+    fields["obstacles"] = [{"name": "target", "position": [0, 0, 0], "radius": 20}]
+    fields["ends"] = "any"
+    (tmp_path / "m.json").write_text(json.dumps(fields))
+    done = prolearn("plan", "m.json", "--world", "--passive-safety", "0.05", "--out", "p.json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    states = file_flown(flown(tmp_path / "p.json"), 24)
+    assert np.abs(states[0, 4, -1, :3] - [20, -180, 10]).max() < 1e-5
+    low, high = states[..., :3].min(axis=(0, 1, 2)), states[..., :3].max(axis=(0, 1, 2))
+    assert (low > [-25, -500, -15]).all() and (high < [25, -50, 15]).all()

@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 
 import prolearn
 from pipeline.errors import InputError
-from pipeline.flight.conditions import Conditions, in_world
+from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import effects
 from pipeline.orbit.corridors import Box, Cone, Corridor, Faces, margins
 from pipeline.orbit.participants import Obstacle
@@ -18,7 +18,6 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import track
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, recheck
 from pipeline.plan.document import plan_document, read_plan, write_plan
-from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, diagnostics
 from pipeline.scenario.document import document_of
@@ -185,10 +184,6 @@ def test_files_keep_corridors_and_false_margins_are_found(tmp_path):
 
 def test_what_does_not_count_them_refuses_them():
     asked = approach(corridors=(BOX,))
-    planner = named_planner("expert")
-    assert planner is not None
-    with pytest.raises(InputError, match="as flown"):
-        AsFlown(planner).plan([in_world(asked, Conditions())])
     with pytest.raises(InputError, match="a risk is asked for"):
         planned(asked, Requirements(risk=RiskLimit(1e-2, navigation_sigma=0.1)))
     with pytest.raises(InputError, match="flights do not count"):

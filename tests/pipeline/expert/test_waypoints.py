@@ -15,16 +15,15 @@ from pipeline.documents import write_document
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
 from pipeline.plan.document import plan_document, read_plan, write_plan
 from pipeline.plan.recheck import recheck
-from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
 from pipeline.scenario import diagnostics, draw
 from pipeline.scenario.document import document_of, read_scenario, scenario_from
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import MOST_CHOICES, Waypoint, choices_of
 
 PROBLEM = Problem()
@@ -43,8 +42,11 @@ def with_waypoints(*waypoints, thrust=PROBLEM.thrust):
     return replace(SWARM, problem=replace(PROBLEM, thrust=thrust), waypoints=waypoints)
 
 
-def least_fuel(craft, passed, thrust):
-    """Fuel of the craft's own program, m/s², that is at positions at nodes, by cvxpy."""
+def least_fuel(craft, passed, thrust, largest=False):
+    """Fuel of the craft's own program, m/s², that is at positions at nodes, by cvxpy.
+
+    Or the largest component of its controls.
+    """
     free, pushed = exact_step(PROBLEM.mean_motion, PROBLEM.time_step)
     control = cp.Variable((PROBLEM.intervals, 3))
     state, constraints = SWARM.initial[craft], []
@@ -56,6 +58,7 @@ def least_fuel(craft, passed, thrust):
     constraints.append(cp.multiply(size, state) == size * SWARM.goal[craft])
     fired = control @ TURN if thrust is TURNED else control
     cost = cp.sum(cp.norm(fired, 2 if thrust is NORM else 1, axis=1))
+    cost = cp.norm(cp.vec(control, order="C"), "inf") if largest else cost
     return cp.Problem(cp.Minimize(cost), constraints).solve(solver="CLARABEL") * 1e-3
 
 
@@ -172,6 +175,34 @@ def test_one_that_no_thrust_within_the_limit_reaches_is_proven_so():
     assert "craft 2 cannot reach its goal by its waypoints" in plan.message
 
 
+def test_a_check_counts_waypoints_that_have_times():
+    places = {k: {5: one.position} for k, one in enumerate(BETWEEN)}
+    least = [least_fuel(k, places[k], PROBLEM.thrust, largest=True) for k in range(6)]
+    burned = [least_fuel(k, places[k], PROBLEM.thrust) * PROBLEM.time_step for k in range(6)]
+
+    def said(craft=(), **limits):
+        asked = replace(SWARM, problem=replace(PROBLEM, **limits), waypoints=BETWEEN, craft=craft)
+        (found,) = [one for one in diagnostics(asked) if one.rule == "within reach"]
+        return found
+
+    assert said(max_acceleration=max(least) * 1.001).fine
+    (case,) = said(max_acceleration=max(least) * 0.999).cases
+    assert case.craft == (int(np.argmax(least)),)
+    assert case.numbers["least_max_acceleration"] == pytest.approx(max(least), rel=1e-5)
+    assert f"craft {np.argmax(least)} needs the most, {max(least):.4g} m/s²" in said().text
+    has = tuple(Spacecraft(delta_v=0.999 * one) for one in burned)
+    short = said(has, max_acceleration=1.0).cases
+    assert [case.numbers["least_delta_v"] for case in short] == pytest.approx(burned, rel=1e-5)
+
+
+def test_a_check_says_that_no_thrust_leads_by_waypoints_that_are_too_many():
+    """One interval has three controls for the six numbers of a state."""
+    still = Waypoint(1, BETWEEN[1].position, (0.0, 0.0, 0.0), PROBLEM.time_step)
+    (found,) = [one for one in diagnostics(with_waypoints(still)) if one.rule == "within reach"]
+    (case,) = found.cases
+    assert case.text == "craft 1 reaches its goal by its waypoints with no thrust, however large"
+
+
 def test_a_formation_between_is_one_waypoint_of_each_craft(tmp_path):
     fields = document_of(SWARM)
     ring = {"craft": 6, "size": 400, "tilt_deg": 30}
@@ -213,12 +244,6 @@ def test_waypoints_out_of_order_or_with_too_many_choices_are_refused():
     two = [replace(BETWEEN[0], time=None)] * 2
     with pytest.raises(InputError, match="give some a time"):
         replace(many, waypoints=tuple(two))
-
-
-def test_a_plan_as_flown_refuses_them():
-    orbit = ReferenceOrbit(6878137.0, 0.001, 97.4)
-    with pytest.raises(InputError, match="leave --world out"):
-        AsFlown(named_planner("expert"), orbit).plan([with_waypoints(BETWEEN[0])])
 
 
 def test_no_choice_of_open_times_is_left_out_before_a_time_that_is_given():

@@ -16,6 +16,7 @@ from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Made, planned
 from pipeline.scenario import draw
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show import write_page
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -242,3 +243,29 @@ def test_obstacles_are_drawn_where_they_drift_and_as_large_as_they_are(browser, 
     assert browser.execute_script(RADIUS, 5) == pytest.approx(7.5, abs=0.01)
     lines = browser.execute_script("return document.getElementById('space').data[5].x")
     assert {900.0, -900.0} <= set(lines)
+
+
+def test_where_radii_differ_each_pair_has_a_line_of_its_own(browser, opened):
+    radii = [7.5, 2.0, 12.0]
+    craft = tuple(Spacecraft(radius=one) for one in radii)
+    scenario = replace(draw("rings", 0, 3, 0, Problem()), craft=craft)
+    opened(solve(scenario))
+    shown = browser.execute_script("return document.getElementById('separation').layout")
+    levels = [one["y0"] for one in shown["shapes"] if one["y0"] == one["y1"]]
+    pairs = browser.execute_script("return data.pairs")
+    assert levels == [radii[i] + radii[j] for i, j in pairs]
+    assert [one["text"] for one in shown["annotations"]] == ["dashed: both radii of each pair"]
+    least = browser.execute_script("return data.separations.map((all) => Math.min(...all) / 1000)")
+    beyond = [apart - level for apart, level in zip(least, levels, strict=True)]
+    assert beyond == sorted(beyond)
+    rows = by(browser, ".pairs").text.splitlines()[1:]
+    said = [float(row.split(" m ")[1]) for row in rows]
+    assert said == pytest.approx(least, abs=1e-3)
+
+
+def test_radii_of_one_size_are_one_line(browser, opened):
+    craft = (Spacecraft(radius=5.0),) * 3
+    opened(solve(replace(draw("rings", 0, 3, 0, Problem()), craft=craft)))
+    shown = browser.execute_script("return document.getElementById('separation').layout")
+    assert shown["shapes"][1]["y0"] == 10.0
+    assert shown["annotations"][0]["text"] == "both radii 10 m"

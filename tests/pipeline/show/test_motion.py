@@ -69,10 +69,13 @@ def test_samples_hold_the_nodes_and_grow_sparse_only_beyond_100_craft(n, nodes):
     )
 
 
+@pytest.mark.parametrize("sized", [0.0, 1.0, 20.0], ids=["alike", "sized", "too large"])
 @pytest.mark.parametrize("n", [2, 3, 20])
-def test_the_closest_pairs_are_those_of_a_search_by_the_exponential(n):
+def test_the_closest_pairs_are_those_of_a_search_by_the_exponential(n, sized):
+    """By how much further apart they are than both radii, where they have some."""
     scenario, states, controls = own(n, index=1)
-    found = closest_pairs(states, controls, PROBLEM)
+    radii = 7.5 + sized * np.random.default_rng(0).uniform(-5, 5, size=n)
+    found = closest_pairs(states, controls, PROBLEM, radii=radii if sized else None)
     grid = np.linspace(0, 1200, 241)
     paths = [[truth(scenario, controls, k, t) for t in grid] for k in range(n)]
     paths = np.array(paths)
@@ -93,11 +96,19 @@ def test_the_closest_pairs_are_those_of_a_search_by_the_exponential(n):
         for i in range(n)
         for j in range(i + 1, n)
     }
-    near = sorted(sampled, key=sampled.get)[:10]
-    wanted = sorted((least(*pair), *pair) for pair in near)[:6]
+
+    def beyond(pair):
+        return sampled[pair] - radii[list(pair)].sum()
+
+    def exact(pair):
+        return least(*pair) - radii[list(pair)].sum()
+
+    near = sorted(sorted(sampled, key=beyond)[:10], key=exact)[:6]
+    wanted = [(least(*pair), *pair) for pair in near]
     assert [(p.first, p.second) for p in found] == [(i, j) for _, i, j in wanted]
     for pair, (distance, i, j) in zip(found, wanted, strict=True):
         assert pair.distance == pytest.approx(distance, abs=2e-4)
+        assert pair.wanted == pytest.approx(radii[i] + radii[j])
         at = [truth(scenario, controls, k, pair.time) for k in (i, j)]
         assert np.linalg.norm(at[0] - at[1]) == pytest.approx(distance, abs=2e-4)
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
-from pipeline.orbit.arrays import Formation
+from pipeline.orbit.arrays import Formation, States
 from pipeline.orbit.decoupled import acceleration_scale
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight, transfer_maps
@@ -24,6 +24,8 @@ class Arrivals:
 
     reach: Float[Array, "r m"]
     miss: Float[Array, "n r"]  # what the controls of each craft must bring about, m and m/s
+    wanted: Float[Array, "n r"]  # where each craft must be, m and m/s
+    nodes: tuple[int, ...]  # when
     asked: Bool[Array, "n r"]  # of which craft; of others the miss is 0
     weight: Float[Array, "r"]  # by which velocities count like positions, m
     scale: Float[Array, "r"]  # to accelerations of one order, m/s²
@@ -33,7 +35,13 @@ class Arrivals:
 
     def __getitem__(self, craft: Any) -> "Arrivals":
         """Those of some craft."""
-        return replace(self, miss=self.miss[craft], asked=self.asked[craft])
+        rows = {name: getattr(self, name)[craft] for name in ("miss", "wanted", "asked")}
+        return replace(self, **rows)
+
+    def missed(self, states: States) -> Float[Array, "n r"]:
+        """By how much node states are not where craft must be, m and m/s."""
+        there = states[:, list(self.nodes)].reshape(len(self), -1)
+        return np.where(self.asked, self.wanted - there, 0.0)
 
 
 def arrivals_of(
@@ -60,6 +68,8 @@ def arrivals_of(
     return Arrivals(
         reach=maps.reach[nodes].reshape(6 * times, -1),
         miss=miss.reshape(n, -1),
+        wanted=wanted.reshape(n, -1),
+        nodes=tuple(nodes),
         asked=asked.reshape(n, -1),
         weight=np.tile(state_weight(problem), times),
         scale=np.tile(acceleration_scale(problem), times),
