@@ -77,8 +77,15 @@ class Risk:
         return replace(self, bound=risk.total, feedback=self.feedback and feedback)
 
     def judge(self, states: States, controls: Controls, problem: Problem) -> "Risk":
-        """The same claim about other states, m and m/s, and controls, m/s²."""
+        """The same claim about other states, m and m/s, and controls, m/s².
+
+        Between nodes motion is linear; craft count as larger by what states as flown, which are
+        not, are off that at their next nodes.
+        """
         closed_loop = self.feedback is not None
+        off = 2 * float(norm(dynamics_defect(states, controls, problem)[..., :3]).max())
+        if off > FINE:
+            problem = replace(problem, collision_radius=problem.collision_radius + off)
         return self.of(
             collision_risk(states, controls, problem, self.uncertainty, closed_loop), problem
         )

@@ -41,6 +41,7 @@ CORRECTIONS = 8  # steps at most; each leaves about the square of what was misse
 MET = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that no further step is worth, m and m/s
 LIMIT_SHARE = 1 - 1e-3  # of the thrust limit that is left to the planner; corrections have the rest
 WIDER = 1.5  # times what was missing that a planner is asked to add, of separation or in corridors
+RISKY = 0.05  # separation beyond that a plan is worth whose risk is too large as flown, m
 DEAR = 1e-3  # fuel, as a share of the bound, that corrections may cost before it is planned again
 TRIES = 4  # plans that are asked for at most
 
@@ -55,14 +56,6 @@ class AsFlown:
 
     planner: Planner
     orbit: ReferenceOrbit | None = None  # or that of each scenario
-
-    def __post_init__(self) -> None:
-        """Refuse what is proven in linear motion alone."""
-        if self.planner.requirements.risk is not None:
-            raise InputError(
-                "a risk is asked for of a plan as flown, where it is not proven; expected one of "
-                "the two: leave --world out, and fly the plan for what it is worth there."
-            )
 
     @property
     def name(self) -> str:
@@ -208,6 +201,8 @@ def _missing(plan: Plan) -> float:
     if drift is not None and drift.clearance is not None:
         bounds[1] = radius + drift.clearance.min_clearance_bound
     close = [float(radius - one) for one in bounds if one is not None and one <= radius]
+    if found.risk is not None and not found.risk.kept:
+        close.append(RISKY)
     return max(close) + 1e-3 if close else 0.0
 
 
@@ -234,6 +229,9 @@ def _corrected(
     made = _made(timed, controls, states, linear)
     plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
     plan = replace(plan, assignment=linear.assignment)
+    if (risk := plan.certificate.risk) is not None and (made_for := linear.certificate.risk):
+        risk = replace(risk, sigmas=made_for.sigmas, fuel_without=made_for.fuel_without)
+        plan = replace(plan, certificate=replace(plan.certificate, risk=risk))
     if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
         return plan
     why = f"about this orbit the plan is {linear.status}: {linear.message}"
