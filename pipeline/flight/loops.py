@@ -108,11 +108,16 @@ def fly_loops(
 
 
 def refuse_replanning(plan: Plan) -> None:
-    """Refuse to plan anew for a risk, which is one of open loop, or with other limits of thrust.
+    """Refuse to plan anew for a risk, which is one of open loop, or what guidance does not know.
 
     Raises:
-        InputError: where the plan was asked for one, or has some.
+        InputError: where the plan was asked for one, or has limits of thrust or sizes of its own.
     """
+    if plan.scenario.unlike:
+        raise InputError(
+            "craft have radii of their own, or there are obstacles or corridors, which guidance "
+            "that plans anew does not know; expected no replanning with these: fly in open loop."
+        )
     if plan.scenario.limits is not None:
         raise InputError(
             "the scenario says more of thrust than max_acceleration, which guidance that plans "

@@ -9,17 +9,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
 from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
+from pipeline.orbit.chebyshev import COEFFICIENTS, basis, most_derivative
+from pipeline.orbit.nearest import CUBICS, Nearest, nowhere
 from pipeline.orbit.problem import Problem
 
 SIDES = 16  # of the pyramid inside an approach cone; its sides are cos(π/16), 98 %, as far out
 DRAWN = 100.0  # length of the edges of a cone that are shown, m
 STEEPEST = 89.0  # half-angle of a cone, deg
+ROUNDING = 1e-9  # share of an interval by which a time may lie outside of it
 
 Point = tuple[float, float, float]
 
@@ -181,13 +184,8 @@ def margins(
     moved: Marked | None = None,
 ) -> Margins:
     """How far craft stay inside of each face, in each interval in which they have to."""
-    h, starts = problem.time_step, problem.time_step * np.arange(problem.intervals)
-    begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
-    end = np.clip(faces.end[:, None] - starts, 0.0, h)
-    # Of a stretch without length, at one time alone, an interval with that time is looked at.
-    alone = (faces.begin == faces.end)[:, None]
-    at_once = alone & (starts <= faces.begin[:, None]) & (faces.end[:, None] <= starts + h)
-    wanted = (end > begin) | at_once
+    h = problem.time_step
+    begin, end, wanted = _stretches(faces, h * np.arange(problem.intervals), h)
     if moved is not None:
         wanted &= moved[faces.craft, None]
     face, k = np.nonzero(wanted)
@@ -217,6 +215,51 @@ def margins(
     there = np.matvec(free, start) + np.matvec(pushed, push)
     margin = np.maximum(offset - np.vecdot(normal, there), bound)
     return Margins(face, k, time, margin, bound, free, pushed)
+
+
+def least_inside(
+    states: Float[Array, "trials n pieces q 6"], faces: Faces, start: float, duration: float
+) -> Nearest:
+    """How far craft stay inside of corridors at any time of an arc that is given as in ``nearest``.
+
+    In each trial the least distance inside of a face, below 0 outside, with the craft and the
+    number of the corridor as ``first`` and ``second``. Each stretch that counts is cut into cubics.
+    """
+    trials, pieces = len(states), states.shape[2]
+    length = duration / pieces
+    starts = start + length * np.arange(pieces)
+    begin, end, wanted = _stretches(faces, starts, length)
+    face, piece = np.nonzero(wanted)
+    if len(face) == 0:
+        return nowhere(trials)
+    begin, step = begin[face, piece], (end - begin)[face, piece] / CUBICS
+    times = begin[:, None] + step[:, None] * np.arange(CUBICS + 1)
+    motion = states[:, faces.craft[face], piece].reshape(trials, len(face), -1, 2, 3)
+    along = np.einsum("tkqdc,kc->tkqd", motion, faces.normal[face])
+    ends = np.einsum("kcq,tkqd->tkcd", basis(2 * times / length - 1) @ COEFFICIENTS, along)
+    cubics = np.broadcast_to(step[:, None], ends[:, :, 1:, 0].shape)
+    both = [(one[..., 0].ravel(), one[..., 1].ravel()) for one in (ends[:, :, :-1], ends[:, :, 1:])]
+    most, share = (one.reshape(trials, -1) for one in _largest(both, cubics.ravel()))
+    margin = np.repeat(faces.offset[face], CUBICS) - most
+    fourth = most_derivative(along[..., 1:], 3, length / 2)[..., 0]
+    bound = margin - np.repeat(step**4 / 384 * fourth, CUBICS, axis=1)
+    best = margin.argmin(axis=1)
+    k, cubic = np.divmod(best, CUBICS)
+    time = starts[piece[k]] + begin[k] + step[k] * (cubic + share[np.arange(trials), best])
+    which = faces.craft[face[k]], faces.corridor[face[k]]
+    return Nearest(margin.min(axis=1), bound.min(axis=1), *which, time)
+
+
+def _stretches(
+    faces: Faces, starts: Values, h: float
+) -> tuple[Float[Array, "F K"], Float[Array, "F K"], Bool[Array, "F K"]]:
+    """From when to when faces count in intervals, s since their starts, and whether they do."""
+    begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
+    end = np.clip(faces.end[:, None] - starts, 0.0, h)
+    # Of a stretch without length, at one time alone, an interval with that time is looked at.
+    since = faces.begin[:, None] - starts
+    at_once = (faces.begin == faces.end)[:, None] & (-ROUNDING * h <= since)
+    return begin, end, (end > begin) | (at_once & (since <= h + ROUNDING * h))
 
 
 def _largest(ends: Sequence[tuple[Values, Values]], h: Values) -> tuple[Values, Values]:

@@ -56,7 +56,7 @@ def nearest(states: Float[Array, "trials n pieces q 6"], start: float, duration:
 
 def nearest_between(
     states: Float[Array, "trials n pieces q 6"],
-    others: Float[Array, "trials n pieces q 6"],
+    others: Float[Array, "trials m pieces q 6"],
     both: Pairs,
     start: float,
     duration: float,
@@ -65,8 +65,7 @@ def nearest_between(
     """The same between craft and others, of which pairs are given; by sizes where these differ."""
     trials, _, pieces, _, _ = states.shape
     if len(both[0]) == 0:
-        never, none = np.full(trials, np.inf), np.full(trials, -1)
-        return Nearest(never, never, none, none, np.full(trials, np.nan))
+        return nowhere(trials)
     half = duration / pieces / 2
     h = 2 * half / CUBICS
     motions = states, others
@@ -97,6 +96,12 @@ def nearest_between(
     return Nearest(distance[best], bound, i[at], j[at], time)
 
 
+def nowhere(trials: int) -> Nearest:
+    """The least separation of trials where there is no pair."""
+    never, none = np.full(trials, np.inf), np.full(trials, -1)
+    return Nearest(never, never, none, none, np.full(trials, np.nan))
+
+
 def nearer(one: Nearest, other: Nearest) -> Nearest:
     """Each trial's least separation over two times."""
     first, beside = one.distance <= other.distance, vars(other)
@@ -105,8 +110,8 @@ def nearer(one: Nearest, other: Nearest) -> Nearest:
 
 
 def _candidates(
-    motions: tuple[Float[Array, "trials n pieces q 6"], Float[Array, "trials n pieces q 6"]],
-    ends: tuple[Float[Array, "trials n pieces ends 6"], ...],
+    motions: tuple[Float[Array, "trials n pieces q 6"], Float[Array, "trials m pieces q 6"]],
+    ends: tuple[Float[Array, "trials _ pieces ends 6"], ...],
     both: Pairs,
     half: float,
     sizes: tuple[Float[Array, "p 3"] | None, Float[Array, "p"]],

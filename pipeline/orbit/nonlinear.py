@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
-from pipeline.orbit.approaches import SwarmPartition
+from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
@@ -83,44 +83,47 @@ def clear_in_world(
     initial: Formation, controls: Controls, problem: Problem, swarms: SwarmPartition
 ) -> Separation:
     """The least separation of participants in that flight; obstacles have the mean ballistic."""
-    start, pushed = swarms.beside(initial[:, None], slice(0, 1)), swarms.pushed(controls)
-    dynamics = _dynamics(problem)
-    ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
-    ballistics[: len(initial)] = dynamics.orbit.ballistics(len(initial))
-    arcs = flown_arcs(dynamics, start[:, 0], pushed, ballistics)
-    pieces = arcs.reshape(1, len(start), -1, *arcs.shape[3:])
+    arcs = _arcs_beside(initial, controls, _dynamics(problem), swarms)
+    pieces = arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
     found = nearest_between(pieces, pieces, swarms.pairs, 0.0, problem.duration, swarms)
     return found.separation()
 
 
 def least_adrift_in_world(
-    states: States, controls: Controls, problem: Problem, orbits: float
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    orbits: float,
+    swarms: SwarmPartition | None = None,
 ) -> Separation:
     """The least distance of a craft that has lost its thrust at a node to another, in that flight.
 
     It drifts for so many orbits from there, the last interval rounded up; the others fly on and
-    then drift from their goals. ``least_after_loss`` is the same in linear motion.
+    then drift from their goals. ``least_after_loss`` is the same in linear motion. Of a swarm with
+    obstacles, or radii, it is the least separation of participants.
     """
+    swarms = swarms or side_by_side((len(states),))
     n, last = len(states), problem.intervals
     h = problem.time_step
     after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / h - NO_LENGTH))
     dynamics = replace(_dynamics(problem), intervals=last + after)
     ballistics, idle = dynamics.orbit.ballistics(n), np.zeros((n, after, 3))
-    others = flown_arcs(
-        dynamics, states[:, 0], np.concatenate([controls, idle], axis=1), ballistics
-    )
-    i, j = np.nonzero(~np.eye(n, dtype=bool))
+    others = _arcs_beside(states[:, 0], np.concatenate([controls, idle], axis=1), dynamics, swarms)
+    one, other = swarms.pairs
+    back = ~swarms.still(other)  # no obstacle loses its thrust
+    both = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
     least = Separation()
     for node in range(last + 1):
         adrift = flown_arcs(dynamics, states[:, node], idle, ballistics, node)
         for k in range(0, after, AT_ONCE):
             part = slice(k, min(k + AT_ONCE, after))
             beside = others[:, node + part.start : node + part.stop]
-            one, other = (
-                arcs.reshape(1, n, -1, *arcs.shape[3:]) for arcs in (adrift[:, part], beside)
+            lost, met = (
+                arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
+                for arcs in (adrift[:, part], beside)
             )
             begin, length = (node + part.start) * h, (part.stop - part.start) * h
-            found = nearest_between(one, other, (i, j), begin, length).separation()
+            found = nearest_between(lost, met, both, begin, length, swarms).separation()
             if found.pair is not None and found.distance < least.distance:
                 least = replace(found, bound=min(found.bound, least.bound), node=node)
             else:
@@ -156,6 +159,20 @@ def _dynamics(problem: Problem) -> LinearizedDynamics:
 def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
     dynamics = _dynamics(problem)
     return flown_arcs(dynamics, initial, controls, dynamics.orbit.ballistics(len(initial)))
+
+
+def _arcs_beside(
+    initial: Formation, controls: Controls, dynamics: LinearizedDynamics, swarms: SwarmPartition
+) -> Float[Array, "participants K M q 6"]:
+    """Arcs of craft, and of obstacles, which have the mean ballistic; what is held stays."""
+    n, start = len(initial), swarms.beside(initial[:, None], slice(0, 1))[:, 0]
+    pushed = np.zeros((len(start), *controls.shape[1:]))
+    pushed[:n] = controls
+    ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
+    ballistics[:n] = dynamics.orbit.ballistics(n)
+    arcs = flown_arcs(dynamics, start, pushed, ballistics)
+    arcs[swarms.held] = start[swarms.held, None, None, None]
+    return arcs
 
 
 def _window(

@@ -10,7 +10,6 @@ from scipy.optimize import linprog
 import prolearn
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions, in_world
-from pipeline.flight.effects import effects
 from pipeline.orbit.corridors import Box, Cone, Corridor, Faces, margins
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -191,8 +190,6 @@ def test_what_does_not_count_them_refuses_them():
         AsFlown(planner).plan([in_world(asked, Conditions())])
     with pytest.raises(InputError, match="a risk is asked for"):
         planned(asked, Requirements(risk=RiskLimit(1e-2, navigation_sigma=0.1)))
-    with pytest.raises(InputError, match="flights do not count"):
-        effects(asked, planned(asked).controls, Conditions())
 
 
 @pytest.mark.parametrize(
