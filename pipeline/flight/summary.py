@@ -133,7 +133,7 @@ def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, titl
         ax.set_ylim(-0.02, 1.02)
         ax.set_xlabel(label)
     panels[0].set_ylabel("share of trials at or below")
-    _mark(panels[0], 0.0 if clear else radius, "too close" if clear else "r_col")
+    _mark(panels[0], 0.0 if clear else radius, "clear" if clear else "r_col")
     if not clear and panels[0].get_xlim()[0] < 2 * size:
         _mark(panels[0], size, "size")
     figure.suptitle(title, x=0.01, ha="left")
