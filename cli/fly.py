@@ -1,6 +1,6 @@
 """The command that flies a plan outside the linear model, once or many times with errors."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,7 @@ import typer
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, print_table
-from cli.plan_table import closest, orbit_said
+from cli.plan_table import SIGNED, closest, orbit_said
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, option
 from pipeline.errors import InputError
@@ -51,14 +51,16 @@ def fly(
     each effect, added to those above it: how far the worst craft then ends from its goal, what
     the effect added at most, its share of the final error, and which pair comes closest when.
     Exit status 0: no pair comes within r_col at any time, or at the nodes where the plan was made
-    for these only; 1: one does; 2: bad input.
+    for these only; 1: one does; 2: bad input. Where craft have radii of their own or there are
+    obstacles, it is by these, and where there are corridors, craft also stay inside of them.
 
     With `--trials` it is flown so many times with errors of thrust, timing and navigation; with
     `--replan feedback` also with what is off the plan corrected at every node; with `--replan
     every-node` planned anew from where craft seem to be, without and with a margin. The table
     has how often a pair comes within r_col, with Wilson's intervals, errors at the goal and Δv;
-    into the folder go the trials, the table and a figure. Killed or interrupted, the same command
-    goes on; the exit status is 0 when all is flown.
+    into the folder go the trials, the table and a figure. Obstacles have no errors, and scenarios
+    with radii, obstacles or corridors are flown as they are planned only. Killed or interrupted,
+    the same command goes on; the exit status is 0 when all is flown.
 
     Examples:
 
@@ -116,7 +118,8 @@ def _fly_trials(
     if as_json:
         required = None if planner is None else asdict(plan.requirements)
         about = {"plan": str(path), "folder": str(folder)}
-        print_json({**about, "loops": loops, "requirements": required})
+        told = [one.document() for one in loops]
+        print_json({**about, "loops": told, "requirements": required})
         return
     print_trials(loops, problem.collision_radius, settings.size)
     echo(*([] if planner is None else _kept(plan.requirements)))
@@ -183,9 +186,19 @@ def print_flight(report: Mapping[str, Any]) -> None:
     of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
     said = orbit_said(of)
     echo(said[0].upper() + said[1:])
-    near = [k for k, row in enumerate(rows) if (row["min_separation_bound"] or safe + 1) <= safe]
+    near = [k for k, row in enumerate(rows) if _is_near(row, safe)]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
+    echo(*[SIGNED] * ("clearance" in report))
     echo(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
+
+
+def _is_near(row: Mapping[str, Any], radius: float) -> bool:
+    """Whether a pair comes too close in a flight, or a craft leaves a corridor."""
+    if (inside := row.get("corridor")) and inside["min_margin_bound"] <= 0:
+        return True
+    if clear := row.get("clearance"):
+        return bool(clear["min_clearance_bound"] <= 0)
+    return (row["min_separation_bound"] or radius + 1) <= radius
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
@@ -201,35 +214,81 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict(report: Mapping[str, Any]) -> str:
-    """How far off the goal, and whether any pair comes too close."""
+    """How far off the goal, and whether any pair comes too close, or a craft leaves a corridor."""
     worst, off = report["goal_error_craft"], error(report["goal_error"])
-    miss = f"At worst, craft {worst} ends {off} m from its goal"
-    pair, radius, safe = (
-        report[name] for name in ("min_separation_pair", "collision_radius", "safe")
-    )
-    drift = report["passive_safety"]
-    if drift and drift["pair"]:
-        (i, j), apart, node = drift["pair"], drift["min_separation"], drift["node"]
-        wrong = drift["min_separation_bound"] <= radius
-        safe = safe or (wrong and (report["min_separation_bound"] or 0.0) > radius)
-        orbits = f"{drift['orbits']:g} orbit{'s' * (drift['orbits'] != 1)}"
-        miss = (
-            f"{'Not passively safe: ' if wrong else ''}Adrift for {orbits} from node {node}, "
-            f"craft {i} comes within {apart:.2f} m of craft {j}. {miss}"
+    said = f"At worst, craft {worst} ends {off} m from its goal."
+    return " ".join([*_adrift(report), said, *_corridor(report), _apart(report)])
+
+
+def _adrift(report: Mapping[str, Any]) -> Iterator[str]:
+    """How close a craft comes to another, or to an obstacle, after a loss of thrust."""
+    drift, radius = report["passive_safety"] or {}, report["collision_radius"]
+    clear = drift.get("clearance")
+    if not (clear or drift.get("pair")):
+        return
+    orbits = f"{drift['orbits']:g} orbit{'s' * (drift['orbits'] != 1)}"
+    if clear:
+        wrong, node = clear["min_clearance_bound"] <= 0, clear["node"]
+        what = _clear(clear)
+    else:
+        wrong, node = drift["min_separation_bound"] <= radius, drift["node"]
+        (i, j), apart = drift["pair"], drift["min_separation"]
+        what = f"craft {i} comes within {apart:.2f} m of craft {j}"
+    verdict = "Not passively safe: " if wrong else ""
+    yield f"{verdict}Adrift for {orbits} from node {node}, {what}."
+
+
+def _corridor(report: Mapping[str, Any]) -> Iterator[str]:
+    """How far inside of its corridor a craft stays, or outside it comes."""
+    if found := report.get("corridor"):
+        by, where = found["min_margin"], f"corridors[{found['corridor']}] at {found['time']:.0f} s"
+        kept = "Not kept: craft" if found["min_margin_bound"] <= 0 else "Craft"
+        yield f"{kept} {found['craft']} is {abs(by):.2f} m {'in' if by > 0 else 'out'}side {where}."
+
+
+def _apart(report: Mapping[str, Any]) -> str:
+    """Whether any pair comes too close, and which is the closest."""
+    radius, clear = report["collision_radius"], report.get("clearance")
+    if clear:
+        wrong, what = clear["min_clearance_bound"] <= 0, _clear(clear)
+    else:
+        wrong = _is_near({"min_separation_bound": report["min_separation_bound"]}, radius)
+        what = f"No pair comes within {radius:g} m"
+    if not wrong:
+        return f"{what[0].upper()}{what[1:]}{', the least of all' if clear else ''}."
+    if not clear:
+        i, j = report["min_separation_pair"]
+        what = (
+            f"craft {i} and {j} come within {report['min_separation']:.2f} m of each other; "
+            f"collision_radius is {radius:g} m"
         )
-    if safe and (pair is None or report["separation"] != "nodes"):
-        return f"{miss}. No pair comes within {radius:g} m."
-    verdict = "No pair is too close at a node, and no more was asked" if safe else "Not safe"
-    return (
-        f"{miss}. {verdict}: craft {pair[0]} and {pair[1]} come within "
-        f"{report['min_separation']:.2f} m of each other; collision_radius is {radius:g} m."
-    )
+    kept = report.get("node_collisions") == 0
+    said = "No pair is too close at a node, and no more was asked" if kept else "Not safe"
+    return f"{said}: {what}."
+
+
+def _clear(of: Mapping[str, Any]) -> str:
+    """By how much a craft is clear of another, or of an obstacle, or too close."""
+    other = f"craft {of['other']}" if isinstance(of["other"], int) else of["other"]
+    by, craft = of["min_clearance"], f"craft {of['craft']}"
+    if by > 0:
+        return f"{craft} keeps clear of {other} by {by:.2f} m"
+    return f"{craft} comes {-by:.2f} m too close to {other}"
 
 
 def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> None:
     """Print a column for each way to fly, a row for each quantity, in 80 columns for three."""
-    shares = {f"within r_col, {radius:g} m": "within_radius", f"within {size:g} m": "within_size"}
-    lines = [[label, *(_shared(one, name) for one in summaries)] for label, name in shares.items()]
+    sized = summaries[0].least_clearance is not None
+    shares = {
+        "too close by sizes" if sized else f"within r_col, {radius:g} m": "within_radius",
+        f"within {size:g} m": "within_size",
+        "outside a corridor": "outside_corridor",
+    }
+    lines = [
+        [label, *(_shared(one, name) for one in summaries)]
+        for label, name in shares.items()
+        if name != "outside_corridor" or summaries[0].outside_corridor is not None
+    ]
     for label, name, text in QUANTITIES:
         values = [getattr(one, name) for one in summaries]
         if any(value is not None for value in values):
@@ -240,6 +299,10 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
 QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
     ("least separation, m: median", "separation_median", number),
     ("  least of all", "least_separation", number),
+    ("clearance, m: median", "clearance_median", number),
+    ("  least of all", "least_clearance", number),
+    ("inside corridors by, m: median", "corridor_median", number),
+    ("  least of all", "least_corridor", number),
     ("error at goal, m: median", "goal_error_median", error),
     ("  95 %", "goal_error_high", error),
     ("  mm/s: median", "goal_velocity_error_median", lambda v: error(1e3 * v)),

@@ -17,6 +17,9 @@ HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apa
 """Of the columns that say what a plan is worth."""
 
 
+SIGNED = "apart with a sign: by how much more than sizes of craft and obstacles ask for."
+
+
 def cells(row: Row) -> list[str]:
     """What stands under HEADINGS."""
     gap = row["optimality_gap"]
@@ -82,7 +85,7 @@ def _legend(rows: Sequence[Row]) -> Iterator[str]:
             f"loss. Orbits of drift: {adrift[0]['orbits']:g}."
         )
     if any(row.get("clearance") for row in rows):
-        yield "apart with a sign: by how much more than sizes of craft and obstacles ask for."
+        yield SIGNED
     if any(row["largest_share"] for row in rows):
         yield "largest share: that a craft burns of its delta_v; in no plan is it below the next."
     if any(row["smallest_burn"] for row in rows):

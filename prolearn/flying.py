@@ -70,8 +70,8 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Fly a plan many times with errors of thrust, timing and navigation, in memory.
 
-    The same seed has the same trials; ``prolearn fly --trials`` flies them on several cores and
-    keeps them in a folder.
+    Obstacles have none. The same seed has the same trials; ``prolearn fly --trials`` flies them on
+    several cores and keeps them in a folder.
 
     Args:
         plan: what is flown.
@@ -85,7 +85,8 @@ def monte_carlo(
         seed: of the errors.
 
     Raises:
-        InputError: for a number of trials that nobody flies, or a plan that cannot be replanned.
+        InputError: for a number of trials that nobody flies, or a plan that cannot be replanned,
+            as that of a scenario with radii, obstacles or corridors.
     """
     asked = plan.scenario
     refuse_distance(asked, plan.controls)

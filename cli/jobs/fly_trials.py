@@ -1,7 +1,6 @@
 """A plan flown many times with errors: trials, table and figure in a folder."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
@@ -59,8 +58,12 @@ def fly_trials(
 def _write_table(summaries: Sequence[Summary], path: Path) -> None:
     rows = []
     for one in summaries:
-        row = asdict(one)
-        for name in ("within_radius", "within_size"):
-            row[f"{name}_low"], row[f"{name}_high"] = row.pop(f"{name}_interval") or (None, None)
+        row = one.document()
+        for interval in [name for name in row if name.endswith("_interval")]:
+            name, (low, high) = (
+                interval.removesuffix("_interval"),
+                row.pop(interval) or (None, None),
+            )
+            row[f"{name}_low"], row[f"{name}_high"] = low, high
         rows.append(row)
     write_csv(pd.DataFrame(rows), path)

@@ -66,15 +66,20 @@ def in_world(scenario: Scenario, conditions: Conditions) -> Scenario:
 
     What says where the orbit is then has its osculating angles, as in files with an orbit.
     """
-    problem, reference = scenario.problem, scenario.reference
-    if problem.orbit is not None:
+    if scenario.problem.orbit is not None:
         return scenario
-    orbit = conditions.orbit(problem)
+    problem, reference = problem_in(scenario.problem, conditions), scenario.reference
     if reference is not None:
-        reference = Reference(reference.epoch, *(getattr(orbit, name) for name in ANGLES))
-    return replace(scenario, problem=problem.about(orbit), reference=reference)
+        angles = (getattr(problem.orbit, name) for name in ANGLES)
+        reference = Reference(reference.epoch, *angles)
+    return replace(scenario, problem=problem, reference=reference)
+
+
+def problem_in(problem: Problem, conditions: Conditions) -> Problem:
+    """The problem about its own reference orbit, or that of the conditions without one."""
+    return problem if problem.orbit is not None else problem.about(conditions.orbit(problem))
 
 
 def world_of(scenario: Scenario, conditions: Conditions) -> NonlinearWorld:
     """The world about a scenario's own reference orbit, or that of the conditions without one."""
-    return NonlinearWorld.of(in_world(scenario, conditions).problem, scenario.n)
+    return NonlinearWorld.of(problem_in(scenario.problem, conditions), scenario.n)

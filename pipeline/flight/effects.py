@@ -1,7 +1,7 @@
 """A plan's controls flown open loop, with one effect more each time, and how much each adds."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -10,20 +10,20 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.flight.conditions import Conditions, in_world, world_of
+from pipeline.flight.conditions import Conditions, problem_in, world_of
+from pipeline.flight.encounters import Encounters, Surroundings
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.nearest import nearer, nearest
 from pipeline.orbit.nonlinear import least_adrift_in_world
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.participants import Participants
 from pipeline.orbit.reference import radius_at
-from pipeline.orbit.separation import Separation, node_collisions
+from pipeline.orbit.separation import Separation, swarm_node_collisions
 from pipeline.orbit.thrust_cost import spent
 from pipeline.orbit.transfer import fly, fuel
-from pipeline.plan import PassiveSafety, Plan, Requirements
-from pipeline.plan.judge import POSITION_TOLERANCE
-from pipeline.scenario import Scenario
+from pipeline.plan import Clearance, CorridorMargin, PassiveSafety, Plan, Requirements
+from pipeline.plan.judge import POSITION_TOLERANCE, is_passively_safe
+from pipeline.scenario import Scenario, participants
 from pipeline.scenario.document import OrbitDocument
 
 PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
@@ -45,18 +45,22 @@ class Effect:
     errors: Formation  # state at the end minus goal, m and m/s
     added: Formation  # to the errors by this effect; their sum is the last errors
     share: float | None  # None where nothing but rounding is left
+    obstacles: Float[Array, "m T 6"]  # at the nodes, as they drift in that world, or are held
+    # by how much craft and obstacles are further apart than their sizes ask for; None without any
+    clearance: Clearance | None = None
+    corridor: CorridorMargin | None = None  # how far inside of their corridors craft stay
 
 
 def fly_controls(
-    world: World, initial: Formation, controls: Controls, problem: Problem
-) -> tuple[States, Separation]:
-    """Node states and least separation at any time of controls (m/s²), flown open loop."""
-    step, nodes, closest = problem.time_step, [initial], []
+    world: World, scenario: Scenario, controls: Controls
+) -> tuple[States, Float[Array, "m T 6"], Encounters]:
+    """Node states of craft and obstacles, and least distances, of controls (m/s²) in open loop."""
+    around, nodes, met = Surroundings(scenario, world), [scenario.initial], []
     for k, control in enumerate(controls.swapaxes(0, 1)):
         arc = world.arc(nodes[-1], control, k)
         nodes.append(arc[:, -1, -1])
-        closest.append(nearest(arc[None], k * step, step))
-    return np.stack(nodes, axis=1), reduce(nearer, closest).separation()
+        met.append(around.encounters(arc[None], k))
+    return np.stack(nodes, axis=1), around.obstacles, reduce(Encounters.nearer, met)
 
 
 def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> list[Effect]:
@@ -73,16 +77,21 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
     problem, goal = scenario.problem, scenario.goal
     refuse_distance(scenario, controls)
     worlds = [(PLAN, LinearWorld(problem.dynamics)), *_worlds(scenario, conditions)]
-    flights = [fly_controls(world, scenario.initial, controls, problem) for _, world in worlds]
-    errors = np.stack([states[:, -1] - goal for states, _ in flights])
+    flights = [fly_controls(world, scenario, controls) for _, world in worlds]
+    errors = np.stack([states[:, -1] - goal for states, _, _ in flights])
     added = np.diff(errors, axis=0, prepend=np.zeros((1, *goal.shape)))
     worst = int(norm(errors[-1, :, :3]).argmax())
     last = errors[-1, worst, :3]
     none = norm(last) <= POSITION_TOLERANCE
     shares = np.vecdot(added[:, worst, :3], last) / (1.0 if none else float(last @ last))
     given = [None if none else share for share in shares.tolist()]
+    found = []
     rows = zip(worlds, flights, errors, added, given, strict=True)
-    return [Effect(name, *flight, *rest) for (name, _), flight, *rest in rows]
+    for (name, _), (states, obstacles, met), error, by, share in rows:
+        least = met.craft.separation(), error, by, share
+        sized = met.clearance(scenario), met.corridor()
+        found.append(Effect(name, states, *least, obstacles, *sized))
+    return found
 
 
 def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, World]]:
@@ -106,16 +115,8 @@ def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, W
 
 
 def refuse_distance(scenario: Scenario, controls: Controls) -> None:
-    """Raise InputError for controls (m/s²) that lead a craft too far away, or are NaN.
-
-    And for sizes of participants, which flights do not count.
-    """
+    """Raise InputError for controls (m/s²) that lead a craft too far away, or are NaN."""
     problem = scenario.problem
-    if scenario.unlike:
-        raise InputError(
-            "craft have radii of their own, or there are obstacles or corridors, which flights do "
-            "not count; expected none: plan with --world, which counts radii and obstacles."
-        )
     with np.errstate(over="ignore", invalid="ignore"):
         far = norm(fly(scenario.initial, controls, problem)[..., :3]).max(axis=1)
     most = FURTHEST * radius_at(problem.mean_motion)
@@ -135,24 +136,25 @@ def flight_report(
 
     Errors at the goal are distances, of the craft that misses by most. Separations are None for a
     craft alone. It is safe where craft stay apart when the plan was to keep them apart, at all
-    times or at the nodes, and after a loss of thrust where that is looked for.
+    times or at the nodes, and after a loss of thrust where that is looked for, by their sizes and
+    from obstacles as well; and where they stay inside of their corridors.
     """
     problem, last = plan.scenario.problem, found[-1]
     used, limits = float(fuel(plan.controls)), plan.scenario.limits
     if limits is not None:
         used = float(spent(plan.controls, problem.thrust, limits).sum())
-    safe = last.nearest.bound > problem.collision_radius
-    if plan.separation == "nodes":
-        safe = node_collisions(last.states, problem.collision_radius) == 0
     drift = None if orbits is None else _passive_safety(plan, conditions, last.states, orbits)
-    if drift is not None and drift.min_separation_bound is not None:
-        safe = safe and drift.min_separation_bound > problem.collision_radius
+    collisions = _node_collisions(plan.scenario, last) if plan.separation == "nodes" else None
+    safe = _is_apart(last, problem.collision_radius) if collisions is None else collisions == 0
+    safe &= last.corridor is None or last.corridor.min_margin_bound > 0
+    safe &= drift is None or is_passively_safe(drift, problem.collision_radius)
     return {
         "planner": plan.planner,
         "status": plan.status,
         "separation": plan.separation,
         "safe": safe,
         "collision_radius": problem.collision_radius,
+        **({} if collisions is None else {"node_collisions": collisions}),
         "conditions": OrbitDocument.of(world_of(plan.scenario, conditions).orbit).model_dump(),
         "fuel": used,
         "delta_v": used * problem.time_step,
@@ -173,13 +175,34 @@ def flight_report(
     }
 
 
+def _is_apart(last: Effect, radius: float) -> bool:
+    """Whether no pair comes too close at any time."""
+    if last.clearance is not None:
+        return last.clearance.min_clearance_bound > 0
+    return last.nearest.bound > radius
+
+
+def _node_collisions(scenario: Scenario, last: Effect) -> int:
+    """Pairs and nodes that are too close."""
+    swarms = participants([scenario])
+    if isinstance(swarms, Participants):
+        swarms.states = last.obstacles
+    radius = scenario.problem.collision_radius
+    return int(swarm_node_collisions(last.states, radius, swarms)[0])
+
+
 def _passive_safety(
     plan: Plan, conditions: Conditions, states: States, orbits: float
 ) -> PassiveSafety:
     """How close craft come in a flight's world after a loss of thrust, for so many orbits."""
     Requirements(passive_safety=orbits)  # refuses numbers that are none
-    problem = in_world(plan.scenario, conditions).problem
-    return PassiveSafety.of(orbits, least_adrift_in_world(states, plan.controls, problem, orbits))
+    scenario = plan.scenario
+    flown = states, plan.controls, problem_in(scenario.problem, conditions), orbits
+    found = PassiveSafety.of(orbits, least_adrift_in_world(*flown))
+    if not scenario.sized:
+        return found
+    spaced = least_adrift_in_world(*flown, participants([scenario]))
+    return replace(found, clearance=Clearance.of(spaced, scenario))
 
 
 def _of(effect: Effect) -> dict[str, Any]:
@@ -192,6 +215,11 @@ def _of(effect: Effect) -> dict[str, Any]:
         "min_separation_pair": nearest.pair,
         "min_separation_time": nearest.time,
         "min_separation_bound": None if alone else nearest.bound,
+        **{
+            name: asdict(one)
+            for name, one in (("clearance", effect.clearance), ("corridor", effect.corridor))
+            if one is not None
+        },
     }
 
 

@@ -116,8 +116,13 @@ def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
     """Refuse what guidance does not keep: a risk of other guidance, or other limits of thrust.
 
     Raises:
-        InputError: where the plan was asked for one, or has some.
+        InputError: where the plan was asked for one, or has limits of thrust or sizes of its own.
     """
+    if plan.scenario.unlike:
+        raise InputError(
+            "craft have radii of their own, or there are obstacles or corridors, which guidance "
+            "that plans anew does not know; expected no replanning with these: fly in open loop."
+        )
     if plan.scenario.limits is not None:
         raise InputError(
             "the scenario says more of thrust than max_acceleration, which guidance that plans "

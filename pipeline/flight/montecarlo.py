@@ -20,6 +20,7 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import InputError, check_range
+from pipeline.flight.encounters import OF_CORRIDORS, OF_CRAFT, OF_SIZES
 from pipeline.flight.errors import Errors, check_seed
 from pipeline.flight.loops import MOST_TRIALS, PORTION, Loop
 from pipeline.flight.trials import Trials
@@ -59,6 +60,14 @@ FIELDS = [
     pa.field("unsafe_replans", pa.int32(), nullable=False),
 ]
 """Columns; those of the closest pair are null for a single craft."""
+
+OF_UNLIKE = {
+    names: [
+        pa.field(name, pa.int32() if k in (1, 2) else pa.float64()) for k, name in enumerate(names)
+    ]
+    for names in (OF_SIZES, OF_CORRIDORS)
+}
+"""Further columns where craft have sizes of their own or there are obstacles, or corridors."""
 
 TIMING_FIELDS = [
     FIELDS[0],
@@ -123,6 +132,7 @@ class Portion:
                 "schema": SCHEMA,
                 **of.scenario.problem.document(),
                 "n_spacecraft": of.scenario.n,
+                **_unlike(of.scenario),
                 "plan": plan.hexdigest(),
                 "seed": of.seed,
                 "portion": of.portion,
@@ -165,6 +175,17 @@ def fly_all(
         wanted = [portion for portion in portions if not _is_done(ledger, portion)]
         write_shards(ledger, _flown, wanted, workers, progress)
         return {loop.name: _read(ledger, of, loop, trials) for loop in loops}
+
+
+def _unlike(scenario: Scenario) -> dict[str, Any]:
+    """What a scenario has that its problem, n and ends do not say, where craft are not alike."""
+    if not scenario.unlike:
+        return {}
+    return {
+        "radii": scenario.radii.tolist(),
+        "obstacles": {k: asdict(one) for k, one in enumerate(scenario.obstacles)},
+        "corridors": {k: asdict(one) for k, one in enumerate(scenario.corridors)},
+    }
 
 
 def _begin(folder: Folder) -> TrialsManifest:
@@ -215,12 +236,13 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     of, trials = portion.of, portion.rows
     check_worker(of.made_with, MADE_BY)
     flown = portion.loop.fly(of.scenario, of.world, of.errors, trials, of.seed)
-    alone = flown["first_craft"] < 0
+    kinds = [OF_CRAFT, *(names for names in OF_UNLIKE if names[0] in flown)]
+    none = {name: flown[names[1]] < 0 for names in kinds for name in names}
+    fields = [*FIELDS, *(field for names in kinds[1:] for field in OF_UNLIKE[names])]
     columns = {
-        field.name: pa.array(flown[field.name], mask=alone if field.nullable else None)
-        for field in FIELDS
+        field.name: pa.array(flown[field.name], mask=none.get(field.name)) for field in fields
     }
-    content = encode(pa.table(columns, schema=pa.schema(FIELDS, metadata=portion.metadata)))
+    content = encode(pa.table(columns, schema=pa.schema(fields, metadata=portion.metadata)))
     seconds = [row[np.isfinite(row)] for row in flown["replan_seconds"]]
     timings = pa.table(
         {"trial": np.array(trials), "replan_seconds": seconds},

@@ -1,8 +1,7 @@
 """Summary and figure of trials: how close craft come, how far from their goals they end, and Δv."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from operator import itemgetter
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -25,12 +24,16 @@ LINES: Sequence[Mapping[str, Any]] = (
 )
 """Of loops, in their order; the last is wide and below, since the one before may run along it."""
 
-PANELS = {
-    "min_separation": "least separation (m)",
-    "goal_error": "error at the goal (m)",
-    "delta_v": "Δv of all craft (m/s)",
-}
+APART = {"min_separation": "least separation (m)"}
+CLEAR = {"min_clearance": "least clearance (m)"}  # instead, where sizes are not alike
+PANELS = {"goal_error": "error at the goal (m)", "delta_v": "Δv of all craft (m/s)"}
 """Columns that are shown, with their axes' labels."""
+
+OF_UNLIKE = (
+    *("least_clearance", "clearance_median"),
+    *("outside_corridor", "outside_corridor_interval", "least_corridor", "corridor_median"),
+)
+"""Fields that only those have whose scenarios have sizes of their own, obstacles or corridors."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +41,15 @@ class Summary:
     """Trials of one loop in numbers; what depends on pairs is None for a single craft.
 
     Separations and errors are in m, velocities and Δv of all craft in m/s. Errors at the goal are
-    those of the craft furthest from its goal. Fields of replanning are None in the open loop.
+    those of the craft furthest from its goal. Fields of replanning are None in the open loop. Where
+    craft have radii of their own or there are obstacles, a pair is too close by its sizes.
     """
 
     loop: str  # how they were flown
     planner: str | None  # that replanned
     sigmas: float | None  # standard deviations of each separation kept beyond r_col
     trials: int
-    within_radius: float | None  # share in which a pair came within r_col
+    within_radius: float | None  # share in which a pair came within r_col, or too close by sizes
     within_radius_interval: Interval | None  # Wilson's of that share
     within_size: float | None  # share in which a pair came within the physical size
     within_size_interval: Interval | None  # Wilson's of that share
@@ -60,16 +64,36 @@ class Summary:
     missed_burns: float  # mean number in a trial
     unsafe_replans: float | None  # mean number of nodes where the plan flown was unsafe
     replan_seconds: float | None  # median time of a plan
+    least_clearance: float | None = None  # of all trials; of craft and obstacles by their sizes
+    clearance_median: float | None = None  # of the least clearance of each trial
+    outside_corridor: float | None = None  # share in which a craft left a corridor
+    outside_corridor_interval: Interval | None = None  # Wilson's of that share
+    least_corridor: float | None = None  # inside of corridors, of all trials
+    corridor_median: float | None = None  # of the least margin of each trial
+
+    def document(self) -> dict[str, Any]:
+        """The fields for files, without those of sizes and corridors where there are none."""
+        fields = asdict(self)
+        return {k: one for k, one in fields.items() if one is not None or k not in OF_UNLIKE}
 
 
 def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary:
     """The trials of a loop in numbers, by the collision radius and the physical size, m."""
-    apart = _separations(trials)
+    apart, clear, inside = (
+        _separations(trials, name) for name in ("min_separation", "min_clearance", "min_margin")
+    )
     found: dict[str, Any] = {}
-    for name, distance in (("within_radius", radius), ("within_size", size)):
-        share = float((apart <= distance).mean()) if len(apart) else None
+    for name, distances, most in (
+        ("within_radius", *((clear, 0.0) if "min_clearance" in trials else (apart, radius))),
+        ("within_size", apart, size),
+        ("outside_corridor", inside, 0.0),
+    ):
+        share = float((distances <= most).mean()) if len(distances) else None
         found[name] = share
-        found[f"{name}_interval"] = None if share is None else wilson(share, len(apart))
+        found[f"{name}_interval"] = None if share is None else wilson(share, len(distances))
+    for name, distances in (("separation", apart), ("clearance", clear), ("corridor", inside)):
+        found[f"least_{name}"] = float(distances.min()) if len(distances) else None
+        found[f"{name}_median"] = float(np.median(distances)) if len(distances) else None
     for name in ("goal_error", "goal_velocity_error", "delta_v"):
         median, high = np.quantile(trials[name], [0.5, HIGH]).tolist()
         found |= {f"{name}_median": median, f"{name}_high": high}
@@ -81,8 +105,6 @@ def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary
         planner=planner.name if planner else None,
         sigmas=None if loop.back_off is None else loop.back_off.sigmas,
         trials=len(trials["trial"]),
-        least_separation=float(apart.min()) if len(apart) else None,
-        separation_median=float(np.median(apart)) if len(apart) else None,
         missed_burns=float(trials["missed_burns"].mean()),
         unsafe_replans=float(trials["unsafe_replans"].mean()) if planner else None,
         replan_seconds=float(np.median(taken)) if len(taken) else None,
@@ -94,22 +116,25 @@ def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary
 def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, title: str) -> Figure:
     """For each quantity the share of trials at or below a value, a line a loop.
 
-    The collision radius, m, is marked, and the physical size, m, where trials come near it.
+    The collision radius, m, is marked, and the physical size, m, where trials come near it. By
+    sizes of their own, separation is how much further apart craft and obstacles are than these ask.
     """
     figure = Figure(figsize=(style.PAGE_WIDTH, 3.1), layout="constrained")
-    panels = figure.subplots(1, len(PANELS), sharey=True)
-    for ax, (column, label) in zip(panels, PANELS.items(), strict=True):
-        read = _separations if column == "min_separation" else itemgetter(column)
-        values = [read(trials) for trials in tables.values()]
+    clear = any("min_clearance" in trials for trials in tables.values())
+    shown = {**(CLEAR if clear else APART), **PANELS}
+    panels = figure.subplots(1, len(shown), sharey=True)
+    for ax, (column, label) in zip(panels, shown.items(), strict=True):
+        values = [_separations(trials, column) for trials in tables.values()]
         for loop, found, line in zip(tables, values, LINES, strict=False):
             if len(found):
                 ax.ecdf(found, label=loop, **line)
-        style.fit_scale(ax, "x", np.concatenate(values).tolist())
+        if column not in CLEAR:  # which may be negative
+            style.fit_scale(ax, "x", np.concatenate(values).tolist())
         ax.set_ylim(-0.02, 1.02)
         ax.set_xlabel(label)
     panels[0].set_ylabel("share of trials at or below")
-    _mark(panels[0], radius, "r_col")
-    if panels[0].get_xlim()[0] < 2 * size:
+    _mark(panels[0], 0.0 if clear else radius, "clear" if clear else "r_col")
+    if not clear and panels[0].get_xlim()[0] < 2 * size:
         _mark(panels[0], size, "size")
     figure.suptitle(title, x=0.01, ha="left")
     handles, labels = panels[1].get_legend_handles_labels()
@@ -118,9 +143,10 @@ def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, titl
     return figure
 
 
-def _separations(trials: Trials) -> Float[Array, "_"]:
-    """The least separation of each trial, m; none of a craft alone."""
-    return trials["min_separation"][trials["first_craft"] >= 0]
+def _separations(trials: Trials, column: str) -> Float[Array, "_"]:
+    """A column's distances, m; none of those without a pair, or of columns that are not there."""
+    found = trials.get(column, np.zeros(0))
+    return found[np.isfinite(found)]
 
 
 def _mark(ax: Axes, distance: float, label: str) -> None:

@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.flight.encounters import Encounters, Surroundings
 from pipeline.flight.errors import Draws, Errors, burns_made, navigation_errors
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import feedback_gains
-from pipeline.orbit.nearest import nearer, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_cost import burned
 from pipeline.scenario import Scenario
@@ -22,7 +22,7 @@ Trials = Mapping[str, Array]
 """Trials of a loop by column, a value a trial, SI units. Errors at the goal are those of the craft
 furthest from it, separations the least of any pair at any time, Δv that of all craft. A craft alone
 has a ``first_craft`` of -1 and no separation; ``replan_seconds`` has a row of times a trial, NaN
-where nobody planned."""
+where nobody planned. By sizes, and with corridors, there are those of ``Encounters.columns``."""
 
 Guidance = Callable[[int, Float[Array, "K n 6"]], Float[Array, "K n 3"]]
 """Controls, m/s², for the interval that begins at a node, from the number of that node and the
@@ -54,10 +54,10 @@ def fly_trials(
 
     The scenario's initial states are the estimates at the first node; craft are where those and
     the navigation errors put them. At a node the rest of a late burn is still to come; the ends of
-    trials are evaluated after it.
+    trials are evaluated after it. Obstacles have no errors.
     """
     problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
-    h, shape, closest = problem.time_step, (trials, n), []
+    h, shape, met, around = problem.time_step, (trials, n), [], Surroundings(scenario, world)
     wrong = navigation_errors(drawn, errors, problem)
     state = scenario.initial - wrong[:, 0]
     used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
@@ -72,16 +72,13 @@ def fly_trials(
         start = _pushed(state, late - burns.late).reshape(-1, 6)
         arc = world.arc(start, burns.held.reshape(-1, 3), node)
         arcs = arc.reshape(*shape, *arc.shape[1:])
-        closest.append(nearest(arcs, node * h, h))
+        met.append(around.encounters(arcs, node))
         state, late = arcs[:, :, -1, -1], burns.late
         used += burned(burns.held, problem.thrust) * h
         missed += burns.missed
-    least, miss = reduce(nearer, closest), _pushed(state, late) - scenario.goal
+    least, miss = reduce(Encounters.nearer, met), _pushed(state, late) - scenario.goal
     return {
-        "min_separation": least.distance,
-        "first_craft": least.first,
-        "second_craft": least.second,
-        "min_separation_time": least.time,
+        **least.columns(problem.collision_radius),
         "goal_error": norm(miss[..., :3]).max(axis=1),
         "goal_velocity_error": norm(miss[..., 3:]).max(axis=1),
         "delta_v": used,

@@ -1,6 +1,6 @@
 """Worlds in which a plan is flown: linear motion, and two bodies with J2 and drag."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -31,12 +31,21 @@ class World(Protocol):
     def arc(self, states: States, controls: Held, interval: int) -> Arcs:
         """States over an interval of the plan, from those at its start by controls held in it."""
 
+    @property
+    def of_obstacles(self) -> "World":
+        """The same for what is no craft of the swarm, which has its mean coefficient of drag."""
+
 
 @dataclass(frozen=True)
 class LinearWorld:
     """The linear model for which plans are made, by its maps; a ``World``."""
 
     dynamics: Dynamics
+
+    @property
+    def of_obstacles(self) -> "LinearWorld":
+        """As ``World.of_obstacles``."""
+        return self
 
     def arc(self, states: States, controls: Held, interval: int) -> Arcs:
         """As ``World.arc``."""
@@ -58,6 +67,11 @@ class NonlinearWorld:
     time_step: float  # s
     intervals: int
     n: int = 1  # craft, whose coefficients of drag differ
+
+    @property
+    def of_obstacles(self) -> "NonlinearWorld":
+        """As ``World.of_obstacles``."""
+        return replace(self, n=1)
 
     @classmethod
     def of(cls, problem: Problem, n: int) -> "NonlinearWorld":

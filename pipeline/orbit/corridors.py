@@ -9,19 +9,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
 from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
+from pipeline.orbit.nearest import Nearest, nowhere
 from pipeline.orbit.problem import Problem
 
 SIDES = 16  # of the pyramid inside an approach cone; its sides are cos(π/16), 98 %, as far out
 DRAWN = 100.0  # length of the edges of a cone that are shown, m
 MOST_NARROWED = 0.9  # share of its width by which a box is made narrower at most
 STEEPEST = 89.0  # half-angle of a cone, deg
+ROUNDING = 1e-9  # share of an interval by which a time may lie outside of it
 
 Point = tuple[float, float, float]
 
@@ -195,7 +197,12 @@ def margins(
     moved: Marked | None = None,
 ) -> Margins:
     """How far craft stay inside of each face, in each interval in which they have to."""
-    face, k, begin, length = _stretches(faces, problem.time_step, problem.intervals, moved)
+    h = problem.time_step
+    begin, end, wanted = _stretches(faces, h * np.arange(problem.intervals), h)
+    if moved is not None:
+        wanted &= moved[faces.craft, None]
+    face, k = np.nonzero(wanted)
+    begin, length = begin[face, k], (end - begin)[face, k]
     craft, normal, offset = faces.craft[face], faces.normal[face], faces.offset[face]
     start, push = states[craft, k], controls[craft, k]
     fourth = problem.dynamics.most_fourth_derivative(start, push, k)
@@ -223,49 +230,49 @@ def margins(
     return Margins(face, k, time, margin, bound, free, pushed)
 
 
-def flown_margins(
-    arcs: Float[Array, "n pieces q 6"], duration: float, faces: Faces
-) -> tuple[Indices, Values, Values, Values]:
-    """The same of a flight that is known at its pieces' Chebyshev points, as in ``nearest``.
+def least_inside(
+    states: Float[Array, "trials n pieces q 6"], faces: Faces, start: float, duration: float
+) -> Nearest:
+    """How far craft stay inside of corridors at any time of an arc that is given as in ``nearest``.
 
-    Of faces in pieces the numbers of the faces, the least margins and the bounds on them, m, and
-    the times of those, s since the first node.
+    In each trial the least distance inside of a face, below 0 outside, with the craft and the
+    number of the corridor as ``first`` and ``second``. Each stretch that counts is cut into cubics.
     """
-    pieces = arcs.shape[1]
-    piece_length = duration / pieces
-    face, k, begin, length = _stretches(faces, piece_length, pieces)
-    normal, offset = faces.normal[face, None], faces.offset[face]
-    states = arcs[faces.craft[face], k]
-    along, speed = np.vecdot(states[..., :3], normal), np.vecdot(states[..., 3:], normal)
-    at = begin[:, None] + length[:, None] * np.linspace(0.0, 1.0, CUBICS + 1)
-    weights = basis(2 * at / piece_length - 1) @ COEFFICIENTS
-    value, slope = (np.matvec(weights, one) for one in (along, speed))
-    h = np.repeat(length / CUBICS, CUBICS)
-    ends = [(value[:, one].ravel(), slope[:, one].ravel()) for one in (slice(-1), slice(1, None))]
-    most, share = (one.reshape(-1, CUBICS) for one in _largest(ends, h))
-    fourth = most_derivative(speed[..., None], 3, piece_length / 2)[:, 0]
-    row, cubic = np.arange(len(face)), most.argmax(axis=1)
-    margin = offset - most[row, cubic]
-    bound = margin - (length / CUBICS) ** 4 / 384 * fourth
-    time = k * piece_length + at[row, cubic] + share[row, cubic] * length / CUBICS
-    return face, margin, bound, time
+    trials, pieces = len(states), states.shape[2]
+    length = duration / pieces
+    starts = start + length * np.arange(pieces)
+    begin, end, wanted = _stretches(faces, starts, length)
+    face, piece = np.nonzero(wanted)
+    if len(face) == 0:
+        return nowhere(trials)
+    begin, step = begin[face, piece], (end - begin)[face, piece] / CUBICS
+    times = begin[:, None] + step[:, None] * np.arange(CUBICS + 1)
+    motion = states[:, faces.craft[face], piece].reshape(trials, len(face), -1, 2, 3)
+    along = np.einsum("tkqdc,kc->tkqd", motion, faces.normal[face])
+    ends = np.einsum("kcq,tkqd->tkcd", basis(2 * times / length - 1) @ COEFFICIENTS, along)
+    cubics = np.broadcast_to(step[:, None], ends[:, :, 1:, 0].shape)
+    both = [(one[..., 0].ravel(), one[..., 1].ravel()) for one in (ends[:, :, :-1], ends[:, :, 1:])]
+    most, share = (one.reshape(trials, -1) for one in _largest(both, cubics.ravel()))
+    margin = np.repeat(faces.offset[face], CUBICS) - most
+    fourth = most_derivative(along[..., 1:], 3, length / 2)[..., 0]
+    bound = margin - np.repeat(step**4 / 384 * fourth, CUBICS, axis=1)
+    best = margin.argmin(axis=1)
+    k, cubic = np.divmod(best, CUBICS)
+    time = starts[piece[k]] + begin[k] + step[k] * (cubic + share[np.arange(trials), best])
+    which = faces.craft[face[k]], faces.corridor[face[k]]
+    return Nearest(margin.min(axis=1), bound.min(axis=1), *which, time)
 
 
 def _stretches(
-    faces: Faces, h: float, count: int, moved: Marked | None = None
-) -> tuple[Indices, Indices, Values, Values]:
-    """Face and interval, begin and length, s, of all that counts in intervals of length h."""
-    starts = h * np.arange(count)
+    faces: Faces, starts: Values, h: float
+) -> tuple[Float[Array, "F K"], Float[Array, "F K"], Bool[Array, "F K"]]:
+    """From when to when faces count in intervals, s since their starts, and whether they do."""
     begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
     end = np.clip(faces.end[:, None] - starts, 0.0, h)
     # Of a stretch without length, at one time alone, an interval with that time is looked at.
-    alone = (faces.begin == faces.end)[:, None]
-    at_once = alone & (starts <= faces.begin[:, None]) & (faces.end[:, None] <= starts + h)
-    wanted = (end > begin) | at_once
-    if moved is not None:
-        wanted &= moved[faces.craft, None]
-    face, k = np.nonzero(wanted)
-    return face, k, begin[face, k], (end - begin)[face, k]
+    since = faces.begin[:, None] - starts
+    at_once = (faces.begin == faces.end)[:, None] & (-ROUNDING * h <= since)
+    return begin, end, (end > begin) | (at_once & (since <= h + ROUNDING * h))
 
 
 def _largest(ends: Sequence[tuple[Values, Values]], h: Values) -> tuple[Values, Values]:

@@ -63,8 +63,7 @@ def nearest_between(
     """The same between craft and others, of which pairs are given; by sizes where these differ."""
     trials, _, pieces, _, _ = states.shape
     if len(both[0]) == 0:
-        never, none = np.full(trials, np.inf), np.full(trials, -1)
-        return Nearest(never, never, none, none, np.full(trials, np.nan))
+        return nowhere(trials)
     half = duration / pieces / 2
     h = 2 * half / CUBICS
     motions = states, others
@@ -93,6 +92,12 @@ def nearest_between(
     at = near[best]
     time = start + h * (piece[at] * CUBICS + cubic[at] + when[best])
     return Nearest(distance[best], bound, i[at], j[at], time)
+
+
+def nowhere(trials: int) -> Nearest:
+    """The least separation of trials where there is no pair."""
+    never, none = np.full(trials, np.inf), np.full(trials, -1)
+    return Nearest(never, never, none, none, np.full(trials, np.nan))
 
 
 def nearer(one: Nearest, other: Nearest) -> Nearest:

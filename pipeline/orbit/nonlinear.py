@@ -15,11 +15,11 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, Formation, Indices, States, Values
+from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
-from pipeline.orbit.corridors import Faces, flown_margins
+from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
-from pipeline.orbit.nearest import nearest, nearest_between
+from pipeline.orbit.nearest import Nearest, nearest, nearest_between
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import Separation
@@ -84,21 +84,19 @@ def clear_in_world(
     initial: Formation, controls: Controls, problem: Problem, swarms: SwarmPartition
 ) -> Separation:
     """The least separation of participants in that flight; obstacles have the mean ballistic."""
-    start = swarms.beside(initial[:, None], slice(0, 1))[:, 0]
-    ballistics = _ballistics(problem, len(initial), len(start))
-    arcs = flown_arcs(_dynamics(problem), start, swarms.pushed(controls), ballistics)
-    pieces = arcs.reshape(1, len(start), -1, *arcs.shape[3:])
+    arcs = _arcs_beside(initial, controls, _dynamics(problem), swarms)
+    pieces = arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
     found = nearest_between(pieces, pieces, swarms.pairs, 0.0, problem.duration, swarms)
     return found.separation()
 
 
-def margins_in_world(
+def margin_in_world(
     initial: Formation, controls: Controls, problem: Problem, faces: Faces
-) -> tuple[Indices, Values, Values, Values]:
-    """How far inside of faces craft stay in that flight: ``flown_margins``."""
+) -> Nearest:
+    """How far inside of corridors craft stay in that flight: ``least_inside``."""
     arcs = _arcs(initial, controls, problem)
-    pieces = arcs.reshape(len(initial), -1, *arcs.shape[3:])
-    return flown_margins(pieces, problem.duration, faces)
+    pieces = arcs.reshape(1, len(initial), -1, *arcs.shape[3:])
+    return least_inside(pieces, faces, 0.0, problem.duration)
 
 
 def least_adrift_in_world(
@@ -111,31 +109,31 @@ def least_adrift_in_world(
     """The least distance of a craft that has lost its thrust at a node to another, in that flight.
 
     It drifts for so many orbits from there, the last interval rounded up; the others fly on and
-    then drift from their goals. ``least_after_loss`` is the same in linear motion. Participants
-    are those of one scenario, by default its craft.
+    then drift from their goals. ``least_after_loss`` is the same in linear motion. Of a swarm with
+    obstacles, or radii, it is the least separation of participants.
     """
     n, last = len(states), problem.intervals
     swarms = swarms or side_by_side((n,))
     h = problem.time_step
     after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / h - NO_LENGTH))
     dynamics = replace(_dynamics(problem), intervals=last + after)
-    start, burned = swarms.beside(states[:, :1], slice(0, 1))[:, 0], swarms.pushed(controls)
-    m = len(start)
-    ballistics, idle = _ballistics(problem, n, m), np.zeros((m, after, 3))
-    others = flown_arcs(dynamics, start, np.concatenate([burned, idle], axis=1), ballistics)
-    i, j = np.nonzero(~np.eye(n, m, dtype=bool))
+    ballistics, idle = dynamics.orbit.ballistics(n), np.zeros((n, after, 3))
+    others = _arcs_beside(states[:, 0], np.concatenate([controls, idle], axis=1), dynamics, swarms)
+    one, other = swarms.pairs
+    back = ~swarms.still(other)  # no obstacle loses its thrust
+    both = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
     least = Separation()
     for node in range(last + 1):
         adrift = flown_arcs(dynamics, states[:, node], idle[:n], ballistics[:n], node)
         for k in range(0, after, AT_ONCE):
             part = slice(k, min(k + AT_ONCE, after))
             beside = others[:, node + part.start : node + part.stop]
-            one, other = (
+            lost, met = (
                 arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
                 for arcs in (adrift[:, part], beside)
             )
             begin, length = (node + part.start) * h, (part.stop - part.start) * h
-            found = nearest_between(one, other, (i, j), begin, length, swarms).separation()
+            found = nearest_between(lost, met, both, begin, length, swarms).separation()
             if found.pair is not None and found.distance < least.distance:
                 least = replace(found, bound=min(found.bound, least.bound), node=node)
             else:
@@ -179,6 +177,20 @@ def _ballistics(problem: Problem, n: int, participants: int) -> Ballistics:
 def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
     dynamics = _dynamics(problem)
     return flown_arcs(dynamics, initial, controls, dynamics.orbit.ballistics(len(initial)))
+
+
+def _arcs_beside(
+    initial: Formation, controls: Controls, dynamics: LinearizedDynamics, swarms: SwarmPartition
+) -> Float[Array, "participants K M q 6"]:
+    """Arcs of craft, and of obstacles, which have the mean ballistic; what is held stays."""
+    n, start = len(initial), swarms.beside(initial[:, None], slice(0, 1))[:, 0]
+    pushed = np.zeros((len(start), *controls.shape[1:]))
+    pushed[:n] = controls
+    ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
+    ballistics[:n] = dynamics.orbit.ballistics(n)
+    arcs = flown_arcs(dynamics, start, pushed, ballistics)
+    arcs[swarms.held] = start[swarms.held, None, None, None]
+    return arcs
 
 
 def _window(

@@ -12,7 +12,8 @@ from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
-from pipeline.orbit.nonlinear import margins_in_world
+from pipeline.orbit.nearest import Nearest
+from pipeline.orbit.nonlinear import margin_in_world
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
@@ -164,15 +165,19 @@ class CorridorMargin:
             return None
         problem, faces = scenario.problem, Faces.of(scenario.corridors, scenario.n)
         if as_flown:
-            of = states[:, 0], controls, problem, faces
-            which, margin, bound, time = margins_in_world(*of)
-        else:
-            found = margins(states, controls, problem, faces)
-            which, margin, bound = found.face, found.margin, found.bound
-            time = found.interval * problem.time_step + found.offset
-        k = int(margin.argmin())
-        craft, corridor = int(faces.craft[which[k]]), int(faces.corridor[which[k]])
-        return cls(float(margin[k]), float(bound.min()), craft, corridor, float(time[k]))
+            return cls.in_flight(margin_in_world(states[:, 0], controls, problem, faces))
+        found = margins(states, controls, problem, faces)
+        k = int(found.margin.argmin())
+        craft, corridor = int(faces.craft[found.face[k]]), int(faces.corridor[found.face[k]])
+        time = float(found.interval[k] * problem.time_step + found.offset[k])
+        return cls(float(found.margin[k]), float(found.bound.min()), craft, corridor, time)
+
+    @classmethod
+    def in_flight(cls, found: Nearest) -> "CorridorMargin":
+        """Of the first trial of a flight."""
+        least = found.separation()
+        assert least.pair is not None and least.time is not None  # every corridor counts sometime
+        return cls(least.distance, least.bound, *least.pair, least.time)
 
 
 @dataclass(frozen=True)

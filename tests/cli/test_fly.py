@@ -4,16 +4,19 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime
 
+import numpy as np
 import pytest
 
 from pipeline.expert import decoupled_optima, solve
 from pipeline.flight.conditions import Conditions
+from pipeline.orbit.corridors import Box, Corridor
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.plan import Made, planned
 from pipeline.plan.document import plan_document, write_plan
-from pipeline.scenario import draw
+from pipeline.scenario import Scenario, draw
 
 SCENARIO = draw("rings", 0, 10, 3, Problem())
 
@@ -127,3 +130,42 @@ def test_a_plan_that_cannot_be_flown_is_answered_in_a_sentence(prolearn, tmp_pat
     done = prolearn("fly", "plan.json", "--drag", "0.01")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert words in done.stderr
+
+
+@pytest.mark.parametrize("radius", [60.0, 95.0])
+@pytest.mark.parametrize(
+    "options", [("--eccentricity", "0", "--no-j2"), ("--eccentricity", "0.02")]
+)
+def test_obstacles_and_corridors_are_in_table_and_document_and_decide_the_status(
+    prolearn, tmp_path, radius, options
+):
+    ends = np.array([[[0.0, -200.0, 0, 0, 0, 0]], [[0.0, 200.0, 0, 0, 0, 0]]])
+    target = Obstacle("target", (0.0,) * 6, radius=60.0, hold=True)
+    room = Corridor(Box((-150.0, -300.0, -150.0), (150.0, 200.2, 150.0)), 600.0, 1200.0)
+    made = solve(Scenario(Problem(), *ends, obstacles=(target,), corridors=(room,)))
+    assert made.status == "solved"
+    larger = replace(made.scenario, obstacles=(replace(target, radius=radius),))
+    write_plan(tmp_path / "plan.json", replace(made, scenario=larger))
+    asked = "plan.json", *options, "--passive-safety", "0.1"
+    table, told = prolearn("fly", *asked), prolearn("fly", *asked, "--json")
+    assert told.stdout, told.stderr
+    report = json.loads(told.stdout)
+    clear, inside = report["clearance"], report["corridor"]
+    adrift = report["passive_safety"]["clearance"]
+    assert report["min_separation"] is None
+    assert clear["other"] == adrift["other"] == "target"
+    assert (clear["min_clearance_bound"] > 0) == (radius == 60.0)
+    assert (inside["min_margin_bound"] > 0) == ("--no-j2" in options)
+    assert report["safe"] == (radius == 60.0 and "--no-j2" in options)
+    assert table.returncode == told.returncode == (0 if report["safe"] else 1)
+    assert max(map(len, table.stdout.splitlines()[:-1])) <= 80
+    text = " ".join(table.stdout.split())
+    assert f"0,target {clear['time']:.0f} {clear['min_clearance']:+.2f}" in text
+    margin, by = inside["min_margin"], clear["min_clearance"]
+    where = f"{abs(margin):.2f} m {'in' if margin > 0 else 'out'}side corridors[0] at"
+    assert f"{'Craft' if margin > 0 else 'Not kept: craft'} 0 is {where}" in text
+    if by > 0:
+        assert f"Craft 0 keeps clear of target by {by:.2f} m" in text
+    else:
+        assert f"Not safe: craft 0 comes {-by:.2f} m too close to target" in text
+    assert ("Not passively safe: Adrift" in text) == (adrift["min_clearance_bound"] <= 0)

@@ -15,6 +15,8 @@ import pytest
 from scipy.stats import binom
 
 from pipeline.expert import solve, within_risk
+from pipeline.orbit.corridors import Box, Corridor
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements, RiskLimit
 from pipeline.plan.document import write_plan
@@ -164,3 +166,27 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(
     assert sentence in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+
+
+def test_radii_obstacles_and_corridors_have_their_rows_and_columns(prolearn, tmp_path):
+    scenario = draw("rings", 1, 6, 0, Problem())
+    debris = Obstacle("debris", (30.0, -80.0, 20.0, 0.0, -0.0664, 0.01), radius=10.0)
+    room = Corridor(Box((-500.0,) * 3, (500.0,) * 3), 0.0, 1200.0)
+    made = solve(replace(scenario, obstacles=(debris,), corridors=(room,)))
+    write_plan(tmp_path / "plan.json", made)
+    told = prolearn("fly", "plan.json", *TRIALS, "--json")
+    assert told.returncode == 0, told.stderr
+    (found,), table = json.loads(told.stdout)["loops"], prolearn("fly", "plan.json", *TRIALS)
+    trials = rows(tmp_path / "plan-flown", "open loop")
+    assert found["within_radius"] == pytest.approx((trials["min_clearance"] <= 0).mean())
+    assert found["least_clearance"] == trials["min_clearance"].min()
+    assert found["outside_corridor"] == pytest.approx((trials["min_margin"] <= 0).mean())
+    assert set(trials["clearance_other"]) <= set(range(7))
+    assert "too close by sizes" in table.stdout and "outside a corridor" in table.stdout
+    assert max(map(len, table.stdout.splitlines())) <= 80
+    csv = pd.read_csv(tmp_path / "plan-flown/trials.csv")
+    assert csv["least_clearance"][0] == pytest.approx(found["least_clearance"])
+    assert csv["outside_corridor_high"][0] == pytest.approx(found["outside_corridor_interval"][1])
+    done = prolearn("fly", "plan.json", *REPLANNED)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "obstacles or corridors, which guidance that plans anew does not know" in done.stderr

@@ -9,8 +9,6 @@ from scipy.optimize import linprog
 
 import prolearn
 from pipeline.errors import InputError
-from pipeline.flight.conditions import Conditions
-from pipeline.flight.effects import effects
 from pipeline.orbit.corridors import Box, Cone, Corridor, Faces, margins
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -186,8 +184,6 @@ def test_what_does_not_count_them_refuses_them():
     asked = approach(corridors=(BOX,))
     with pytest.raises(InputError, match="a risk is asked for"):
         planned(asked, Requirements(risk=RiskLimit(1e-2, navigation_sigma=0.1)))
-    with pytest.raises(InputError, match="flights do not count"):
-        effects(asked, planned(asked).controls, Conditions())
 
 
 @pytest.mark.parametrize(

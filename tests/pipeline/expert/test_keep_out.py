@@ -10,7 +10,6 @@ from judge import Case, after, judge_plan, least_adrift, least_clearance, obstac
 import prolearn
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions, in_world
-from pipeline.flight.effects import effects
 from pipeline.orbit.nonlinear import fly_in_world
 from pipeline.orbit.participants import Obstacle, Participants
 from pipeline.orbit.problem import Problem
@@ -326,14 +325,6 @@ def test_a_check_names_craft_inside_an_obstacle_and_those_that_drift_into_one():
         near = np.linalg.norm(there - at_goal.state[:3], axis=1) <= asked.radii + 5.0
         met |= set(np.flatnonzero(near).tolist())
     assert {one.craft[0] for one in drift.cases if one.craft[1] == 6} == met
-
-
-def test_flights_refuse_what_they_do_not_count():
-    plan = planned(swarm(0, obstacles=(CHIEF,)))
-    with pytest.raises(InputError, match="which flights do not count"):
-        effects(plan.scenario, plan.controls, Conditions())
-    with pytest.raises(InputError, match="which flights do not count"):
-        prolearn.monte_carlo(plan, 2)
 
 
 def test_a_trade_off_keeps_them():

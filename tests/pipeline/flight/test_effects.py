@@ -26,14 +26,13 @@ ALL = Conditions(eccentricity=0.004, inclination_deg=60.0, ballistic=0.02)
 def test_effects_sum_to_the_error_of_a_flight_with_all_of_them():
     found = effects(SCENARIO, CONTROLS, ALL)
     assert [one.name for one in found] == ["plan", "curvature", "eccentricity", "J2", "drag"]
-    problem = SCENARIO.problem
     world = world_of(SCENARIO, ALL)
-    states, nearest = fly_controls(world, SCENARIO.initial, CONTROLS, problem)
+    states, _, met = fly_controls(world, SCENARIO, CONTROLS)
     missed = states[:, -1] - SCENARIO.goal
     np.testing.assert_allclose(sum(one.added for one in found), missed, atol=1e-9)
     assert sum(one.share for one in found) == pytest.approx(1.0, abs=1e-9)
     assert np.abs(found[0].errors).max() < 1e-6, "the plan itself ends at its goal"
-    assert found[-1].nearest.distance == nearest.distance
+    assert found[-1].nearest.distance == met.craft.distance[0]
 
 
 def test_an_effect_that_is_not_there_is_no_row():

@@ -14,7 +14,7 @@ from pipeline.orbit.reference import radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
-from pipeline.scenario import draw
+from pipeline.scenario import Scenario, draw
 
 PROBLEM = Problem()
 
@@ -91,7 +91,8 @@ def test_in_the_linear_world_a_flight_is_the_plan_and_as_close_as_its_certificat
     states = fly(initial, controls, PROBLEM)
     claimed = least_separation(states, controls, PROBLEM)
     world = LinearWorld(PROBLEM.dynamics)
-    flown, least = fly_controls(world, initial, controls, PROBLEM)
+    flown, _, met = fly_controls(world, Scenario(PROBLEM, initial, initial), controls)
+    least = met.craft.separation()
     np.testing.assert_allclose(flown, states, atol=1e-9)
     assert least.pair == claimed.pair
     assert least.distance == pytest.approx(claimed.distance, abs=2 * TOLERANCE)
@@ -110,5 +111,6 @@ def test_the_nearer_of_two_arcs_is_chosen_by_trial():
 
 def test_a_craft_alone_is_near_nobody():
     initial, controls = swarm(0, 1)
-    _, least = fly_controls(WORLD, initial, controls, PROBLEM)
+    _, _, met = fly_controls(WORLD, Scenario(PROBLEM, initial, initial), controls)
+    least = met.craft.separation()
     assert least.pair is None and least.bound == np.inf
