@@ -356,12 +356,13 @@ def _figures(one: Planning, ours: Planning, least: np.ndarray) -> dict[str, obje
         np.array([(verdict.fuel, taken) for verdict, taken in some.made[:few]]).reshape(few, 2).T
         for some in (one, ours)
     )
+    time = _spread(seconds, ".3g") + ", then ended" * (one.over is not None)
     return {
         "safe at nodes": f"{sum(at for at, _ in safe)} of {few}",
         "safe at all times": f"{sum(at for _, at in safe)} of {few}",
         "fuel / least": _spread(fuel / least[:few], ".4f"),
         "fuel / ours": _spread(fuel / our_fuel, ".4f"),
-        "time, s": _spread(seconds, ".3g") if few else f"no plan in {one.over:.0f} s",
+        "time, s": time if few else f"no plan in {one.over:.0f} s",
         "time / ours": _spread(seconds / our_seconds, ".3g"),
     }
 

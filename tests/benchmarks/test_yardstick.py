@@ -26,7 +26,17 @@ from benchmarks.rendezvous import (
     optima,
     relative,
 )
-from benchmarks.yardstick import CASES, PEERS, Peer, case_row, cost, judged, swarm_rows
+from benchmarks.yardstick import (
+    CASES,
+    PEERS,
+    Peer,
+    Planning,
+    _figures,
+    case_row,
+    cost,
+    judged,
+    swarm_rows,
+)
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
@@ -171,6 +181,10 @@ def test_a_foreign_planner_that_takes_too_long_is_ended_and_its_row_says_so():
     assert row["time, s"].startswith("no plan in ")
     assert float(row["time, s"].split()[3]) >= 1
     assert row["safe at nodes"] == "0 of 0"
+    first = Planning(PEERS[0], 1)
+    first.plan(draw("rings", 2022, 4, 0, Problem()))
+    first.over = 1.2
+    assert _figures(first, first, np.ones(1))["time, s"].endswith(", then ended")
     _, row = swarm_rows(("rings", 4, 2), [PEERS[0], slow], patience=100)
     _, here = swarm_rows(("rings", 4, 2), [PEERS[0], replace(slow, foreign=False)])
     assert row["safe at nodes"] == "2 of 2"
