@@ -5,15 +5,21 @@
 Cases of one craft have a published or proven figure; swarms are planned by peers too, each one
 function from a scenario to controls. The judge is that of the tests, which shares no code with any
 planner. All runs on one core; times are its CPU times. Peers that are not installed are left out,
-and a sentence says what to install: dccp, openscvx==0.5.2, bsk==2.12.1.
+and a sentence says what to install: dccp, openscvx==0.5.2, bsk==2.12.1. What is not of this project
+plans in a process of its own, which ends after so many seconds of CPU time a swarm.
 """
 
 import os
+import resource
 import sys
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
+from math import ceil
+from multiprocessing import get_context
 from pathlib import Path
 from platform import python_version
 from time import process_time
@@ -26,6 +32,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.basilisk import reconfiguration
 from benchmarks.peers import by_dccp, by_openscvx, by_plain_scp, by_repair
+from benchmarks.rendezvous import CHIEF, STEP, optima
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import solve
@@ -35,19 +42,23 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
 from pipeline.scenario import Scenario, draw
 from pipeline.scenario.document import document_of, read_scenario
-from pipeline.scenario.scenario import MOST_CRAFT
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "tests/support"))  # the judge is no part of the package
+import relative  # noqa: E402
 from judge import Case as Circle  # noqa: E402
 from judge import closest_approaches, fly, least_fuel  # noqa: E402
-from relative import forced, true_anomaly, yamanaka_ankersen  # noqa: E402
+from judge.corridors import inside  # noqa: E402
+from judge.keep_out import outside  # noqa: E402
+from koenig import transition  # noqa: E402
 
 MARK = "<!-- made by python -m benchmarks.yardstick -->"
 PACKAGES = ("clarabel", "highspy", "cvxpy", "dccp", "openscvx", "bsk")
 SEED = 2022
 MISS, SPEED = 1e-2, 1e-5  # of a goal, m and m/s, that the judge lets pass
-SWARMS = (("rings", 10, 3), ("dense", 10, 3), ("rings", 30, 3))  # family, n, scenarios
+SWARMS = (("rings", 10, 10), ("dense", 10, 10), ("rings", 30, 10))  # family, n, scenarios
+PATIENCE = 300.0  # CPU time that a foreign planner has for a swarm's scenarios, s
+PARTS = 10  # of an arc, between which obstacles and corridors are looked at
 
 Planner = Callable[[Scenario], Controls]
 Norm = Literal["components", "norm"]
@@ -55,10 +66,10 @@ Norm = Literal["components", "norm"]
 
 @dataclass(frozen=True)
 class Case:
-    """A transfer of one craft, and what somebody else says that it costs."""
+    """A transfer of one craft, in legs, and what somebody else says that it costs."""
 
     name: str
-    file: str  # in examples/
+    files: tuple[str, ...]  # in examples/, a leg each
     thrust: Norm  # components: Σ‖u‖₁; norm: Σ‖u‖₂
     theirs: Callable[[], float]  # Δv, m/s
     source: str
@@ -72,8 +83,8 @@ class Peer:
     name: str
     plan: Planner
     what: str
-    compiles: bool = False  # at times before a plan, which is not counted
-    most: int = MOST_CRAFT  # craft that it is given
+    foreign: bool = False  # plans in a process of its own, whose time is limited
+    compiles: bool = False  # at times before a plan, which is not counted but against that limit
 
 
 @dataclass(frozen=True)
@@ -110,16 +121,22 @@ def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[Case]:
         "norm": "The same, but what is burned at once in and across the plane is one burn.",
     }
     return [
-        Case(name, file, thrust, partial(damico, *change, thrust), "D'Amico's lower bound", why)
+        Case(name, (file,), thrust, partial(damico, *change, thrust), "D'Amico's lower bound", why)
         for thrust, why in whys.items()
     ]
+
+
+def rendezvous() -> float:
+    """Δv to the ISS by sequential convex programs, m/s."""
+    *_, (_, burns) = optima(transition(np.array(CHIEF), STEP))
+    return float(np.linalg.norm(burns, axis=0).sum())
 
 
 ARCS = "Ours are arcs of constant acceleration, theirs impulses, which arcs come near from above"
 CASES = (
     Case(
         "SIMBOL-X",
-        "simbol-x",
+        ("simbol-x",),
         "components",
         lambda: 1.7913,
         "Arzelier and others 2011",
@@ -127,7 +144,7 @@ CASES = (
     ),
     Case(
         "SIMBOL-X",
-        "simbol-x",
+        ("simbol-x",),
         "norm",
         lambda: 1.3211,
         "Benedikter and others 2019",
@@ -137,12 +154,21 @@ CASES = (
     *tandem_x("TanDEM-X-like, δe and δi", "tandem-x-both", (200.0, 200.0)),
     Case(
         "Basilisk's reconfiguration",
-        "basilisk-reconfiguration",
+        ("basilisk-reconfiguration",),
         "norm",
         lambda: reconfiguration()[0],
         "bsk 2.12.1, run here",
         "Three burns by a closed form, one for each pair of elements, against the least for the "
         "same two states and time.",
+    ),
+    Case(
+        "Rendezvous with the ISS",
+        ("station-approach", "station-docking"),
+        "norm",
+        rendezvous,
+        "Transformer-MPC's SCP, run here",
+        "Arcs of 113 s, theirs impulses: the last 30 m, in nine of them, cost 13 % more; and a way "
+        "about the station that is a local optimum.",
     ),
 )
 
@@ -154,13 +180,14 @@ PEERS = (
         "this project, apart at the nodes only, as the next two",
     ),
     Peer("plain SCP", by_plain_scp, "the paper's kind: every pair at every node, one program"),
-    Peer("DCCP", by_dccp, "cvxpy's convex-concave procedure, apart at the nodes", most=10),
+    Peer("DCCP", by_dccp, "cvxpy's convex-concave procedure, apart at the nodes", foreign=True),
     Peer(
         "OpenSCvx",
         by_openscvx,
-        "0.5.2 by its own settings, `ctcs` constraints, from decoupled optima; compiled before",
+        "0.5.2, which has no `solve_batched`, by its own settings: `ctcs` constraints, from "
+        "decoupled optima; compiled before",
+        foreign=True,
         compiles=True,
-        most=10,
     ),
     Peer(
         "decoupled, repaired",
@@ -171,26 +198,40 @@ PEERS = (
 
 
 def flown(scenario: Scenario, controls: Controls) -> np.ndarray:
-    """Node states by the judge: of craft about a circle, or about a Keplerian ellipse."""
+    """States by the judge: about a circle or a Keplerian ellipse at nodes, under J2 between too."""
     orbit, step = scenario.problem.orbit, scenario.problem.time_step
     if orbit is None:
         return fly(Circle.of(document_of(scenario)), scenario.initial, controls)
     shape = orbit.semi_major_axis, orbit.eccentricity
-    begin = np.radians(orbit.argument_of_latitude_deg - orbit.argument_of_perigee_deg)
-    states = [scenario.initial]
+    names = ("inclination", "raan", "argument_of_perigee", "argument_of_latitude")
+    angles = np.radians([getattr(orbit, f"{name}_deg") for name in names])
+    if orbit.j2:
+        grid, force = (step, scenario.problem.intervals, PARTS), partial(relative.pull, j2=True)
+        fly_on = relative.linear_flight(relative.state_of(*shape, angles), *grid, force)
+        return fly_on(scenario.initial, controls).reshape(scenario.n, -1, 6)
+    begin, states = angles[3] - angles[2], [scenario.initial]
     for k in range(scenario.problem.intervals):
-        here = true_anomaly(*shape, begin, k * step), step
-        pushed = controls[:, k] @ forced(*shape, *here).T
-        states.append(states[-1] @ yamanaka_ankersen(*shape, *here).T + pushed)
+        here = relative.true_anomaly(*shape, begin, k * step), step
+        pushed = controls[:, k] @ relative.forced(*shape, *here).T
+        states.append(states[-1] @ relative.yamanaka_ankersen(*shape, *here).T + pushed)
     return np.stack(states, axis=1)
 
 
+def clearance(scenario: Scenario, states: np.ndarray) -> float:
+    """Least distance of states from an ellipsoid about the origin and to a corridor's edge, m."""
+    asked, places = document_of(scenario), states[..., :3].reshape(-1, 3)
+    ellipsoids = [np.array(one["semi_axes"]) for one in asked.get("obstacles", [])]
+    apart = [outside(at, axes) for axes in ellipsoids for at in places]
+    within = [inside(at, one) for one in asked.get("corridors", []) for at in places]
+    return min([np.inf, *apart, *within])
+
+
 def judged(scenario: Scenario, controls: Controls) -> Verdict:
-    """What the judge finds of controls; distances of swarms about circles only."""
+    """What the judge finds of controls; distances of swarms are about circles only."""
     states = flown(scenario, controls)
     miss = np.abs(states[:, -1] - scenario.goal)
     arrives = bool(miss[:, :3].max() <= MISS and miss[:, 3:].max() <= SPEED)
-    nodes, always = np.inf, np.inf
+    nodes = always = clearance(scenario, states) if scenario.n == 1 else np.inf
     if scenario.n > 1:
         found = closest_approaches(Circle.of(document_of(scenario)), states, controls)
         pairs = states[found.first] - states[found.second]
@@ -198,25 +239,32 @@ def judged(scenario: Scenario, controls: Controls) -> Verdict:
     return Verdict(arrives, float(np.abs(controls).sum()), float(nodes), float(always))
 
 
+def cost(scenario: Scenario) -> float:
+    """Δv of our plan, m/s, by the scenario's thrust; InputError where the judge refuses it."""
+    problem, controls = scenario.problem, solve(scenario).controls
+    if not judged(scenario, controls).safe(0.0)[1]:
+        raise InputError(
+            f"the plan of {scenario.name} misses its goal by the judge, or comes where it must not."
+        )
+    order = 1 if problem.thrust.model == "components" else 2
+    return problem.time_step * float(np.linalg.norm(controls, order, axis=2).sum())
+
+
 def case_row(case: Case, intervals: int | None = None) -> dict[str, object]:
     """Our Δv of a case beside theirs, with other arcs than the file's where that is asked for."""
-    scenario = read_scenario(ROOT / f"examples/{case.file}.json")
-    problem = scenario.problem
-    if intervals is not None:
-        step = problem.duration / intervals
-        problem = replace(problem, nodes=intervals + 1, time_step=step)
-    problem = replace(problem, thrust=replace(problem.thrust, model=case.thrust))
-    scenario = replace(scenario, problem=problem)
-    controls = solve(scenario).controls
-    if not judged(scenario, controls).arrives:
-        raise InputError(f"{case.name} misses its goal by the judge; expected a plan that arrives.")
-    order = 1 if case.thrust == "components" else 2
-    ours = problem.time_step * float(np.linalg.norm(controls, order, axis=2).sum())
-    theirs = case.theirs()
+    ours, theirs = 0.0, case.theirs()
+    for file in case.files:
+        scenario = read_scenario(ROOT / f"examples/{file}.json")
+        problem = scenario.problem
+        if intervals is not None:
+            step = problem.duration / intervals
+            problem = replace(problem, nodes=intervals + 1, time_step=step)
+        problem = replace(problem, thrust=replace(problem.thrust, model=case.thrust))
+        ours += cost(replace(scenario, problem=problem))
     return {
         "case": case.name,
-        "file": f"`{case.file}.json`",
-        "norm": order,
+        "file": ", ".join(f"`{file}.json`" for file in case.files),
+        "norm": 1 if case.thrust == "components" else 2,
         "ours, m/s": f"{ours:.4f}",
         "theirs, m/s": f"{theirs:.4f}",
         "ratio": f"{ours / theirs:.4f}",
@@ -225,70 +273,107 @@ def case_row(case: Case, intervals: int | None = None) -> dict[str, object]:
     }
 
 
-def swarm_rows(
-    family: str, n: int, count: int, peers: Sequence[Peer] = PEERS
-) -> list[dict[str, object]]:
-    """What peers make of the same scenarios, in turns; the first is ours."""
-    scenarios = [draw(family, SEED, n, k, Problem()) for k in range(count)]
-    bounds = [
-        least_fuel(Circle.of(document_of(s)), s.initial, s.goal).attained.sum() for s in scenarios
-    ]
-    peers = [peer for peer in peers if n <= peer.most]
-    found: dict[str, list[tuple[Verdict, float]]] = {peer.name: [] for peer in peers}
-    solve(scenarios[0])  # what numba compiles is not counted
-    for scenario in scenarios:
-        for peer in peers:
-            if (made := found.get(peer.name)) is not None:
-                try:
-                    made.append(_timed(peer, scenario))
-                except InputError as missing:
-                    echo(f"{peer.name} is left out: {missing}")
-                    del found[peer.name]
-    ours = found[peers[0].name]
-    rows = []
-    for peer in peers:
-        if made := found.get(peer.name):
-            safe = np.array([one.safe(Problem().collision_radius) for one, _ in made])
-            fuel, seconds = (np.array([(v.fuel, t) for v, t in some]).T for some in (made, ours))
-            rows.append(_swarm_row(peer, f"{family}, {n}", safe, (fuel, seconds), bounds))
-    return rows
+class Planning:
+    """A peer at a swarm's scenarios: here, or a foreign one in a process that ends in time."""
+
+    def __init__(self, peer: Peer, patience: float) -> None:
+        self.peer, self.made = peer, list[tuple[Verdict, float]]()
+        self.over: float | None = None  # CPU time after which the process ended, s
+        spawn = get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, spawn, _limit, (patience,)) if peer.foreign else None
+
+    def plan(self, scenario: Scenario) -> None:
+        """Have a scenario planned and judged, unless the process has ended."""
+        if self.over is not None:
+            return
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        if self._pool is None:
+            controls, seconds = _planned(self.peer, scenario)
+        else:
+            try:
+                controls, seconds = self._pool.submit(_planned, self.peer, scenario).result()
+            except BrokenProcessPool:
+                self._pool.shutdown()
+                after = resource.getrusage(resource.RUSAGE_CHILDREN)
+                self.over = sum(after[:2]) - sum(before[:2])
+                return
+        none = Verdict(False, np.nan, 0.0, 0.0)
+        self.made.append((none if controls is None else judged(scenario, controls), seconds))
 
 
-def _swarm_row(
-    peer: Peer,
-    swarm: str,
-    safe: np.ndarray,
-    both: tuple[np.ndarray, np.ndarray],
-    bounds: Sequence[float],
-) -> dict[str, object]:
-    (fuel, seconds), (our_fuel, our_seconds) = both
-    few = len(fuel)
-    return {
-        "swarm": swarm,
-        "planner": peer.name,
-        "safe at nodes": f"{safe[:, 0].sum()} of {few}",
-        "safe at all times": f"{safe[:, 1].sum()} of {few}",
-        "fuel / least": f"{np.nanmean(fuel / np.array(bounds)):.4f}",
-        "fuel / ours": f"{np.nanmean(fuel / our_fuel):.4f}",
-        "time, s": f"{seconds.mean():.3g}",
-        "time / ours": f"{seconds.mean() / our_seconds.mean():.3g}",
-        "how": peer.what,
-    }
+def _limit(patience: float) -> None:
+    """One thread, and an end by the system after so much CPU time, s."""
+    most = ceil(patience)
+    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
+    threadpool_limits(1)
 
 
-def _timed(peer: Peer, scenario: Scenario) -> tuple[Verdict, float]:
+def _planned(peer: Peer, scenario: Scenario) -> tuple[Controls | None, float]:
+    """Controls, or None where the peer finds none, and the CPU time that it takes, s."""
     if peer.compiles:
         peer.plan(scenario)
-    started = process_time()
+    started, controls = process_time(), None
     try:
         controls = peer.plan(scenario)
     except InputError:
         raise
     except ProlearnError as error:  # there is no plan
         echo(f"{scenario.name}: {error}")
-        return Verdict(False, np.nan, 0.0, 0.0), process_time() - started
-    taken = process_time() - started
-    return judged(scenario, controls), taken
+    return controls, process_time() - started
+
+
+def swarm_rows(
+    swarm: tuple[str, int, int], peers: Sequence[Peer] = PEERS, patience: float = PATIENCE
+) -> list[dict[str, object]]:
+    """What peers, ours first, make of so many scenarios of a family and n; patience in s."""
+    family, n, count = swarm
+    scenarios = [draw(family, SEED, n, k, Problem()) for k in range(count)]
+    bounds = [
+        least_fuel(Circle.of(document_of(s)), s.initial, s.goal).attained.sum() for s in scenarios
+    ]
+    planning = [Planning(peer, patience) for peer in peers]
+    solve(scenarios[0])  # what numba compiles is not counted
+    for scenario in scenarios:
+        for one in list(planning):
+            try:
+                one.plan(scenario)
+            except InputError as missing:
+                echo(f"{one.peer.name} is left out: {missing}")
+                planning.remove(one)
+    return [
+        {"swarm": f"{family}, {n}", "planner": one.peer.name}
+        | _figures(one, planning[0], np.array(bounds))
+        | {"how": one.peer.what}
+        for one in planning
+    ]
+
+
+def _figures(one: Planning, ours: Planning, least: np.ndarray) -> dict[str, object]:
+    """Columns of a row: of what was planned before the process ended, and the same of ours."""
+    few = len(one.made)
+    safe = [verdict.safe(Problem().collision_radius) for verdict, _ in one.made]
+    (fuel, seconds), (our_fuel, our_seconds) = (
+        np.array([(verdict.fuel, taken) for verdict, taken in some.made[:few]]).reshape(few, 2).T
+        for some in (one, ours)
+    )
+    time = _spread(seconds, ".3g") + ", then ended" * (one.over is not None)
+    return {
+        "safe at nodes": f"{sum(at for at, _ in safe)} of {few}",
+        "safe at all times": f"{sum(at for _, at in safe)} of {few}",
+        "fuel / least": _spread(fuel / least[:few], ".4f"),
+        "fuel / ours": _spread(fuel / our_fuel, ".4f"),
+        "time, s": time if few else f"no plan in {one.over:.0f} s",
+        "time / ours": _spread(seconds / our_seconds, ".3g"),
+    }
+
+
+def _spread(values: np.ndarray, digits: str) -> str:
+    """Median, and from least to most where there are several; of those that are numbers."""
+    found = values[np.isfinite(values)]
+    if len(found) == 0:
+        return ""
+    middle, low, high = (f"{x:{digits}}" for x in (np.median(found), found.min(), found.max()))
+    return middle if low == high else f"{middle} ({low} to {high})"
 
 
 def _versions() -> str:
@@ -303,6 +388,10 @@ def _versions() -> str:
 
 def main(
     page: Annotated[Path | None, typer.Option(help="Page whose tables are made anew.")] = None,
+    patience: Annotated[
+        float,
+        typer.Option(min=1, help="CPU time of a foreign planner for a swarm, s."),
+    ] = PATIENCE,
 ) -> None:
     """Run all that is installed and print the tables."""
     if hasattr(os, "sched_setaffinity"):
@@ -314,7 +403,7 @@ def main(
                 cases.append(case_row(case))
             except InputError as missing:
                 echo(f"{case.name} is left out: {missing}")
-        swarms = [row for swarm in SWARMS for row in swarm_rows(*swarm)]
+        swarms = [row for swarm in SWARMS for row in swarm_rows(swarm, patience=patience)]
     tables = [pd.DataFrame(rows).to_markdown(index=False) for rows in (cases, swarms)]
     text = "\n\n".join([*tables, _versions()])
     echo(text)
