@@ -120,10 +120,6 @@ def test_the_table_is_that_of_any_plan_and_no_model_error_is_told(prolearn):
         (("s.json", "--world", "--drag-spread", "0.1"), "--drag-spread is 0.1 without --drag"),
         (("s.json", "--world", "--eccentricity", "0.1"), "a perigee -187814 m above the Earth"),
         (
-            ("s.json", "--world", "--risk", "0.01", "--navigation-sigma", "0.2"),
-            "a risk is asked for of a plan as flown",
-        ),
-        (
             ("own.json", "--world", "--eccentricity", "0.01"),
             f"--eccentricity is given and own.json has an orbit of its own; {LEAVE} it out",
         ),

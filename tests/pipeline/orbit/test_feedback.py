@@ -97,6 +97,10 @@ class Watched:
     def __init__(self, world):
         self.world, self.starts = world, []
 
+    @property
+    def of_obstacles(self):
+        return self.world
+
     def arc(self, states, controls, interval):
         self.starts.append(states)
         return self.world.arc(states, controls, interval)

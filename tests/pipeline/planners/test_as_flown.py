@@ -10,8 +10,12 @@ import pytest
 from by_brahe import flown_by_brahe
 from relative import flight, linear_flight, pull, to_lvlh
 from scipy.optimize import linprog
+from trials import wilson
 
 from pipeline.errors import InputError
+from pipeline.flight.errors import Errors
+from pipeline.flight.loops import Loop
+from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
@@ -308,10 +312,28 @@ def test_scenarios_without_an_orbit_are_planned_about_the_one_that_is_given():
     assert AsFlown(Expert()).plan([]) == []
 
 
-def test_what_is_proven_in_linear_motion_alone_is_refused():
-    asked = Requirements(risk=RiskLimit(0.01, 0.2, 0.01))
-    with pytest.raises(InputError, match=r"a risk is asked for of a plan as flown.*leave --world"):
-        AsFlown(Expert(requirements=asked))
+@pytest.mark.parametrize(("asked", "closed_loop"), [(0.2, False), (0.05, True)])
+def test_a_risk_is_kept_in_the_flight(asked, closed_loop):
+    """Flown about the orbit a thousand times, which the bound knows nothing of."""
+    drawn = draw("rings", 0, 10, 2, Problem(), "valid")
+    scenario = replace(drawn, problem=Problem().about(about(0.01)))
+    limit = RiskLimit(asked, 0.2, 0.01, closed_loop=closed_loop)
+    (plan,) = AsFlown(Expert(requirements=Requirements(risk=limit))).plan([scenario])
+    claim, sigma = plan.certificate.risk, 0.2
+    assert plan.status == SOLVED
+    assert asked / 4 < claim.bound <= asked
+    assert claim.sigmas > 0
+    assert claim.fuel_without < plan.certificate.fuel
+    errors = Errors(sigma, sigma * scenario.problem.mean_motion, 0.01, 0.01)
+    loop = Loop("tried", plan.controls, plan.states if closed_loop else None)
+    world = NonlinearWorld.of(scenario.problem, 10)
+    flown = [loop.fly(scenario, world, errors, range(k, k + 50), 0) for k in range(0, 1000, 50)]
+    hits = sum(int((one["min_separation"] <= 15).sum()) for one in flown)
+    lower, upper = wilson(hits, 1000)
+    assert lower <= claim.bound
+    assert upper >= claim.bound / 3
+    assert recheck(plan).safe
+    assert not recheck(plan).faults
 
 
 @pytest.mark.parametrize("e", [0.01, 0.5])
