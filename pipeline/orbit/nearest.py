@@ -66,7 +66,7 @@ def nearest_between(
         return nowhere(trials)
     half = duration / pieces / 2
     h = 2 * half / CUBICS
-    motions = states, others
+    motions = (states,) if others is states else (states, others)
     ends = tuple(ENDS @ each for each in motions)
     scale, beyond = (None, 0.0) if swarms is None else swarms.asked(*both)
     off = np.broadcast_to(beyond, len(both[0]))
@@ -74,7 +74,7 @@ def nearest_between(
     i, j, off = (one[pair] for one in (*both, off))
     apart = states[trial, i, piece] - others[trial, j, piece]
     begin, end = (
-        ends[0][trial, i, piece, cubic + k] - ends[1][trial, j, piece, cubic + k] for k in (0, 1)
+        ends[0][trial, i, piece, cubic + k] - ends[-1][trial, j, piece, cubic + k] for k in (0, 1)
     )
     remainder = h**4 / 384 * norm(most_derivative(apart[..., 3:], 3, half))
     curve, reach = hermite_bezier(begin, end, h), within[trial] + off
@@ -108,7 +108,7 @@ def nearer(one: Nearest, other: Nearest) -> Nearest:
 
 
 def _candidates(
-    motions: tuple[Float[Array, "trials n pieces q 6"], Float[Array, "trials m pieces q 6"]],
+    motions: tuple[Float[Array, "trials _ pieces q 6"], ...],
     ends: tuple[Float[Array, "trials _ pieces ends 6"], ...],
     both: Pairs,
     half: float,
@@ -118,21 +118,23 @@ def _candidates(
 ]:
     """Each trial's least separation at ends of cubics; trial, pair, piece and cubic that may pass.
 
+    Motions are of craft and others; one alone is of both.
+
     The distances of a craft from its positions at both ends of a cubic add up to at most its chord
     and twice its deviation from that. So a pair that is a and b apart at the ends, with such sums
     ℓ₁ and ℓ₂, is never nearer than (a + b - ℓ₁ - ℓ₂) / 2.
     """
-    h, paths, positions = 2 * half / CUBICS, [], []
-    for states, end, craft in zip(motions, ends, both, strict=True):
+    h, craft = 2 * half / CUBICS, []
+    for states, end in zip(motions, ends, strict=True):
         deviation = h**2 / 8 * norm(most_derivative(states[..., 3:], 1, half))
-        path = norm(np.diff(end[..., :3], axis=3)) + 2 * deviation[..., None]
-        paths.append(path[:, craft])
-        positions.append(end[:, craft, :, :, :3])
-    gap, (scale, off) = positions[0] - positions[1], sizes
+        craft.append((norm(np.diff(end[..., :3], axis=3)) + 2 * deviation[..., None], end[..., :3]))
+    (path, position), (other_path, other_position) = craft[0], craft[-1]
+    i, j = both
+    gap, (scale, off) = position[:, i] - other_position[:, j], sizes
     if scale is not None:
         gap *= scale[:, None, None]
     apart = norm(gap) - off[:, None, None]
     within: Float[Array, trials] = apart.min(axis=(1, 2, 3))
-    least = (apart[..., :-1] + apart[..., 1:] - paths[0] - paths[1]) / 2
+    least = (apart[..., :-1] + apart[..., 1:] - path[:, i] - other_path[:, j]) / 2
     trial, pair, piece, cubic = np.nonzero(least <= within[:, None, None, None])
     return within, trial, pair, piece, cubic
