@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.options import given_options, refuse, with_settings
+from cli.options import given_options, refuse, with_settings, workers_of
 from cli.output import beside, echo, print_json
 from cli.progress import progress
 from cli.settings import (
     AsJson,
     Family,
-    Jobs,
     ProblemSettings,
     Separation,
     WorkerSettings,
@@ -45,7 +44,7 @@ def sample(
         str | None,
         option("Instead of --altitude: an orbit's fields as in scenario.json.", metavar="JSON"),
     ] = None,
-    jobs: Jobs = -1,
+    workers: WorkerSettings,
 ) -> None:
     """Draw scenarios into a dataset folder.
 
@@ -70,8 +69,9 @@ def sample(
     if orbit is not None:
         refuse(context, ("altitude",), "beside --orbit, which has a size; leave one of them out.")
         asked = asked.about(_orbit(orbit))
+    drawing = workers_of(context, workers)
     with progress("sampling") as shown:
-        run(out, {n: one}, asked, jobs=jobs, progress=shown)
+        run(out, {n: one}, asked, workers=drawing, progress=shown)
     where = public_url(out)
     echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
 
@@ -112,7 +112,7 @@ def solve(
         prolearn solve data/n10 --jobs 8 --separation nodes
         prolearn solve s3://bucket/n10 --backend dask --scheduler tcp://HOST:8786
     """
-    _solve(folder, _workers(context, workers), separation, solver)
+    _solve(folder, workers_of(context, workers), separation, solver)
 
 
 @with_settings
@@ -146,9 +146,9 @@ def make(
     from pipeline.orbit.problem import Problem
 
     folder = out or f"data/{preset}"
-    solving = _workers(context, workers)
+    solving = workers_of(context, workers)
     with progress("sampling") as shown:
-        run(folder, PRESETS[preset], Problem(), jobs=workers.jobs, progress=shown)
+        run(folder, PRESETS[preset], Problem(), workers=solving, progress=shown)
     _solve(folder, solving)
 
 
@@ -181,8 +181,12 @@ def card(
     echo(f"{CARD} is in {where}; it tells of {rows} scenarios.")
 
 
+@with_settings
 def verify(
+    context: typer.Context,
     folder: Folder,
+    *,
+    workers: WorkerSettings,
     mend: Annotated[
         bool,
         flag(
@@ -193,7 +197,6 @@ def verify(
     yes: Annotated[
         bool, flag("--yes", "Set files aside, too, that hold sound rows of another dataset.")
     ] = False,
-    jobs: Jobs = -1,
     as_json: AsJson = False,
 ) -> None:
     """Check the integrity of a dataset and the physics of every row.
@@ -210,16 +213,15 @@ def verify(
     """
     from pipeline.dataset.verifying import repair
     from pipeline.dataset.verifying import verify as check
-    from pipeline.parallel.workers import Workers
 
     if yes and not mend:
         raise InputError("--yes is given without --repair; expected both, or neither.")
-    workers = Workers(jobs)
+    checking = workers_of(context, workers)
     with beside(as_json), progress("mending" if mend else "verifying") as shown:
         if mend:
-            faults = repair(folder, yes=yes, workers=workers, progress=shown)
+            faults = repair(folder, yes=yes, workers=checking, progress=shown)
         else:
-            faults = list(check(folder, workers=workers, progress=shown))
+            faults = list(check(folder, workers=checking, progress=shown))
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
     where, rows = public_url(folder), shown.count
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
@@ -242,28 +244,6 @@ def verify(
             err=True,
         )
     raise typer.Exit(int(bool(left)))
-
-
-def _workers(context: typer.Context, settings: WorkerSettings) -> "Workers":
-    """The workers asked for; a scheduler in the environment is no error on this machine."""
-    from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
-
-    scheduler, wait = settings.scheduler, settings.scheduler_wait
-    if settings.backend == "loky":
-        values = {"scheduler": public_url(scheduler), "scheduler_wait": f"{wait or 0:g}"}
-        for name, option_ in given_options(context).items():
-            if name in values:
-                raise InputError(
-                    f"{option_} is {values[name]} and work on this machine has no scheduler; "
-                    "expected it with --backend dask."
-                )
-        return Workers(settings.jobs)
-    if not scheduler:
-        raise InputError(
-            "backend is 'dask' and no scheduler is given; expected its address: "
-            "--scheduler tcp://HOST:8786."
-        )
-    return Workers(settings.jobs, scheduler, SCHEDULER_WAIT if wait is None else wait)
 
 
 def _solve(

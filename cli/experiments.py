@@ -4,17 +4,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cli.options import with_settings
+import typer
+
+from cli.options import with_settings, workers_of
 from cli.output import beside, tell
 from cli.progress import progress
 from cli.settings import (
     AsJson,
     Evaluation,
     Flights,
-    Jobs,
     Resume,
     TransferTimes,
     WarmStarts,
+    WorkerSettings,
     option,
 )
 
@@ -76,7 +78,11 @@ def transfer_times(
 
 @with_settings
 def flights(
-    settings: Flights, jobs: Jobs = -1, resume: Resume = False, as_json: AsJson = False
+    context: typer.Context,
+    settings: Flights,
+    workers: WorkerSettings,
+    resume: Resume = False,
+    as_json: AsJson = False,
 ) -> None:
     """Experiment 5: what flies.
 
@@ -93,7 +99,8 @@ def flights(
     """
     from cli.jobs.experiments import flights as job
 
-    _run("flying", "Flights done", job, settings, as_json=as_json, jobs=jobs, resume=resume)
+    flying = workers_of(context, workers)
+    _run("flying", "Flights done", job, settings, as_json=as_json, workers=flying, resume=resume)
 
 
 def _run(

@@ -8,11 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.app import FAILED, within_memory
-from cli.options import refuse, with_settings
+from cli.options import refuse, with_settings, workers_of
 from cli.output import echo, print_json, print_table
 from cli.plan_table import SIGNED, closest, orbit_said
 from cli.progress import progress
-from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, option
+from cli.settings import (
+    AsJson,
+    FlightConditions,
+    FlownTrials,
+    PlanFile,
+    WorkerSettings,
+    option,
+)
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, error, number, percents, share
 from pipeline.files import stem_of
@@ -21,11 +28,17 @@ if TYPE_CHECKING:
     from pipeline.flight.conditions import Conditions
     from pipeline.flight.errors import Errors
     from pipeline.flight.summary import Summary
+    from pipeline.parallel.workers import Workers
     from pipeline.plan import Plan, Requirements
 
 CONDITIONS = tuple(field.name for field in fields(FlightConditions))
 OF_REPLANNING = ("planner", "effort", "sigmas")
-OF_TRIALS = tuple(field.name for field in fields(FlownTrials) if field.name != "trials")
+OF_TRIALS = tuple(
+    field.name
+    for settings in (FlownTrials, WorkerSettings)
+    for field in fields(settings)
+    if field.name != "trials"
+)
 """Parameters that say nothing without others: the nonlinear world, a planner, trials."""
 
 
@@ -35,6 +48,7 @@ def fly(
     plan: PlanFile,
     conditions: FlightConditions,
     settings: FlownTrials,
+    workers: WorkerSettings,
     passive_safety: Annotated[
         float | None,
         option(
@@ -91,11 +105,18 @@ def fly(
     if settings.trials is None:
         _fly_once(plan, made, about, passive_safety, as_json=as_json)
     else:
-        _fly_trials(plan, made, about, settings, as_json=as_json)
+        flying = workers_of(context, workers)
+        _fly_trials(plan, made, about, settings, flying, as_json=as_json)
 
 
 def _fly_trials(
-    path: Path, plan: "Plan", conditions: "Conditions", settings: FlownTrials, *, as_json: bool
+    path: Path,
+    plan: "Plan",
+    conditions: "Conditions",
+    settings: FlownTrials,
+    workers: "Workers",
+    *,
+    as_json: bool,
 ) -> None:
     from cli.jobs.fly_trials import fly_trials
     from cli.jobs.planner import planner_of
@@ -114,7 +135,8 @@ def _fly_trials(
         planner = planner_of(settings.planner, plan.requirements, settings.effort)
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        loops = fly_trials(plan, world, errors, folder, settings, planner=planner, progress=shown)
+        of = plan, world, errors, folder, settings
+        loops = fly_trials(*of, workers=workers, planner=planner, progress=shown)
     if as_json:
         required = None if planner is None else asdict(plan.requirements)
         about = {"plan": str(path), "folder": str(folder)}

@@ -4,11 +4,16 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import Any, ParamSpec, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, get_type_hints
 
 import typer
 
 from pipeline.errors import InputError
+from pipeline.urls import public_url
+
+if TYPE_CHECKING:
+    from cli.settings import WorkerSettings
+    from pipeline.parallel.workers import Workers
 
 MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
 """Numbers that a list on the command line may stand for, and the largest of them."""
@@ -132,3 +137,25 @@ def families() -> list[str]:
     from pipeline.scenario.families import FAMILIES
 
     return sorted(FAMILIES)
+
+
+def workers_of(context: typer.Context, settings: "WorkerSettings") -> "Workers":
+    """The workers asked for; a scheduler in the environment is no error on this machine."""
+    from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
+
+    scheduler, wait = settings.scheduler, settings.scheduler_wait
+    if settings.backend == "loky":
+        values = {"scheduler": public_url(scheduler), "scheduler_wait": f"{wait or 0:g}"}
+        for name, option_ in given_options(context).items():
+            if name in values:
+                raise InputError(
+                    f"{option_} is {values[name]} and work on this machine has no scheduler; "
+                    "expected it with --backend dask."
+                )
+        return Workers(settings.jobs)
+    if not scheduler:
+        raise InputError(
+            "backend is 'dask' and no scheduler is given; expected its address: "
+            "--scheduler tcp://HOST:8786."
+        )
+    return Workers(settings.jobs, scheduler, SCHEDULER_WAIT if wait is None else wait)

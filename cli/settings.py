@@ -162,7 +162,7 @@ class TuningSettings:
 
 @dataclass(frozen=True)
 class WorkerSettings:
-    """The processes that solve a dataset, here or on a Dask cluster."""
+    """The processes that do the work, here or on a Dask cluster."""
 
     jobs: Jobs = -1
     backend: Annotated[
@@ -527,7 +527,6 @@ class FlownTrials:
     ] = None
     size: Annotated[float, _trial("Distance of two centres at which craft may touch, m.")] = 0.35
     out: Annotated[Path | None, _trial("Folder; PLAN-flown by default.")] = None
-    jobs: Annotated[int, _trial("Processes; -1 for all cores.")] = -1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -199,14 +199,17 @@ def transfer_times(
 
 
 def flights(
-    settings: Flights, *, jobs: int = -1, resume: bool = False, progress: Progress = SILENT
+    settings: Flights,
+    *,
+    workers: Workers | None = None,
+    resume: bool = False,
+    progress: Progress = SILENT,
 ) -> Done:
     """Experiment 5: plans are flown, those of networks made safe first where they are not.
 
     Swarms of the paper's largest size fly beside those that were asked for, where the dataset has
     any.
     """
-    workers = Workers(jobs)
     ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = ground.scenarios[settings.n], []
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:

@@ -31,6 +31,7 @@ def fly_trials(
     out: Path,
     settings: FlownTrials,
     *,
+    workers: Workers,
     planner: Planner | None = None,
     progress: Progress = SILENT,
 ) -> Sequence[Summary]:
@@ -45,7 +46,6 @@ def fly_trials(
     of = TrialSettings(scenario, world, errors, settings.seed, portion_of(scenario.n))
     with_feedback = settings.replan == "feedback"
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
-    workers = Workers(settings.jobs)
     tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
     radius = scenario.problem.collision_radius
     summaries = [summarize(loop, tables[loop.name], radius, size) for loop in loops]

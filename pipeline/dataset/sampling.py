@@ -26,7 +26,7 @@ def sample(
     samples: Mapping[int, Sample],
     problem: Problem,
     *,
-    jobs: int = -1,
+    workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> Manifest:
     """Draw samples, by swarm size, into a new folder or one begun with the same settings.
@@ -35,7 +35,7 @@ def sample(
     those of the folder; ProlearnError where it cannot be written to or workers are killed again and
     again.
     """
-    folder, workers = open_folder(where), Workers(jobs)
+    folder, workers = open_folder(where), workers or Workers()
     for n, one in samples.items():
         draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise

@@ -13,6 +13,7 @@ from processes import workers_of
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.parallel.workers import Workers
 
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
@@ -120,7 +121,7 @@ def long_work(tmp_path):
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "long"
-    sample(folder, {6: Sample(count=240, shard_rows=2)}, Problem(), jobs=1)
+    sample(folder, {6: Sample(count=240, shard_rows=2)}, Problem(), workers=Workers(1))
     return folder
 
 
@@ -168,7 +169,6 @@ def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
     assert complaints.splitlines()[-1] == f"prolearn: {word}; what was finished is kept."
     assert "Traceback" not in complaints
     from pipeline.dataset.verifying import verify
-    from pipeline.parallel.workers import Workers
 
     faults = list(verify(long_work, workers=Workers(jobs=1)))
     kinds = {fault.what.split(";")[0] for fault in faults}

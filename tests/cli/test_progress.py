@@ -56,7 +56,7 @@ def data(tmp_path, migrated, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copyfile(migrated, "mlflow.db")
     samples = {n: Sample(count=10, shares=(0.6, 0.2, 0.2), shard_rows=5) for n in (2, 3)}
-    sample("data", samples, Problem(), jobs=1)
+    sample("data", samples, Problem(), workers=Workers(1))
     solve("data", Settings(), workers=Workers(jobs=1))
     return tmp_path / "data"
 

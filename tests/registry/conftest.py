@@ -97,7 +97,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small dataset, drawn and solved by the expert."""
     path = tmp_path_factory.mktemp("data") / "small"
     one = Sample(count=24, shares=(0.5, 0.25, 0.25))
-    sample(path, {CRAFT: one}, Problem(), jobs=1)
+    sample(path, {CRAFT: one}, Problem(), workers=Workers(1))
     solve(path, Settings(), workers=Workers(jobs=1))
     return path
 

@@ -19,7 +19,7 @@ SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, se
 @pytest.fixture(scope="session")
 def solved_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dataset") / "data"
-    sample(folder, SAMPLES, Problem(), jobs=1)
+    sample(folder, SAMPLES, Problem(), workers=Workers(1))
     solve(folder, Settings(), workers=Workers(jobs=1))
     return folder
 

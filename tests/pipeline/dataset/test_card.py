@@ -147,7 +147,7 @@ def test_the_gaps_in_the_card_are_those_of_the_rows(carded):
 
 def test_scenarios_without_a_plan_are_counted_and_cost_the_others_nothing(tmp_path):
     folder = tmp_path / "limited"
-    sample(folder, {10: Sample(count=6)}, Problem(max_acceleration=7e-4), jobs=1)
+    sample(folder, {10: Sample(count=6)}, Problem(max_acceleration=7e-4), workers=ONE)
     solve(folder, Settings(), workers=ONE)
     write_card(folder)
     status = pq.read_table(folder / "n=10/part-00000.parquet", columns=["status"])["status"]
@@ -182,7 +182,9 @@ ECCENTRIC = CIRCLE.about(ReferenceOrbit(8.1e6 / 3 * 3.1, 0.123, 51.6, raan_deg=1
 def test_the_commands_in_the_card_make_the_same_rows(tmp_path, monkeypatch, problem):
     monkeypatch.chdir(tmp_path)
     one = Sample(family="tilt-split", seed=7, count=4, shares=(0.5, 0.25, 0.25), shard_rows=3)
-    sample("data/first", {2: one, 5: replace(one, count=2, seed=8)}, problem, jobs=1)
+    sample(
+        "data/first", {2: one, 5: replace(one, count=2, seed=8)}, problem, workers=Workers(jobs=1)
+    )
     solve("data/first", Settings(), Requirements("nodes"), workers=ONE)
     write_card("data/first")
     block = body(tmp_path / "data/first").partition("```\nprolearn")[2].partition("```")[0]
@@ -279,7 +281,7 @@ def test_a_readme_that_a_person_wrote_is_replaced_only_when_asked_for(solved):
 
 
 def test_a_dataset_that_is_not_solved_or_damaged_gets_no_card(solved, tmp_path):
-    sample(tmp_path / "fresh", {2: Sample(count=3)}, Problem(), jobs=1)
+    sample(tmp_path / "fresh", {2: Sample(count=3)}, Problem(), workers=ONE)
     with pytest.raises(InputError, match="prolearn solve"):
         write_card(tmp_path / "fresh")
     shard = solved / "n=2/part-00001.parquet"
@@ -317,7 +319,7 @@ def test_the_snippets_in_the_card_run_in_the_folder_above(carded, hub, monkeypat
 def test_the_documented_snippets_read_what_pyarrow_reads(tmp_path, hub, monkeypatch):
     monkeypatch.chdir(tmp_path)
     one = Sample(count=24, shares=(0.5, 0.0, 0.5), shard_rows=12)
-    sample("data/n10", {10: one}, Problem(max_acceleration=7e-4), jobs=1)
+    sample("data/n10", {10: one}, Problem(max_acceleration=7e-4), workers=ONE)
     solve("data/n10", Settings(), workers=ONE)
     write_card("data/n10")
     rows = rows_of(tmp_path / "data/n10", ["n=10/*.parquet"]).to_pylist()

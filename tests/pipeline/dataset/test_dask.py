@@ -117,7 +117,7 @@ def here_and_there(tmp_path):
     samples = {5: Sample(count=8 * SHARDS, shard_rows=8)}
     folders = tmp_path / "here", tmp_path / "there"
     for folder in folders:
-        sample(folder, samples, Problem(), jobs=1)
+        sample(folder, samples, Problem(), workers=Workers(1))
     solve(folders[0], Settings(), workers=Workers(jobs=1))
     return folders
 

@@ -40,7 +40,7 @@ def in_memory():
 
 
 def test_a_dataset_in_memory_has_the_bytes_of_one_on_disk(in_memory, solved):
-    sample(in_memory, SAMPLES, Problem(), jobs=1)
+    sample(in_memory, SAMPLES, Problem(), workers=ONE)
     solve(in_memory, Settings(), workers=Workers(jobs=2))  # workers touch no file
     files = fsspec.filesystem("memory")
     for path in [p for p in solved.rglob("*.parquet") if "_timings" not in p.parts]:
@@ -50,7 +50,7 @@ def test_a_dataset_in_memory_has_the_bytes_of_one_on_disk(in_memory, solved):
 
 
 def test_a_dataset_in_memory_is_verified_mended_and_read(in_memory, solved):
-    sample(in_memory, SAMPLES, Problem(), jobs=1)
+    sample(in_memory, SAMPLES, Problem(), workers=ONE)
     solve(in_memory, Settings(), workers=ONE)
     files = fsspec.filesystem("memory")
     whole = files.cat("/prolearn-test/data/n=3/part-00001.parquet")
@@ -69,7 +69,7 @@ def test_a_dataset_in_memory_is_verified_mended_and_read(in_memory, solved):
 def test_what_is_missing_in_memory_is_said_like_on_disk(in_memory):
     with pytest.raises(InputError, match="memory://prolearn-test/data does not exist"):
         read_manifest(in_memory)
-    sample(in_memory, {2: Sample(count=1)}, Problem(), jobs=1)
+    sample(in_memory, {2: Sample(count=1)}, Problem(), workers=ONE)
 
 
 def test_an_s3_url_leads_to_arrow_s_own_filesystem():
@@ -111,7 +111,7 @@ def test_a_file_url_is_the_folder_on_this_machine_with_its_lock_and_its_renames(
     path = tmp_path / "my data é#1%20"
     url = f"file://{host}{path.as_uri().removeprefix('file://')}"
     assert open_folder(url) == open_folder(path)
-    sample(url, {2: Sample(count=2)}, Problem(), jobs=1)
+    sample(url, {2: Sample(count=2)}, Problem(), workers=ONE)
     held = sole_writer(open_folder(path), OWNED)
     with held, pytest.raises(InputError, match=r"is being written by"):
         solve(url, Settings(), workers=ONE)
@@ -147,7 +147,7 @@ def test_a_full_disk_gives_a_sentence_and_leaves_what_was_there(tmp_path, monkey
     # Both shards are in the manifest when the disk is full, however fast they were solved.
     monkeypatch.setattr("pipeline.storage.ledger.COMMIT_SHARE", float("inf"))
     folder = tmp_path / "data"
-    sample(folder, {8: Sample(count=40, shard_rows=10)}, Problem(), jobs=1)
+    sample(folder, {8: Sample(count=40, shard_rows=10)}, Problem(), workers=ONE)
     with room_until_told() as fill:
         with pytest.raises(ProlearnError, match=r"File too large.*is intact: make room"):
             solve(folder, Settings(), workers=ONE, progress=Filling(fill))
@@ -166,7 +166,7 @@ def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, sol
     with read_only(tmp_path):
         for write in (
             lambda: solve(solved, Settings(), workers=ONE),
-            lambda: sample(tmp_path / "new", SAMPLES, Problem(), jobs=1),
+            lambda: sample(tmp_path / "new", SAMPLES, Problem(), workers=ONE),
             lambda: repair(solved, workers=ONE),
         ):
             with pytest.raises(ProlearnError, match="cannot be written to"):
@@ -250,7 +250,7 @@ def test_a_writer_does_not_look_through_folders_that_are_not_its_own(tmp_path):
     looked = []
     sys.addaudithook(lambda event, told: looked.append(told) if event == "os.scandir" else None)
     with pytest.raises(InputError, match="holds other files"):
-        sample(tmp_path, SAMPLES, Problem(), jobs=1)
+        sample(tmp_path, SAMPLES, Problem(), workers=ONE)
     with sole_writer(open_folder(tmp_path), OWNED):
         pass
     opened = [one for one in looked if str(tmp_path) in str(one)]
@@ -285,7 +285,7 @@ class InStep(Progress):
 
 def test_two_runs_at_once_without_a_lock_both_end_with_the_same_bytes(in_memory, solved):
     """Object stores have no lock: both runs do all of the work and write the same."""
-    sample(in_memory, SAMPLES, Problem(), jobs=1)
+    sample(in_memory, SAMPLES, Problem(), workers=ONE)
     turn, both = Lock(), Barrier(2)
     watches = [InStep(turn, both), InStep(turn, both)]
 

@@ -14,6 +14,8 @@ from contents import content
 from kills import run_script
 from processes import SOON, workers_of
 
+from pipeline.parallel.workers import Workers
+
 pytestmark = pytest.mark.system
 
 SCRIPT = """
@@ -23,15 +25,15 @@ from kills import die_at_flush, kills, run_again
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
 from pipeline.dataset.solving import solve
-from pipeline.parallel.workers import Workers
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 
 SAMPLES = {2: Sample(count=3, shard_rows=2)}
 root = Path(sys.argv[1])
 
 def make(folder):
-    sample(folder, SAMPLES, Problem(), jobs=1)
+    sample(folder, SAMPLES, Problem(), workers=Workers(1))
     solve(folder, Settings(), workers=Workers(jobs=1))
 
 def killed(step):
@@ -80,7 +82,7 @@ def busy(tmp_path):
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"
-    sample(folder, {6: Sample(count=120, shard_rows=2)}, Problem(), jobs=1)
+    sample(folder, {6: Sample(count=120, shard_rows=2)}, Problem(), workers=Workers(1))
     return folder
 
 
@@ -126,7 +128,7 @@ def weighty(tmp_path):
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "weighty"
-    sample(folder, {30: Sample(count=320, shard_rows=80)}, Problem(), jobs=1)
+    sample(folder, {30: Sample(count=320, shard_rows=80)}, Problem(), workers=Workers(1))
     assert (folder / "_scenarios/n=30/part-00000.parquet").stat().st_size > 2**17
     return folder
 

@@ -24,7 +24,12 @@ PROBLEM = Problem().about(ReferenceOrbit(7.7e6, 0.1, 51.6, 20.0, 90.0, 100.0))
 
 
 def test_rows_are_sound_and_fly_as_an_integrator_says(tmp_path):
-    sample(tmp_path, {3: Sample("independent", count=6, shard_rows=3)}, PROBLEM, jobs=1)
+    sample(
+        tmp_path,
+        {3: Sample("independent", count=6, shard_rows=3)},
+        PROBLEM,
+        workers=Workers(jobs=1),
+    )
     solve(tmp_path, Settings(), workers=Workers(1))
     assert list(verify(tmp_path, workers=Workers(1))) == []
     folder = open_folder(tmp_path)

@@ -30,7 +30,7 @@ def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp("readers")
     samples = {10: Sample(count=6, shard_rows=4)}
     problem = Problem(max_acceleration=7e-4)
-    sample(root / "data/n10", samples, problem, jobs=1)
+    sample(root / "data/n10", samples, problem, workers=Workers(1))
     solve(root / "data/n10", Settings(), workers=Workers(jobs=1))
     return root
 

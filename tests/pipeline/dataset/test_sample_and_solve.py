@@ -89,7 +89,7 @@ def test_no_test_scenario_of_any_dataset_is_a_training_scenario_of_another(tmp_p
     }
     ends = {"train": set(), "valid": set(), "test": set()}
     for name, one in samples.items():
-        sample(tmp_path / name, {4: one}, Problem(), jobs=1)
+        sample(tmp_path / name, {4: one}, Problem(), workers=ONE)
         table = pq.read_table(tmp_path / name / "_scenarios/n=4")
         for split, initial, goal in zip(*table.select(["split", "initial", "goal"]), strict=True):
             ends[split.as_py()].add((*initial.as_py(), *goal.as_py()))
@@ -127,7 +127,7 @@ def test_a_sample_that_cannot_be_drawn_is_refused(change, word):
 def test_other_settings_are_refused_by_name_with_both_values(solved, samples, problem, words):
     before = content(solved)
     with pytest.raises(InputError, match=words):
-        sample(solved, samples, problem, jobs=1)
+        sample(solved, samples, problem, workers=ONE)
     assert content(solved) == before
 
 
@@ -140,7 +140,7 @@ def test_another_way_to_solve_is_refused_by_name_with_both_values(solved):
 
 def test_another_size_joins_a_folder_and_leaves_the_others_alone(solved):
     before = content(solved)
-    sample(solved, {4: Sample(count=2)}, Problem(), jobs=1)
+    sample(solved, {4: Sample(count=2)}, Problem(), workers=ONE)
     solve(solved, Settings(), workers=ONE)
     after = content(solved)
     changed = {name for name in before if before[name] != after[name]}
@@ -151,14 +151,19 @@ def test_another_size_joins_a_folder_and_leaves_the_others_alone(solved):
 def test_a_folder_with_other_files_is_refused(tmp_path):
     (tmp_path / "letter.txt").write_text("dear")
     with pytest.raises(InputError, match=r"letter\.txt"):
-        sample(tmp_path, {2: Sample(count=1)}, Problem(), jobs=1)
+        sample(tmp_path, {2: Sample(count=1)}, Problem(), workers=ONE)
     assert [p.name for p in tmp_path.iterdir()] == ["letter.txt"]
 
 
 def test_every_scenario_has_a_row_and_failures_reach_no_training(tmp_path):
     # A thrust limit that some transfers can keep to and others cannot.
     weak = Problem(max_acceleration=7e-4)
-    sample(tmp_path, {2: Sample(count=24, shares=(1.0, 0.0, 0.0), shard_rows=12)}, weak, jobs=1)
+    sample(
+        tmp_path,
+        {2: Sample(count=24, shares=(1.0, 0.0, 0.0), shard_rows=12)},
+        weak,
+        workers=Workers(jobs=1),
+    )
     solve(tmp_path, Settings(), workers=ONE)
     table = solved_rows(tmp_path, 2)
     statuses = table["status"].to_pylist()
@@ -187,7 +192,9 @@ def breaking(error):
 def test_arithmetic_that_breaks_down_costs_one_row_and_says_why(tmp_path, monkeypatch):
     error = np.linalg.LinAlgError("singular matrix")
     monkeypatch.setattr(stage, "solve_many", breaking(error))
-    sample(tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
+    sample(
+        tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), workers=Workers(jobs=1)
+    )
     solve(tmp_path, Settings(), workers=ONE)
     assert solved_rows(tmp_path, 2)["status"].to_pylist() == ["solved", "unsolved", "solved"]
     timings = pq.read_table(tmp_path / "_timings/n=2/part-00000.parquet")
@@ -197,7 +204,9 @@ def test_arithmetic_that_breaks_down_costs_one_row_and_says_why(tmp_path, monkey
 @pytest.mark.parametrize("kind", [AttributeError, ValueError, TypeError, RuntimeError])
 def test_a_programming_error_ends_the_run_and_gives_no_row(tmp_path, monkeypatch, kind):
     monkeypatch.setattr(stage, "solve_many", breaking(kind("a slip of the pen")))
-    sample(tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
+    sample(
+        tmp_path, {2: Sample(count=3, shares=(1.0, 0.0, 0.0))}, Problem(), workers=Workers(jobs=1)
+    )
     done = CliRunner().invoke(app, ["solve", str(tmp_path), "--jobs", "1"])
     assert done.exit_code == 1
     assert isinstance(done.exception, kind)
@@ -231,7 +240,12 @@ def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
         solved_rows(solved, 9)
     with pytest.raises(InputError, match="no solved instance of n=3 in its test split"):
         (solved / "x").mkdir()
-        sample(solved / "x", {3: Sample(count=2, shares=(1.0, 0.0, 0.0))}, Problem(), jobs=1)
+        sample(
+            solved / "x",
+            {3: Sample(count=2, shares=(1.0, 0.0, 0.0))},
+            Problem(),
+            workers=Workers(jobs=1),
+        )
         solve(solved / "x", Settings(), workers=ONE)
         examples(solved / "x", 3, "test")
     (solved / "n=3/part-00001.parquet").unlink()
@@ -275,7 +289,7 @@ from pipeline.orbit.problem import Problem
 
 folder, one = Path(sys.argv[1]), Workers(jobs=1)
 shards = [folder / "n=2/part-00000.parquet", folder / "_scenarios/n=2/part-00000.parquet"]
-sample(folder, {2: Sample(count=2)}, Problem(time_step=90, collision_radius=10), jobs=1)
+sample(folder, {2: Sample(count=2)}, Problem(time_step=90, collision_radius=10), workers=one)
 solve(folder, Settings(), workers=one)
 before = [path.read_bytes() for path in shards]
 for path in shards:
@@ -302,20 +316,22 @@ def test_a_damaged_manifest_is_made_again_and_sound_plans_are_kept(solved):
         read_manifest(solved)
     (solved / MANIFEST).unlink()
     again = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
-    sample(solved, again, Problem(), jobs=1)
+    sample(solved, again, Problem(), workers=ONE)
     solve(solved, Settings(), workers=ONE)
     assert content(solved) == before
     assert times == {p: p.stat().st_mtime_ns for p in solved.glob("n=*/*.parquet")}
 
 
 def test_plans_of_other_settings_are_not_adopted(solved, tmp_path):
-    sample(tmp_path / "other", {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
+    sample(
+        tmp_path / "other", {2: Sample(count=7, shard_rows=3)}, Problem(), workers=Workers(jobs=1)
+    )
     solve(tmp_path / "other", Settings(), Requirements("nodes"), workers=ONE)
     remove(solved)
     name = "n=2/part-00000.parquet"
     right = (solved / name).read_bytes()
     (solved / name).write_bytes((tmp_path / "other" / name).read_bytes())
-    sample(solved, {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
+    sample(solved, {2: Sample(count=7, shard_rows=3)}, Problem(), workers=ONE)
     solve(solved, Settings(), workers=ONE)
     assert (solved / name).read_bytes() == right
 
@@ -342,7 +358,7 @@ def test_what_has_not_changed_is_not_read_again_and_what_has_is(solved, monkeypa
 
     def again():
         read.clear()
-        sample(solved, {2: Sample(count=7, shard_rows=3)}, Problem(), jobs=1)
+        sample(solved, {2: Sample(count=7, shard_rows=3)}, Problem(), workers=ONE)
         solve(solved, Settings(), workers=ONE)
         return {name for name in read if name.endswith(".parquet")}
 

@@ -61,7 +61,7 @@ def test_a_sound_dataset_has_no_faults(solved):
 def test_scenarios_alone_can_be_verified_and_mended(tmp_path):
     from pipeline.dataset.samples import Sample
 
-    sample(tmp_path, {2: Sample(count=4, shard_rows=2)}, Problem(), jobs=1)
+    sample(tmp_path, {2: Sample(count=4, shard_rows=2)}, Problem(), workers=ONE)
     before = content(tmp_path)
     assert found(tmp_path) == set()
     truncated(tmp_path / "_scenarios/n=2/part-00001.parquet")
@@ -191,7 +191,7 @@ def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
     from pipeline.dataset.samples import Sample
     from pipeline.orbit.dynamics import cw_matrices
 
-    sample(tmp_path, {10: Sample(count=8)}, Problem(), jobs=1)
+    sample(tmp_path, {10: Sample(count=8)}, Problem(), workers=ONE)
     solve(tmp_path, Settings(), Requirements("nodes"), workers=ONE)
     table = solved_rows(tmp_path, 10)
     named = {
@@ -222,7 +222,7 @@ def test_an_independent_judge_finds_every_row_sound(solved):
 def test_an_independent_judge_finds_every_row_sound_where_some_have_no_plan(tmp_path):
     from pipeline.dataset.samples import Sample
 
-    sample(tmp_path, {4: Sample(count=24)}, Problem(max_acceleration=7e-4), jobs=1)
+    sample(tmp_path, {4: Sample(count=24)}, Problem(max_acceleration=7e-4), workers=ONE)
     solve(tmp_path, Settings(), workers=ONE)
     report = judge_dataset(tmp_path)
     assert report.faults == ()

@@ -30,7 +30,9 @@ def made_by(folder, stage, **versions):
 
 
 RUNS = {
-    "sample": lambda folder: sample(folder, {4: Sample(count=2)}, Problem(), jobs=1),
+    "sample": lambda folder: sample(
+        folder, {4: Sample(count=2)}, Problem(), workers=Workers(jobs=1)
+    ),
     "solve": lambda folder: solve(folder, Settings(), workers=ONE),
     "repair": lambda folder: repair(folder, workers=ONE),
 }
@@ -79,7 +81,7 @@ def test_plans_of_another_version_are_not_adopted_where_the_manifest_is_gone(sol
     (solved / name).write_bytes(encode(old))
     shutil.rmtree(solved / "n=3")
     remove(solved)
-    sample(solved, SAMPLES, Problem(), jobs=1)
+    sample(solved, SAMPLES, Problem(), workers=ONE)
     solve(solved, Settings(), workers=ONE)
     assert (solved / name).read_bytes() == right
 

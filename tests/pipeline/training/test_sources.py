@@ -121,7 +121,12 @@ def test_a_network_that_learns_the_expert_s_plans_refuses_scenarios_without():
 def test_crowded_scenarios_are_learned_from_with_those_of_the_dataset(tmp_path, memory):
     """Each of both once a pass, whether the dataset is in memory or streams."""
     solved = tmp_path / "data"
-    sample(solved, {3: Sample(count=20, shares=(0.5, 0.5, 0.0), shard_rows=4)}, PROBLEM, jobs=1)
+    sample(
+        solved,
+        {3: Sample(count=20, shares=(0.5, 0.5, 0.0), shard_rows=4)},
+        PROBLEM,
+        workers=Workers(jobs=1),
+    )
     solve(solved, Settings(), workers=Workers(jobs=1))
     recipe = replace(recipe_for("refiner", "tuned"), crowded=7, batch_size=4)
     told = Counting()

@@ -65,7 +65,7 @@ def environment() -> dict[str, str]:
 def make(folder: Path, commands: Forked) -> None:
     """Make the project in a folder."""
     one = Workers(jobs=1)
-    sample(folder / "data", SAMPLES, Problem(), jobs=1)
+    sample(folder / "data", SAMPLES, Problem(), workers=Workers(1))
     shutil.copytree(folder / "data", folder / "sampled")
     solve(folder / "data", Settings(), workers=one)
     for arguments in MADE_BY:
