@@ -15,10 +15,17 @@ from contents import content
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
 from pipeline.dataset.solving import solve
+from pipeline.dataset.verifying import verify
 from pipeline.expert import Settings
+from pipeline.expert import solve as solve_one
+from pipeline.flight.errors import COLD_GAS
+from pipeline.flight.loops import flight_loops
+from pipeline.flight.montecarlo import TrialSettings, fly_all
+from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
+from pipeline.scenario import draw
 
 pytestmark = pytest.mark.system
 
@@ -212,3 +219,28 @@ def test_a_cluster_of_one_thread_does_the_work_itself(cluster):
         lambda task, content: os.getpid(), range(2), lambda task: b""
     )
     assert {pid for _, pid in done} == {cluster.workers[0].pid}
+
+
+def test_scenarios_are_drawn_and_rows_verified_by_a_cluster(cluster, here_and_there, tmp_path):
+    cluster.start_workers(1)
+    workers = Workers(scheduler=cluster.address)
+    samples = {5: Sample(count=8 * SHARDS, shard_rows=8)}
+    sample(tmp_path / "drawn", samples, Problem(), workers=workers)
+    solve(tmp_path / "drawn", Settings(), workers=workers)
+    assert content(tmp_path / "drawn") == content(here_and_there[0])
+    assert list(verify(tmp_path / "drawn", workers=workers)) == []
+
+
+def test_trials_are_flown_by_a_cluster_that_loses_a_worker_to_the_same_bytes(cluster, tmp_path):
+    scenario = draw("rings", 0, 4, 0, Problem(), "test")
+    plan = solve_one(scenario)
+    loops = [*flight_loops(plan, COLD_GAS, with_feedback=True)]
+    of = TrialSettings(scenario, LinearWorld(scenario.problem.dynamics), COLD_GAS, portion=5)
+    fly_all(tmp_path / "here", of, loops, 60, workers=Workers(1))
+    cluster.start_workers()
+    cluster.await_workers()
+    progress = After(lambda: kill(cluster.workers[0]))
+    there = Workers(scheduler=cluster.address)
+    fly_all(tmp_path / "there", of, loops, 60, workers=there, progress=progress)
+    assert progress.shards == 24
+    assert content(tmp_path / "there") == content(tmp_path / "here")
