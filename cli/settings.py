@@ -370,9 +370,7 @@ class OrbitPlace:
         )
 
 
-ErrorPreset = Literal[
-    "cold-gas", "cold-gas-calibrated", "cold-gas-uncalibrated", "electric", "none"
-]
+ErrorPreset = Literal["cold-gas", "calibrated", "uncalibrated", "electric", "none"]
 
 
 @dataclass(frozen=True)

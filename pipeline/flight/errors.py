@@ -116,8 +116,8 @@ No burn is missed or late, and none has an error that does not grow with it.
 PRESETS: Mapping[str, Errors] = {
     "none": Errors(),
     "cold-gas": COLD_GAS,
-    "cold-gas-calibrated": CALIBRATED,
-    "cold-gas-uncalibrated": UNCALIBRATED,
+    "calibrated": CALIBRATED,
+    "uncalibrated": UNCALIBRATED,
     "electric": ELECTRIC,
 }  # by name
 
