@@ -9,6 +9,7 @@ from pipeline.orbit.arrays import Values, Vectors
 from pipeline.orbit.bezier import norm
 
 TINY = 1e-100  # divisor in place of 0
+APART = 1e-30  # least distance in m that has a direction
 NEWTON_STEPS = 8  # more than enough near the likeliest point; any direction gives a bound
 
 
@@ -47,9 +48,9 @@ def likeliest_direction(mean: Vectors, covariance: Float[Array, "k 3 3"], radius
     along, multiplier = np.vecmat(mean, axes), np.zeros((len(mean), 1))
     for _ in range(NEWTON_STEPS):
         point = along / (1 + multiplier * spread)
-        far = norm(point)[:, None]
+        far = np.maximum(norm(point), APART)[:, None]
         slope = (point**2 * spread / (1 + multiplier * spread)).sum(axis=1, keepdims=True) / far**3
         step = (1 / radius - 1 / far) / np.where(slope > 0, slope, np.inf)
         multiplier = np.clip(multiplier + step, 0.0, 1 / TINY**0.1)
     point = along / (1 + multiplier * spread)
-    return np.matvec(axes, point / norm(point)[:, None])
+    return np.matvec(axes, point / np.maximum(norm(point), APART)[:, None])

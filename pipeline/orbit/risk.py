@@ -18,13 +18,21 @@ is a probability of two Gaussian variables. Whatever the times are, it is a boun
 count, times are added until margins hardly do. In the limit the sum is the expected number of
 down-crossings (Rice's formula).
 
+Where errors are larger than r in one direction, most of the half-space n·Δp < r is far from the
+sphere. There the same is done with n along the largest error and checks on both sides, X and
+Y = -n·Δp - r - η: a pair that meets is between both at first, or comes from one side, so that
+
+    P(some ‖Δp‖ < r) ≤ P(X₀ < 0, Y₀ < 0) + Σ P(Xₖ ≥ 0 > Xₖ₊₁) + Σ P(Yₖ ≥ 0 > Yₖ₊₁),
+
+over the times at which no other direction keeps the pair apart. The less of both bounds counts.
+
 How far errors may take η, and which times need no check since the pair is far apart, holds with a
 probability that is taken off at once for all times: by Cauchy-Schwarz a linear functional of the
 errors with the deviation σ is at most σ‖ξ‖, with ξ the pair's J independent standard normals, and
 ‖ξ‖ < K but with the probability P(χ²_J ≥ K²).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -79,6 +87,12 @@ class _Stretches:
     bend: Float[Array, "s"]  # bound on the mean relative acceleration, m/s²
     stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
     normals: float  # K
+    two_sided: bool = False  # whether checks are along the largest error, and on both sides
+
+    @property
+    def size(self) -> Float[Array, "s"]:
+        """Root mean square error of relative positions at the interval's start, m."""
+        return np.sqrt(np.trace(self.errors[:, :3, :3], axis1=1, axis2=2))
 
     def maps(self, which: Indices, share: Values) -> Maps:
         """Maps to relative positions at shares of the interval."""
@@ -96,10 +110,13 @@ class _Stretches:
         return np.vecdot(np.vecmat(first, self.errors[which]), second)
 
     def directions(self, which: Indices, share: Values) -> Vectors:
-        """Directions in which pairs are likeliest to meet, at shares of the interval."""
+        """Directions of checks at shares of the interval: in which pairs are likeliest to meet."""
         maps = self.maps(which, share)
         both = np.concatenate(maps, axis=-1)
         spread = both @ self.errors[which] @ both.mT
+        if self.two_sided:
+            along = np.linalg.eigh(spread)[1][..., -1]
+            return along * np.where(along.sum(axis=-1) < 0, -1.0, 1.0)[:, None]
         mean = self.position(which, maps)
         return likeliest_direction(mean, spread, self.problem.collision_radius)
 
@@ -110,7 +127,19 @@ class _Stretches:
         A, B = self.problem.dynamics.step(middle, self.interval[at])
         mean = np.matvec(A, self.state[at]) + np.matvec(B, self.push[at])
         moved = (norm(mean[:, 3:]) + self.bend[at] * half) * half  # at most, from there
-        return norm(mean[:, :3]) - moved < self.near[at]
+        near = norm(mean[:, :3]) - moved < self.near[at]
+        if not self.two_sided:
+            return near
+        # Where errors are large in one direction, others may keep the pair apart all the same.
+        both = np.concatenate([A, B], axis=-1)
+        spread = both @ self.errors[at] @ both.mT
+        radius = self.problem.collision_radius
+        normal = likeliest_direction(mean[:, :3], spread[:, :3, :3], radius)
+        place = np.vecdot(normal, mean[:, :3]) - self.normals * _along(normal, spread[:, :3, :3])
+        speed = np.abs(np.vecdot(normal, mean[:, 3:]))
+        speed += self.normals * _along(normal, spread[:, 3:, 3:])
+        least = place - (speed + self.stray[at] * half / 2) * half
+        return near & (least < radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,23 +185,33 @@ def collision_risk(
 
     In open loop, or with feedback; then also the risk that it asks for more than the thrust limit.
     """
-    i, j = pairs(len(states))
     spread = dispersion(controls, problem, uncertainty, closed_loop)
+    return dispersed_risk(states, controls, problem, spread)
+
+
+def dispersed_risk(
+    states: States, controls: Controls, problem: Problem, spread: Dispersion
+) -> CollisionRisk:
+    """The risk with any dispersion, as of craft whose orbits are known by their covariances."""
+    i, j = pairs(len(states))
     commanded = controls, np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
     beyond, added = saturation(*commanded, problem.most_control), corrections(*commanded)
     if len(i) == 0:
         return CollisionRisk(i, j, np.zeros(0), np.zeros(0), beyond, beyond, added)
     stretches, broken = _stretches(states, controls, problem, spread)
-    pair, chance = _chances(stretches)
-    total = np.zeros(len(i))
-    np.add.at(total, pair, chance)
+    total, terms = _sums(stretches, np.isin(stretches.pair, broken, invert=True), len(i))
     total[broken] = 1.0
+    wide = np.isin(stretches.pair, stretches.pair[stretches.size > problem.collision_radius])
+    if wide.any():
+        both, more = _sums(replace(stretches, two_sided=True), wide, len(i))
+        within = np.isin(np.arange(len(i)), stretches.pair[wide])
+        total, terms = np.where(within, np.minimum(total, both), total), terms + more
     shown = np.flatnonzero(total > FAR / len(total))
     i, j, each = i[shown], j[shown], np.minimum(total[shown], 1.0)
     ends = [
         _within(*_at_node(node, i, j, states, spread), problem.collision_radius) for node in (0, -1)
     ]
-    rounding = FAR + ROUNDING * len(chance)
+    rounding = FAR + ROUNDING * terms
     most = min(1.0, float(total.sum()) + beyond + rounding)
     return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most, beyond, added)
 
@@ -204,10 +243,17 @@ def _at_node(
 
 def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:
     """Bound on the probability that Gaussian relative positions are within a distance, m."""
-    normal = likeliest_direction(gap, covariance, radius)
-    variance = np.vecdot(np.vecmat(normal, covariance), normal)
-    sigma = np.sqrt(np.maximum(variance, 0.0))
-    return ndtr((radius - np.vecdot(normal, gap)) / np.maximum(sigma, TINY))
+    found = np.ones(len(gap))
+    largest = np.linalg.eigh(covariance)[1][..., -1]
+    for normal in (likeliest_direction(gap, covariance, radius), largest):
+        sigma, along = np.maximum(_along(normal, covariance), TINY), np.vecdot(normal, gap)
+        found = np.minimum(found, ndtr((radius - along) / sigma) - ndtr((-radius - along) / sigma))
+    return found
+
+
+def _along(normal: Vectors, covariance: Float[Array, "k 3 3"]) -> Values:
+    """Standard deviation along unit vectors."""
+    return np.sqrt(np.maximum(np.vecdot(np.vecmat(normal, covariance), normal), 0.0))
 
 
 def levels_at(
@@ -226,7 +272,7 @@ def _stretches(
 ) -> tuple[_Stretches, Int[Array, "b"]]:
     """Where pairs may be near, and the pairs whose planned motion itself comes too close.
 
-    A broken pair's risk is about one half at least, and counts as one.
+    Checks on one side say nothing about a broken pair: it counts as one, unless errors are large.
     """
     n, _, _, normals = spread.state.shape
     most = float(np.sqrt(2 * gammainccinv(normals / 2, FAR / (n * (n - 1) / 2))))  # K
@@ -236,7 +282,7 @@ def _stretches(
     found = close_approaches(states, controls, problem, within, tolerance=COARSE)
     i, j, k, number = found.first, found.second, found.interval, _numbers(found, n)
     near = radius + most * np.hypot(deviation[i, k], deviation[j, k])
-    keep = np.flatnonzero((found.bound < near) & ~np.isin(number, broken))
+    keep = np.flatnonzero(found.bound < near)
     keep = keep[np.lexsort((k[keep], number[keep]))]
     i, j, k, number, near = (one[keep] for one in (i, j, k, number, near))
     state, push = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
@@ -262,12 +308,17 @@ def _numbers(found: Approaches, n: int) -> Indices:
     return i * (2 * n - i - 1) // 2 + j - i - 1
 
 
-def _chances(stretches: _Stretches) -> tuple[Int[Array, "q"], Float[Array, "q"]]:
+def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Values, int]:
+    """Bound of each of so many pairs by some stretches, and the number of terms."""
+    pair, chance = _chances(stretches, np.flatnonzero(some))
+    return np.bincount(pair, chance, count).astype(float), len(chance)
+
+
+def _chances(stretches: _Stretches, which: Indices) -> tuple[Int[Array, "q"], Float[Array, "q"]]:
     """Pairs, and the probabilities that they fail a check after one that holds, or the first.
 
     Panels are halved where their margins may add to the sum more than their share of ACCURACY.
     """
-    which = np.arange(len(stretches.pair))
     begin, width = np.zeros(len(which)), np.ones(len(which))
     ends = stretches.directions(which, begin), stretches.directions(which, width)
     panels = _Panels(which, begin, width, *ends)
@@ -298,7 +349,8 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     turn = panels.last - panels.first
     swing = along(turn, less(there, here))
     erring = stretches.normals * np.sqrt(np.maximum(stretches.covariance(at, swing, swing), 0.0))
-    turning = np.maximum(np.vecdot(turn, end - start), 0.0) + erring
+    turned = np.vecdot(turn, end - start)
+    turning = np.maximum(np.abs(turned) if stretches.two_sided else turned, 0.0) + erring
     margin = stretches.stray[at] * width**2 / 8 + turning / 4
     joined = panels.joined(stretches)
     goes_on = np.append(joined[1:], False)[: len(joined)]
@@ -311,12 +363,20 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     apart = np.vecdot(panels.first, start) - radius
     apart_last = np.vecdot(panels.last, end) - radius
     mean, mean_last = apart - margin_first, apart_last - margin_last
-    chance = falls_below(
-        mean, variances[0], mean_last - mean, stretches.covariance(at, first, step), variances[2]
-    )
+    mixed = stretches.covariance(at, first, step)
+    chance = falls_below(mean, variances[0], mean_last - mean, mixed, variances[2])
     sigma, sigma_last = (np.maximum(np.sqrt(one), TINY) for one in variances[:2])
-    chance += np.where(joined, 0.0, ndtr(-mean / sigma))
+    begins = ndtr(-mean / sigma)
+    if stretches.two_sided:
+        beyond = -2 * (radius + margin_first) - mean, -2 * (radius + margin_last) - mean_last
+        chance += falls_below(beyond[0], variances[0], beyond[1] - beyond[0], mixed, variances[2])
+        begins -= ndtr(beyond[0] / sigma)
+    chance += np.where(joined, 0.0, begins)
+    least = 1 / radius if stretches.two_sided else 0.0
     # A normal variable's tail at z grows by z times what z shrinks by, as a share.
-    share = [np.maximum(gap / s, 1.0) / s for gap, s in ((apart, sigma), (apart_last, sigma_last))]
+    share = [
+        np.maximum(np.maximum(gap / s, 1.0) / s, least)
+        for gap, s in ((apart, sigma), (apart_last, sigma_last))
+    ]
     beside = np.where(joined, np.roll(chance, 1), 0.0) + np.where(goes_on, np.roll(chance, -1), 0.0)
     return chance, (chance + beside) * np.minimum(margin * np.maximum(*share), 1.0)
