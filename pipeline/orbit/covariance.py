@@ -97,6 +97,9 @@ class Dispersion:
     state: Float[Array, "n T 6 J"]  # of those normals on each node's state, m and m/s
     control: Float[Array, "n intervals 3 J"]  # of them on each interval's control, m/s²
     commanded: Float[Array, "n intervals 3 3"]  # covariance of what feedback adds to controls
+    # of the normals, those of a craft's own thrusters: of a pair each craft has its own, while all
+    # others are joint ones, of the same maps
+    own: int = 0
 
     @cached_property
     def state_covariance(self) -> Float[Array, "n T 6 6"]:
@@ -220,7 +223,9 @@ def _driven(
     of_burns[:, each, :, each] += burn.swapaxes(0, 1)
     control[..., count:-4] = of_burns.reshape(n, m, 3, 3 * m)
     control[..., -4:] += thruster
-    return Dispersion(state, control, commanded)
+    own = 4 if thruster.any() else 0
+    used = slice(None if own else -4)
+    return Dispersion(state[..., used], control[..., used], commanded, own)
 
 
 def burn_deviation(

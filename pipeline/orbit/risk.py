@@ -274,7 +274,7 @@ def _stretches(
 
     Checks on one side say nothing about a broken pair: it counts as one, unless errors are large.
     """
-    n, _, _, normals = spread.state.shape
+    n, normals = len(spread.state), spread.state.shape[3] + spread.own
     most = float(np.sqrt(2 * gammainccinv(normals / 2, FAR / (n * (n - 1) / 2))))  # K
     radius, deviation = problem.collision_radius, spread.most_deviation(problem)
     within = radius + most * np.sqrt(2) * float(deviation.max())

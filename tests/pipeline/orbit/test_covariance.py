@@ -83,5 +83,5 @@ def test_errors_do_not_depend_on_where_a_craft_is():
     one = flown(np.zeros((1, 6)), np.full((1, 10, 3), 1e-3), problem)
     assert spread.state[0, 0, :, :6] == pytest.approx(np.zeros((6, 6)))
     along = np.full(3, 3**-0.5)  # by one standard deviation in size
-    pushed = spread.state[0, 10, :, 6:36].reshape(6, 10, 3) @ along
+    pushed = spread.state[0, 10, :, 6:].reshape(6, 10, 3) @ along
     assert pushed.sum(axis=1) == pytest.approx(0.1 * one[0, 10], rel=1e-9)
