@@ -94,7 +94,7 @@ def plan(
         prolearn plan scenario.json --assignment optimal --out plan.json
         prolearn plan s.json --risk 1e-3 --navigation-sigma 0.2 --out p.json
         prolearn plan s.json --risk 0.01 --thrust-sigma 0.01 --out p.json
-        prolearn plan s.json --risk 1e-3 --errors cold-gas --closed-loop --out p.json
+        prolearn plan s.json --risk .01 --errors cold-gas --closed-loop --out p/
         prolearn plan scenario.json --passive-safety 1 --out plan.json
         prolearn plan scenario.json --world --out plan.json
         prolearn plan s.json --world --eccentricity 0.01 --out p.json
