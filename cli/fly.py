@@ -73,8 +73,10 @@ def fly(
     every-node` planned anew from where craft seem to be, without and with a margin. The table
     has how often a pair comes within r_col, with Wilson's intervals, errors at the goal and Δv;
     into the folder go the trials, the table and a figure. Obstacles have no errors, and scenarios
-    with radii, obstacles or corridors are flown as they are planned only. Killed or interrupted,
-    the same command goes on; the exit status is 0 when all is flown.
+    with radii, obstacles or corridors are flown as they are planned only. With `--error lost=1` a
+    craft, drawn at random, loses its thrust in each, at any time, and the others replan around
+    its drift. Killed or interrupted, the same command goes on; the exit status is 0 when all is
+    flown.
 
     Examples:
 
@@ -85,6 +87,7 @@ def fly(
         prolearn fly plan.json --passive-safety 1
         prolearn fly plan.json --trials 1000 --replan every-node
         prolearn fly plan.json --trials 1000 --replan feedback
+        prolearn fly plan.json --trials 1000 --replan every-node --error lost=1
         prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
     """
     from pipeline.plan.document import read_plan
@@ -145,6 +148,8 @@ def _fly_trials(
         return
     print_trials(loops, problem.collision_radius, settings.size)
     echo(*([] if planner is None else _kept(plan.requirements)))
+    if errors.lost > 0:
+        echo(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
 
 

@@ -504,7 +504,7 @@ class FlownTrials:
         _trial(
             "Change one: magnitude=0.05. Names: position, velocity, position_bias, velocity_bias, "
             "semi_major_axis, navigation_time, latency, magnitude, direction, magnitude_fixed, "
-            "direction_fixed, magnitude_bias, direction_bias, impulse_bit, timing, missed.",
+            "direction_fixed, magnitude_bias, direction_bias, impulse_bit, timing, missed, lost.",
             metavar="NAME=VALUE",
         ),
     ] = None

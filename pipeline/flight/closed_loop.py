@@ -8,6 +8,8 @@ of all known plans the one is flown that keeps craft furthest apart.
 Two intervals before the end the goal determines all controls: six for six components of a state.
 In the last one three are left, and the goal can only be met in part: the control is flown that
 leaves the least ‖Δp‖² + ‖Δv/e‖², which is about the size of the orbit that the error becomes.
+
+A craft that has lost its thrust is an obstacle to the others, which drifts on from its estimate.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,16 +21,18 @@ from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert import BackOff, Trajectory, keeps_back_off, with_back_off
+from pipeline.flight.errors import Loss
 from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import last_control
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import Planner, requiring
 from pipeline.scenario import Scenario
 
 DETERMINED = 2  # intervals left in which the goal determines all controls; no planner is asked
@@ -57,9 +61,19 @@ class ClosedLoop:
         planner: Planner,
         trials: int,
         back_off: BackOff | None = None,
+        loss: Loss | None = None,
     ) -> None:
-        """Begin with a plan's controls, m/s²; keep a back-off too where that is not too dear."""
+        """Begin with a plan's controls, m/s²; keep a back-off too where that is not too dear.
+
+        A loss of thrust is known at the next node, or as late as states are. After it no back-off
+        is kept, which the expert does not know from obstacles, and no passive safety, which is for
+        one loss.
+        """
         self._scenario, self._planner, self._back_off = scenario, planner, back_off
+        self._loss, self._lost = loss, np.full(trials, -1)  # the craft of which it is known
+        self._after = planner  # who plans then
+        if planner.requirements.passive_safety is not None and loss is not None:
+            self._after = requiring(planner, replace(planner.requirements, passive_safety=None))
         self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
         self.unsafe = np.zeros(trials, dtype=int)
@@ -70,6 +84,8 @@ class ClosedLoop:
         problem = self._scenario.problem
         left = problem.intervals - node
         if node > 0:
+            if self._loss is not None:
+                self._lost = self._loss.by(node - self._loss.latency)
             self._ahead = self._ahead[:, :, 1:]
             if left == 1:
                 self._end(estimate)
@@ -82,7 +98,7 @@ class ClosedLoop:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
         required = self._planner.requirements
-        choice = Choice(problem, estimate, corrected, required, self._allowance)
+        choice = Choice(problem, estimate, corrected, required, self._lost, self._allowance)
         if problem.intervals > DETERMINED:
             self._ask(choice, node, estimate, problem)
         self._ahead = choice.controls
@@ -95,19 +111,33 @@ class ClosedLoop:
         self.seconds[:, node] = 0.0
         for asked in _asked(problem, apart_at(estimate)):
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
-                which = np.flatnonzero(choice.open & (asked == radius))
                 wider = replace(problem, collision_radius=radius)
                 asks = replace(self._scenario, problem=wider)
-                plans = self._planner.plan([replace(asks, initial=estimate[k]) for k in which])
-                self._spent(node, which, plans)
-                if self._back_off is not None and radius == problem.collision_radius:
-                    safe = np.array([plan.status == SOLVED for plan in plans])
-                    seeds, required = list(compress(plans, safe)), self._planner.requirements
-                    further = with_back_off(seeds, self._back_off, required)
-                    self._spent(node, which[safe], further)
-                    choice.offer(which[safe], further, radius, self._back_off)
-                left = choice.open[which]
-                choice.offer(which[left], list(compress(plans, left)), radius)
+                here = choice.open & (asked == radius)
+                for some in (here & (self._lost < 0), here & (self._lost >= 0)):  # of one n each
+                    which = np.flatnonzero(some)
+                    starts = [replace(asks, initial=estimate[k]) for k in which]
+                    if some.any():
+                        starts = list(map(without, starts, self._lost[which].tolist()))
+                        self._offer(choice, node, which, starts)
+
+    def _offer(
+        self, choice: "Choice", node: int, which: Int[Array, "k"], starts: Sequence[Scenario]
+    ) -> None:
+        """Offer the planner's plans for some trials, with a back-off where no craft is lost."""
+        radius = starts[0].problem.collision_radius
+        intact = self._lost[which[0]] < 0
+        plans = (self._planner if intact else self._after).plan(starts)
+        self._spent(node, which, plans)
+        whole = radius == self._scenario.problem.collision_radius
+        if self._back_off is not None and intact and whole:
+            safe = np.array([plan.status == SOLVED for plan in plans])
+            seeds, required = list(compress(plans, safe)), self._planner.requirements
+            further = with_back_off(seeds, self._back_off, required)
+            self._spent(node, which[safe], further)
+            choice.offer(which[safe], further, radius, self._back_off)
+        left = choice.open[which]
+        choice.offer(which[left], list(compress(plans, left)), radius)
 
     def _spent(self, node: int, which: Int[Array, "k"], plans: Sequence[Plan]) -> None:
         """Count the time that plans took."""
@@ -122,15 +152,31 @@ class ClosedLoop:
         A, _ = problem.dynamics.step(problem.time_step)
         miss = self._scenario.goal - np.matvec(A, estimate)
         required = self._planner.requirements
-        planned = Choice(problem, estimate, self._ahead, required)
+        planned = Choice(problem, estimate, self._ahead, required, self._lost)
         nearest = np.matvec(last_control(whole), miss)[:, :, None]
-        homing = Choice(problem, estimate, nearest, required)
+        homing = Choice(problem, estimate, nearest, required, self._lost)
         # Where both are unsafe, the one that keeps craft further apart
         homes = homing.separation > problem.collision_radius
         homes |= homing.separation >= planned.separation
         self._ahead = np.where(homes[:, None, None, None], homing.controls, planned.controls)
         flown = np.where(homes, homing.separation, planned.separation)
         self.unsafe += flown <= problem.collision_radius
+
+
+def without(scenario: Scenario, craft: int) -> Scenario:
+    """The scenario of all others, to whom a craft is an obstacle that drifts; -1 for none."""
+    if craft < 0:
+        return scenario
+    state, radius = tuple(scenario.initial[craft].tolist()), scenario.problem.collision_radius / 2
+    adrift = Obstacle(f"craft {craft}, adrift", state, radius)
+    others = np.arange(scenario.n) != craft
+    return replace(
+        scenario,
+        initial=scenario.initial[others],
+        goal=scenario.goal[others],
+        craft=tuple(compress(scenario.craft, others)),
+        obstacles=(*scenario.obstacles, adrift),
+    )
 
 
 def _asked(problem: Problem, apart: EachTrial) -> Iterator[EachTrial]:
@@ -155,7 +201,7 @@ class Choice:
     Attributes:
         controls: of the best so far, (K, n, intervals, 3), m/s².
         separation: no pair comes closer than this on them, from the estimate, (K,), m: at any time
-            or at the nodes, and after a loss of thrust, as is required.
+            or at the nodes, and after a first loss of thrust, as is required.
         open: whether none of them is both safe and to the goal, (K,).
     """
 
@@ -165,13 +211,18 @@ class Choice:
         estimate: Float[Array, "K n 6"],
         under_way: SomeControls,
         requirements: Requirements,
+        lost: Int[Array, "K"],
         allowance: float = np.inf,
     ) -> None:
         """Begin with the controls under way, m/s², corrected for the goal, for what is left.
 
+        The craft of each trial that has ``lost`` its thrust, -1 for none, has no controls.
         The allowance, m/s², is fuel beyond theirs that a back-off may cost.
         """
         self._problem, self._estimate, self._requirements = problem, estimate, requirements
+        self._lost, under_way = lost, np.array(under_way)
+        adrift = lost >= 0
+        under_way[adrift, lost[adrift]] = 0.0
         self.controls = self._within_limit(under_way)
         self._most = _fuel(self.controls) + allowance
         self.separation = self._separation(slice(None), self.controls)
@@ -194,7 +245,11 @@ class Choice:
         """
         if not plans:
             return
-        controls = self._within_limit(np.stack([plan.controls for plan in plans]))
+        each = [plan.controls for plan in plans]
+        for k, lost in enumerate(self._lost[which].tolist()):
+            if lost >= 0:  # it is none of the plan's craft
+                each[k] = np.insert(each[k], lost, 0.0, axis=0)
+        controls = self._within_limit(np.stack(each))
         separation = self._separation(which, controls)
         to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
         safe = to_goal & (separation > radius)
@@ -246,7 +301,8 @@ class Choice:
         if orbits is None or n == 1:
             return bounds
         drifting = least_after_loss(states, flat, self._problem, orbits, swarms)
-        return np.minimum(bounds, [one.bound for one in drifting])
+        lost = self._lost[which] >= 0
+        return np.where(lost, bounds, np.minimum(bounds, [one.bound for one in drifting]))
 
 
 def _nodes(

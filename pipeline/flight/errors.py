@@ -34,6 +34,8 @@ class Errors(Uncertainty):
 
     timing: float = 0.0  # of a burn, which begins and ends so much late, or early, s
     missed: float = 0.0  # probability that a burn is not made at all
+    # probability that a craft, drawn at random, loses its thrust for good, at a random time
+    lost: float = 0.0
     # of each component's Δv over an interval, of which thrusters make whole multiples, m/s
     impulse_bit: float = 0.0
 
@@ -124,7 +126,7 @@ PRESETS: Mapping[str, Errors] = {
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Random numbers of K trials of n craft: standard normal, but uniform in 0..1 for ``missed``.
+    """Random numbers of K trials of n craft: standard normal; ``missed``, ``loss`` are uniform.
 
     The same trial has the same draws whatever the errors, and however it is flown.
     """
@@ -135,6 +137,7 @@ class Draws:
     lag: Float[Array, "K intervals n"]  # of the time of each burn
     missed: Float[Array, "K intervals n"]  # whether a burn is
     thruster: Float[Array, "K n 4"]  # of a craft's thrusters: in size, and their rotation
+    loss: Float[Array, "K 3"]  # of whether a craft loses its thrust, which one, and when
 
 
 def check_seed(seed: int) -> None:
@@ -161,13 +164,38 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     blocks = n  # of four numbers each, of another stream
     other = np.random.Generator(np.random.Philox(key=seed + SEEDS, counter=trials.start * blocks))
     thruster = other.random((len(trials), n, 4))
+    other = np.random.Generator(np.random.Philox(key=seed + 2 * SEEDS, counter=trials.start))
+    loss = other.random((len(trials), 4))[:, :3]
     bias, noise, burn, lag, thruster = map(_normal, (bias, noise, burn, lag, thruster))
-    return Draws(bias, noise, burn, lag, missed, thruster)
+    return Draws(bias, noise, burn, lag, missed, thruster, loss)
 
 
 def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:
     """Standard normal numbers; a uniform 0 is taken for half of the least above it."""
     return np.asarray(ndtri(np.maximum(uniform, 2.0**-54)))
+
+
+@dataclass(frozen=True, eq=False)
+class Loss:
+    """The craft of each trial that loses its thrust for good, if one does."""
+
+    craft: Int[Array, "K"]  # -1 where none does
+    time: Float[Array, "K"]  # of the loss, s since the first node; NaN where there is none
+    node: Float[Array, "K"]  # the first at which it is adrift; infinite where none is
+    latency: int  # nodes after that one at which others know
+
+    def by(self, node: int) -> Int[Array, "K"]:
+        """The craft of each trial that is adrift at a node; -1 where none is."""
+        return np.where(self.node <= node, self.craft, -1)
+
+
+def lost_thrust(drawn: Draws, errors: Errors, problem: Problem) -> Loss:
+    """Losses of thrust, of any craft and at any time of a transfer alike."""
+    whether, which, when = drawn.loss.T
+    lost, n = whether < errors.lost, drawn.bias.shape[1]
+    craft = np.where(lost, (which * n).astype(int), -1)
+    node = np.where(lost, np.ceil(when * problem.intervals), np.inf)
+    return Loss(craft, np.where(lost, when * problem.duration, np.nan), node, int(errors.latency))
 
 
 def navigation_errors(

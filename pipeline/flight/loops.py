@@ -11,8 +11,8 @@ import numpy as np
 
 from pipeline.errors import InputError, check_range
 from pipeline.expert import BackOff, with_back_off
-from pipeline.flight.closed_loop import ClosedLoop
-from pipeline.flight.errors import Errors, check_seed, draws
+from pipeline.flight.closed_loop import ClosedLoop, without
+from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
 from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import World
 from pipeline.orbit.approaches import MOST_PAIRS
@@ -52,7 +52,10 @@ class Loop:
             flown = fly_trials(scenario, world, guidance, drawn, errors)
             unsafe, seconds = np.zeros(len(trials), dtype=int), np.zeros((len(trials), 0))
         else:
-            closed = ClosedLoop(scenario, self.controls, self.planner, len(trials), self.back_off)
+            closed = ClosedLoop(
+                *(scenario, self.controls, self.planner, len(trials), self.back_off),
+                loss=lost_thrust(drawn, errors, scenario.problem),
+            )
             flown = fly_trials(scenario, world, closed, drawn, errors)
             unsafe, seconds = closed.unsafe, closed.seconds
         replanning = {"unsafe_replans": unsafe, "replan_seconds": seconds}
@@ -70,14 +73,31 @@ def flight_loops(
     """The open loop of a plan, on request with feedback, and with a planner two more.
 
     The last one keeps so many standard deviations of ``errors`` beyond the collision radius.
+
+    Raises:
+        InputError: where a craft may be lost and there are no others, or obstacles, or the planner
+            does not plan for the others alone.
     """
+    scenario = plan.scenario
+    if errors.lost > 0:
+        if scenario.n == 1:
+            raise InputError(
+                f"lost is {errors.lost:g} and there is one craft; expected 0, or craft that fly on."
+            )
+        if scenario.unlike:
+            raise InputError(
+                f"lost is {errors.lost:g} and craft have radii of their own, or there are "
+                "obstacles or corridors, past which no drift of a lost craft is flown; expected 0."
+            )
+        if planner is not None:
+            planner.plan([without(scenario, 0)])
     yield Loop(OPEN, plan.controls)
     if with_feedback:
         yield Loop(FEEDBACK, plan.controls, plan.states)
     if planner is None:
         return
     yield Loop(REPLANNED, plan.controls, planner=planner)
-    expected = errors.gaussian(plan.scenario.problem.time_step)
+    expected = errors.gaussian(scenario.problem.time_step)
     back_off = BackOff(expected, sigmas, closed_loop=True)
     wider = _keeping(plan, back_off, planner.requirements)
     yield Loop(MARGIN, wider, planner=planner, back_off=back_off)

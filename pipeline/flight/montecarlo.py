@@ -58,6 +58,8 @@ FIELDS = [
     pa.field("delta_v", pa.float64(), nullable=False),
     pa.field("missed_burns", pa.int32(), nullable=False),
     pa.field("unsafe_replans", pa.int32(), nullable=False),
+    pa.field("lost_craft", pa.int32(), nullable=False),
+    pa.field("lost_time", pa.float64(), nullable=False),
 ]
 """Columns; those of the closest pair are null for a single craft."""
 

@@ -4,25 +4,29 @@ from collections.abc import Callable, Mapping
 from functools import reduce
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.flight.encounters import Encounters, Surroundings
-from pipeline.flight.errors import Draws, Errors, burns_made, navigation_errors
+from pipeline.flight.errors import Draws, Errors, Loss, burns_made, lost_thrust, navigation_errors
 from pipeline.flight.world import World
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import feedback_gains
+from pipeline.orbit.nearest import nearer, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_cost import burned
 from pipeline.scenario import Scenario
 
 SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
+SHORTEST = 1e-9  # part of an interval, as a share of it, that is flown by itself
 
 Trials = Mapping[str, Array]
 """Trials of a loop by column, a value a trial, SI units. Errors at the goal are those of the craft
 furthest from it, separations the least of any pair at any time, Δv that of all craft. A craft alone
 has a ``first_craft`` of -1 and no separation; ``replan_seconds`` has a row of times a trial, NaN
-where nobody planned. By sizes, and with corridors, there are those of ``Encounters.columns``."""
+where nobody planned. By sizes, and with corridors, there are those of ``Encounters.columns``.
+``lost_craft`` lost its thrust at ``lost_time``, -1 and NaN where none did; its error at the goal
+does not count."""
 
 Guidance = Callable[[int, Float[Array, "K n 6"]], Float[Array, "K n 3"]]
 """Controls, m/s², for the interval that begins at a node, from the number of that node and the
@@ -54,11 +58,13 @@ def fly_trials(
 
     The scenario's initial states are the estimates at the first node; craft are where those and
     the navigation errors put them. At a node the rest of a late burn is still to come; the ends of
-    trials are evaluated after it. Obstacles have no errors.
+    trials are evaluated after it. Obstacles have no errors. A craft that loses its thrust in
+    mid-burn has begun the burn in time, and what it does not burn any more is no missed burn.
     """
     problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
     h, shape, met, around = problem.time_step, (trials, n), [], Surroundings(scenario, world)
-    wrong = navigation_errors(drawn, errors, problem)
+    wrong, loss = navigation_errors(drawn, errors, problem), lost_thrust(drawn, errors, problem)
+    adrift = _marked(loss.by(0), n)
     state = scenario.initial - wrong[:, 0]
     used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
     late, carried = np.zeros((*shape, 3)), state
@@ -66,24 +72,66 @@ def fly_trials(
         known = _pushed(state, late) + wrong[:, node] if node else scenario.initial
         known = np.broadcast_to(known, (*shape, 6))
         commanded = guidance(node, carried if errors.latency and node else known)
+        commanded = np.where(adrift[..., None], 0.0, commanded)
         A, B = problem.dynamics.step(h, node)
         carried = np.matvec(A, known) + np.matvec(B, commanded)  # to the next node
         burns = burns_made(commanded, drawn, node, errors, h)
-        start = _pushed(state, late - burns.late).reshape(-1, 6)
-        arc = world.arc(start, burns.held.reshape(-1, 3), node)
-        arcs = arc.reshape(*shape, *arc.shape[1:])
-        met.append(around.encounters(arcs, node))
-        state, late = arcs[:, :, -1, -1], burns.late
-        used += burned(burns.held, problem.thrust) * h
+        before, adrift = adrift, _marked(loss.by(node + 1), n)
+        stops = (adrift & ~before)[..., None]
+        lag = np.where(stops, 0.0, burns.late)
+        start, late = _pushed(state, late - lag), lag
+        state, encounters = _flown(world, around, start, burns.held, node, loss, h)
+        met.append(encounters)
+        share = np.where(stops, loss.time[:, None, None] / h - node, 1.0)
+        used += burned(burns.held * share, problem.thrust) * h
         missed += burns.missed
     least, miss = reduce(Encounters.nearer, met), _pushed(state, late) - scenario.goal
+    miss = np.where(adrift[..., None], 0.0, miss)
     return {
         **least.columns(problem.collision_radius),
         "goal_error": norm(miss[..., :3]).max(axis=1),
         "goal_velocity_error": norm(miss[..., 3:]).max(axis=1),
         "delta_v": used,
         "missed_burns": missed,
+        "lost_craft": loss.craft,
+        "lost_time": loss.time,
     }
+
+
+def _flown(
+    world: World,
+    around: Surroundings,
+    start: Float[Array, "K n 6"],
+    held: Float[Array, "K n 3"],
+    node: int,
+    loss: Loss,
+    h: float,
+) -> tuple[Float[Array, "K n 6"], Encounters]:
+    """States at the end of an interval of h s, and the least distances in it.
+
+    Trials in which a craft loses its thrust meanwhile are flown in two parts, before and after;
+    such swarms have neither obstacles nor corridors.
+    """
+    arc = world.arc(start.reshape(-1, 6), held.reshape(-1, 3), node)
+    arcs = arc.reshape(*start.shape[:2], *arc.shape[1:])
+    end, met = arcs[:, :, -1, -1], around.encounters(arcs, node)
+    for k in np.flatnonzero(loss.node == node + 1).tolist():
+        at = float(np.clip(loss.time[k] / h - node, SHORTEST, 1 - SHORTEST))
+        after = held[k].copy()
+        after[loss.craft[k]] = 0.0
+        first = world.arc(start[k], held[k], node, (0.0, at))
+        second = world.arc(first[:, -1, -1], after, node, (at, 1.0))
+        before = nearest(first[None], node * h, at * h)
+        least = nearer(before, nearest(second[None], (node + at) * h, (1 - at) * h))
+        end[k] = second[:, -1, -1]
+        for name, one in vars(least).items():
+            getattr(met.craft, name)[k] = one[0]
+    return end, met
+
+
+def _marked(craft: Int[Array, "K"], n: int) -> Bool[Array, "K n"]:
+    """The craft of each trial as a mask; of none where it is -1."""
+    return craft[:, None] == np.arange(n)
 
 
 def _pushed(state: Float[Array, "K n 6"], impulse: Float[Array, "K n 3"]) -> Float[Array, "K n 6"]:

@@ -18,6 +18,9 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 States = Float[Array, "N 6"]
 Held = Float[Array, "N 3"]  # controls
 Arcs = Float[Array, "N M q 6"]  # at Chebyshev points of M pieces, both ends included
+Part = tuple[float, float]  # two shares of an interval, between which it is flown
+
+WHOLE: Part = (0.0, 1.0)
 
 
 @runtime_checkable
@@ -28,8 +31,11 @@ class World(Protocol):
     accelerations along its axes, m/s², held constant there.
     """
 
-    def arc(self, states: States, controls: Held, interval: int) -> Arcs:
-        """States over an interval of the plan, from those at its start by controls held in it."""
+    def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
+        """States over an interval of the plan, from those at its start by controls held in it.
+
+        Or over a part of it.
+        """
 
     @property
     def of_obstacles(self) -> "World":
@@ -47,12 +53,13 @@ class LinearWorld:
         """As ``World.of_obstacles``."""
         return self
 
-    def arc(self, states: States, controls: Held, interval: int) -> Arcs:
+    def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
         """As ``World.arc``."""
-        h = self.dynamics.time_step
+        begin, end = (share * self.dynamics.time_step for share in part)
+        h = end - begin
         pieces = pieces_of(self.dynamics.fastest * h)
         share = (np.arange(pieces)[:, None] + (1 + NODES) / 2) / pieces
-        A, B = self.dynamics.step(h * share, interval)
+        A, B = self.dynamics.step(h * share, interval, begin)
         return np.matvec(A, states[:, None, None]) + np.matvec(B, controls[:, None, None])
 
 
@@ -79,7 +86,7 @@ class NonlinearWorld:
         assert problem.orbit is not None
         return cls(problem.orbit, problem.time_step, problem.intervals, n)
 
-    def arc(self, states: States, controls: Held, interval: int) -> Arcs:
+    def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
         """As ``World.arc``; InputError for a part of a trial with drag."""
         count = len(states)
         if self.orbit.ballistic is None:
@@ -88,5 +95,8 @@ class NonlinearWorld:
             raise InputError(f"{count} states are flown; expected a multiple of {self.n} craft.")
         else:
             ballistics = np.tile(self.orbit.ballistics(self.n), count // self.n)
-        dynamics = LinearizedDynamics(self.orbit, self.time_step, self.intervals)
+        dynamics, h = LinearizedDynamics(self.orbit, self.time_step, self.intervals), self.time_step
+        if part != WHOLE:
+            orbit = self.orbit.later((interval + part[0]) * h)
+            dynamics, interval = LinearizedDynamics(orbit, (part[1] - part[0]) * h, 1), 0
         return flown_arcs(dynamics, states, controls[:, None], ballistics, interval)[:, 0]

@@ -27,6 +27,7 @@ MOST = {
     "latency": 1.0,
     "impulse_bit": 1.0,
     "missed": 1.0,
+    "lost": 1.0,
 }
 
 

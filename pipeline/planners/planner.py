@@ -1,7 +1,7 @@
 """The planner protocol, and the identity of a planner."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 from pipeline.plan import Plan, Requirements
@@ -22,6 +22,21 @@ class Planner(Protocol):
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
+
+
+def requiring(planner: Planner, requirements: Requirements) -> Planner:
+    """The same planner with other requirements, or that with the same if it is no dataclass.
+
+    One that has another planner has its requirements from that one.
+    """
+    if not is_dataclass(planner):
+        return planner
+    parts = {field.name: getattr(planner, field.name) for field in fields(planner)}
+    changed: dict[str, Any] = {"requirements": requirements}
+    if "requirements" not in parts:
+        others = {name: one for name, one in parts.items() if isinstance(one, Planner)}
+        changed = {name: requiring(one, requirements) for name, one in others.items()}
+    return replace(planner, **changed)
 
 
 def identity(planner: Planner) -> dict[str, Any]:

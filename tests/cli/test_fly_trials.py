@@ -97,6 +97,23 @@ def test_the_nonlinear_world_leads_elsewhere_and_one_error_can_be_changed(prolea
     assert (rows(tmp_path / "b", "open loop")["delta_v"] < 1e-12).all()
 
 
+def test_a_craft_is_lost_in_every_trial_where_that_is_asked_for(prolearn, plan, tmp_path):
+    lost = ("--replan", "every-node", "--error", "lost=1", "--jobs", "1", "--out", "here")
+    done = prolearn("fly", "plan.json", "--trials", "8", *lost)
+    assert done.returncode == 0, done.stderr
+    assert "A craft is lost with probability 1; errors at goals are of others." in done.stdout
+    trials = [rows(tmp_path / "here", loop) for loop in LOOPS]
+    assert trials[0]["lost_craft"].between(0, 5).all()
+    assert trials[0]["lost_time"].between(0, 6 * 120).all()
+    assert (trials[1]["goal_error"] < 10).all()  # that of a craft adrift is a hundred
+    for column in ("lost_craft", "lost_time"):
+        assert trials[0][column].equals(trials[2][column])
+    write_plan(tmp_path / "one.json", solve(draw("rings", 0, 1, 0, Problem(), "test")))
+    done = prolearn("fly", "one.json", "--trials", "8", *lost)
+    assert done.returncode == 2
+    assert "lost is 1 and there is one craft; expected 0" in " ".join(done.stderr.split())
+
+
 @pytest.mark.system
 def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, tmp_path):
     asked = ["fly", "plan.json", "--trials", "100", "--replan", "every-node"]

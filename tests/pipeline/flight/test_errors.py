@@ -4,9 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chisquare, kstest
 
 from pipeline.errors import InputError
-from pipeline.flight.errors import COLD_GAS, Errors, burns_made, draws, navigation_errors
+from pipeline.flight.errors import (
+    COLD_GAS,
+    Errors,
+    burns_made,
+    draws,
+    lost_thrust,
+    navigation_errors,
+)
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
 
@@ -37,8 +45,6 @@ def test_draws_of_trials_and_seeds_are_independent():
 
 @pytest.mark.parametrize("name", ["bias", "noise", "burn", "lag"])
 def test_draws_are_normal(name):
-    from scipy.stats import kstest
-
     assert kstest(vars(draws(0, range(300), 4, 5))[name].ravel(), "norm").pvalue > 1e-3
 
 
@@ -158,3 +164,25 @@ def test_errors_of_a_filter_hang_together_and_know_the_orbits_size():
 def test_what_is_no_error_is_refused(wrong, sentence):
     with pytest.raises(InputError, match=sentence):
         Errors(**wrong)
+
+
+def test_any_craft_is_lost_at_any_time_alike_and_as_often_as_asked():
+    problem = Problem(nodes=6)
+    drawn = draws(2, range(20_000), 4, 5)
+    loss = lost_thrust(drawn, Errors(lost=0.3), problem)
+    lost = loss.craft >= 0
+    assert lost.mean() == pytest.approx(0.3, abs=0.01)
+    assert np.array_equal(lost, np.isfinite(loss.time))
+    assert chisquare(np.bincount(loss.craft[lost])).pvalue > 1e-3
+    assert kstest(loss.time[lost] / problem.duration, "uniform").pvalue > 1e-3
+    for missed in (drawn.missed[lost, 0, 0], drawn.missed[lost, -1, -1]):
+        assert abs(np.corrcoef(loss.time[lost], missed)[0, 1]) < 0.05
+
+
+def test_others_know_of_a_loss_at_the_next_node_or_one_later_with_late_states():
+    drawn, problem = draws(2, range(50), 4, 5), Problem(nodes=6)
+    loss = lost_thrust(drawn, Errors(lost=1.0, latency=1.0), problem)
+    for node in range(6):
+        adrift = np.where(loss.time <= node * problem.time_step, loss.craft, -1)
+        np.testing.assert_array_equal(loss.by(node), adrift)
+    assert loss.latency == 1

@@ -33,8 +33,9 @@ from pipeline.scenario import draw
 SCENARIO = draw("rings", 0, 3, 0, Problem(nodes=6), "test")
 PLAN = solve(SCENARIO)
 WORLD = LinearWorld(SCENARIO.problem.dynamics)
-OF = TrialSettings(SCENARIO, WORLD, COLD_GAS, seed=5, portion=4)
-BACK_OFF = BackOff(COLD_GAS.gaussian(SCENARIO.problem.time_step), 2.0, closed_loop=True)
+ERRORS = replace(COLD_GAS, lost=0.5)
+OF = TrialSettings(SCENARIO, WORLD, ERRORS, seed=5, portion=4)
+BACK_OFF = BackOff(ERRORS.gaussian(SCENARIO.problem.time_step), 2.0, closed_loop=True)
 LOOPS = [
     Loop("open", PLAN.controls),
     Loop("replanned", PLAN.controls, planner=Expert(), back_off=BACK_OFF),
@@ -69,7 +70,7 @@ def test_two_workers_write_the_same_bytes_as_one(undisturbed, tmp_path):
 def test_a_row_is_what_its_trial_flown_alone_comes_to(undisturbed):
     row = {name: values[7] for name, values in undisturbed[1]["open"].items() if len(values)}
     drawn = draws(5, range(7, 8), 3, 5)
-    alone = fly_trials(SCENARIO, WORLD, open_loop(PLAN.controls), drawn, COLD_GAS)
+    alone = fly_trials(SCENARIO, WORLD, open_loop(PLAN.controls), drawn, ERRORS)
     assert row["trial"] == 7
     assert row["goal_error"] == alone["goal_error"][0]
     assert row["delta_v"] == alone["delta_v"][0]
@@ -81,7 +82,7 @@ def test_a_row_is_what_its_trial_flown_alone_comes_to(undisturbed):
 
 
 def test_trials_in_memory_are_those_of_the_folder(undisturbed):
-    found = fly_loops(SCENARIO, WORLD, COLD_GAS, LOOPS, trials=10, seed=5)
+    found = fly_loops(SCENARIO, WORLD, ERRORS, LOOPS, trials=10, seed=5)
     for loop in LOOPS:
         for name, values in undisturbed[1][loop.name].items():
             if name != "replan_seconds":
@@ -91,7 +92,7 @@ def test_trials_in_memory_are_those_of_the_folder(undisturbed):
 def test_the_schema_says_how_trials_were_made(undisturbed):
     path = undisturbed[0] / "loop=replanned" / "part-00000.parquet"
     told = json.loads(pq.read_schema(path).metadata[b"prolearn"])
-    assert told["errors"]["magnitude"] == COLD_GAS.magnitude
+    assert told["errors"]["magnitude"] == ERRORS.magnitude
     assert (told["seed"], told["loop"], told["planner"]["name"]) == (5, "replanned", "expert")
     assert (told["back_off"]["sigmas"], told["world"]["name"]) == (2.0, "LinearWorld")
     assert told["collision_radius"] == 15.0
@@ -162,7 +163,7 @@ def test_killed_at_any_step_of_writing_the_next_run_gives_the_same_bytes(tmp_pat
     ("other", "named"),
     [
         (replace(OF, seed=6), "seed = 5, now it is 6"),
-        (replace(OF, errors=replace(COLD_GAS, timing=0.2)), r"errors\.timing = .*, now it is 0\.2"),
+        (replace(OF, errors=replace(ERRORS, timing=0.2)), r"errors\.timing = .*, now it is 0\.2"),
         (replace(OF, portion=5), "portion = 4, now it is 5"),
     ],
 )

@@ -161,10 +161,10 @@ def test_there_and_back_is_exact():
     assert np.abs(still.to_inertial(states) - frame.to_inertial(states)).max() > 0.5
 
 
-def by_runge_kutta(world, states, push, interval, dragged=None):
+def by_runge_kutta(world, states, push, interval, dragged=None, part=(0.0, 1.0)):
     """End of an arc by DOP853, each craft's difference from the reference by itself."""
-    orbit, h = world.orbit, world.time_step
-    origin = orbit.states(np.array([0.0, interval * h]))[1]
+    orbit, h = world.orbit, (part[1] - part[0]) * world.time_step
+    origin = orbit.states(np.array([0.0, (interval + part[0]) * world.time_step]))[1]
     held = np.zeros(len(states)) if dragged is None else dragged
     own = orbit.ballistic or 0.0
     ends = []
@@ -203,6 +203,22 @@ def test_an_arc_ends_where_a_runge_kutta_method_says(step, changed):
     truth = by_runge_kutta(world, RING, push, 1)
     assert np.abs(found - truth)[:, :3].max() < 1e-6
     assert np.abs(found - truth)[:, 3:].max() < 1e-9
+
+
+@pytest.mark.parametrize("share", [1e-9, 0.3, 0.9])
+def test_an_arc_whose_thrust_ends_in_it_ends_where_a_runge_kutta_method_says(share):
+    world = world_of(600.0, 3)
+    truth = by_runge_kutta(world, RING, PUSHES[0], 1, part=(0.0, share))
+    truth = by_runge_kutta(world, truth, IDLE, 1, part=(share, 1.0))
+    first = world.arc(RING, PUSHES[0], 1, (0.0, share))
+    end = world.arc(first[:, -1, -1], IDLE, 1, (share, 1.0))[:, -1, -1]
+    assert np.abs(end - truth)[:, :3].max() < 1e-6
+    assert np.abs(end - truth)[:, 3:].max() < 1e-9
+    linear = LinearWorld(Problem(time_step=600.0, nodes=4).about(world.orbit).dynamics)
+    whole = linear.arc(RING, PUSHES[0], 1)[:, -1, -1]
+    middle = linear.arc(RING, PUSHES[0], 1, (0.0, share))[:, -1, -1]
+    again = linear.arc(middle, PUSHES[0], 1, (share, 1.0))[:, -1, -1]
+    np.testing.assert_allclose(again, whole, atol=1e-8)
 
 
 def test_a_craft_that_is_one_of_many_is_flown_as_well():
