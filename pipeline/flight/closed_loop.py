@@ -2,8 +2,9 @@
 
 The goal stays. What is flown is the cheapest of two plans that are safe from the estimate, the
 planner's new one and the one under way, corrected for the goal: so an undisturbed swarm pays no
-more than its plan. Where neither is safe, the planner is asked for less and less separation, and
-of all known plans the one is flown that keeps craft furthest apart.
+more than its plan. Where neither is safe, passive safety is given up first; then the planner is
+asked for less and less separation, and of all known plans the one is flown that keeps craft
+furthest apart.
 
 Two intervals before the end the goal determines all controls: six for six components of a state.
 In the last one three are left, and the goal can only be met in part: the control is flown that
@@ -71,8 +72,8 @@ class ClosedLoop:
         """
         self._scenario, self._planner, self._back_off = scenario, planner, back_off
         self._loss, self._lost = loss, np.full(trials, -1)  # the craft of which it is known
-        self._after = planner  # who plans then
-        if planner.requirements.passive_safety is not None and loss is not None:
+        self._after = planner  # who plans then, and where passive safety cannot be kept
+        if planner.requirements.passive_safety is not None:
             self._after = requiring(planner, replace(planner.requirements, passive_safety=None))
         self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
@@ -97,19 +98,34 @@ class ClosedLoop:
     def _replan(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
-        required = self._planner.requirements
+        required, asked = self._planner.requirements, [*_asked(problem, apart_at(estimate))]
         choice = Choice(problem, estimate, corrected, required, self._lost, self._allowance)
-        if problem.intervals > DETERMINED:
-            self._ask(choice, node, estimate, problem)
         self._ahead = choice.controls
+        if problem.intervals > DETERMINED:
+            self.seconds[:, node] = 0.0
+            relaxed = required.passive_safety is not None
+            self._ask(choice, node, estimate, self._planner, asked[:1] if relaxed else asked)
+            if relaxed and choice.open.any():  # rather in flight than after a loss of thrust
+                least = self._after.requirements
+                flown = Choice(problem, estimate, choice.controls, least, self._lost)
+                flown.open &= choice.open
+                self._ask(flown, node, estimate, self._after, asked)
+                self._ahead = np.where(
+                    choice.open[:, None, None, None], flown.controls, choice.controls
+                )
         self.unsafe += ~choice.safe(problem.collision_radius)
 
     def _ask(
-        self, choice: "Choice", node: int, estimate: Float[Array, "K n 6"], problem: Problem
+        self,
+        choice: "Choice",
+        node: int,
+        estimate: Float[Array, "K n 6"],
+        planner: Planner,
+        separations: Sequence[EachTrial],
     ) -> None:
-        """Ask the planner, for less separation each time where it finds nothing safe."""
-        self.seconds[:, node] = 0.0
-        for asked in _asked(problem, apart_at(estimate)):
+        """Ask a planner, for less separation each time where it finds nothing safe."""
+        problem = choice.problem
+        for asked in separations:
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
                 wider = replace(problem, collision_radius=radius)
                 asks = replace(self._scenario, problem=wider)
@@ -119,20 +135,25 @@ class ClosedLoop:
                     starts = [replace(asks, initial=estimate[k]) for k in which]
                     if some.any():
                         starts = list(map(without, starts, self._lost[which].tolist()))
-                        self._offer(choice, node, which, starts)
+                        self._offer(choice, node, which, starts, planner)
 
     def _offer(
-        self, choice: "Choice", node: int, which: Int[Array, "k"], starts: Sequence[Scenario]
+        self,
+        choice: "Choice",
+        node: int,
+        which: Int[Array, "k"],
+        starts: Sequence[Scenario],
+        planner: Planner,
     ) -> None:
-        """Offer the planner's plans for some trials, with a back-off where no craft is lost."""
+        """Offer a planner's plans for some trials, with a back-off where no craft is lost."""
         radius = starts[0].problem.collision_radius
         intact = self._lost[which[0]] < 0
-        plans = (self._planner if intact else self._after).plan(starts)
+        plans = (planner if intact else self._after).plan(starts)
         self._spent(node, which, plans)
         whole = radius == self._scenario.problem.collision_radius
         if self._back_off is not None and intact and whole:
             safe = np.array([plan.status == SOLVED for plan in plans])
-            seeds, required = list(compress(plans, safe)), self._planner.requirements
+            seeds, required = list(compress(plans, safe)), planner.requirements
             further = with_back_off(seeds, self._back_off, required)
             self._spent(node, which[safe], further)
             choice.offer(which[safe], further, radius, self._back_off)
@@ -199,6 +220,7 @@ class Choice:
     """The choice of the plan that is flown, of several for each of K trials.
 
     Attributes:
+        problem: of the intervals that are left.
         controls: of the best so far, (K, n, intervals, 3), m/s².
         separation: no pair comes closer than this on them, from the estimate, (K,), m: at any time
             or at the nodes, and after a first loss of thrust, as is required.
@@ -219,7 +241,7 @@ class Choice:
         The craft of each trial that has ``lost`` its thrust, -1 for none, has no controls.
         The allowance, m/s², is fuel beyond theirs that a back-off may cost.
         """
-        self._problem, self._estimate, self._requirements = problem, estimate, requirements
+        self.problem, self._estimate, self._requirements = problem, estimate, requirements
         self._lost, under_way = lost, np.array(under_way)
         adrift = lost >= 0
         under_way[adrift, lost[adrift]] = 0.0
@@ -251,7 +273,7 @@ class Choice:
                 each[k] = np.insert(each[k], lost, 0.0, axis=0)
         controls = self._within_limit(np.stack(each))
         separation = self._separation(which, controls)
-        to_goal = np.array([_is_at_goal(plan, self._problem) for plan in plans])
+        to_goal = np.array([_is_at_goal(plan, self.problem) for plan in plans])
         safe = to_goal & (separation > radius)
         kept = self._to_goal[which] & (self.separation[which] > radius)
         further = (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
@@ -272,7 +294,7 @@ class Choice:
         return self._to_goal & (self.separation > radius)
 
     def _within_limit(self, controls: SomeControls) -> SomeControls:
-        limit = self._problem.max_acceleration
+        limit = self.problem.max_acceleration
         return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
 
     def _keeps(
@@ -281,26 +303,26 @@ class Choice:
         """Whether trials keep a back-off besides, on some controls."""
         trials, n, intervals, _ = controls.shape
         initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
-        flown = Trajectory(flat, _nodes(initial, flat, self._problem))
+        flown = Trajectory(flat, _nodes(initial, flat, self.problem))
         swarms, asked = side_by_side((n,) * trials), self._requirements
-        return keeps_back_off(flown, self._problem, asked, back_off, swarms)
+        return keeps_back_off(flown, self.problem, asked, back_off, swarms)
 
     def _separation(
         self, which: Int[Array, "k"] | slice, controls: SomeControls
     ) -> Float[Array, "k"]:
         trials, n, intervals, _ = controls.shape
         initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
-        states = _nodes(initial, flat, self._problem)
+        states = _nodes(initial, flat, self.problem)
         if self._requirements.at_nodes:
             each = states.reshape(trials, n, *states.shape[1:])
             return node_distances(each).min(axis=(1, 2), initial=np.inf)
         swarms = side_by_side((n,) * trials)
-        found = least_separations(states, flat, self._problem, swarms)
+        found = least_separations(states, flat, self.problem, swarms)
         bounds = np.array([one.bound for one in found])
         orbits = self._requirements.passive_safety
         if orbits is None or n == 1:
             return bounds
-        drifting = least_after_loss(states, flat, self._problem, orbits, swarms)
+        drifting = least_after_loss(states, flat, self.problem, orbits, swarms)
         lost = self._lost[which] >= 0
         return np.where(lost, bounds, np.minimum(bounds, [one.bound for one in drifting]))
 

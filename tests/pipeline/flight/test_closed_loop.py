@@ -11,6 +11,7 @@ from judge import Case, closest_adrift
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.closed_loop import ClosedLoop
+from pipeline.flight.conditions import conditions_of, world_of
 from pipeline.flight.errors import COLD_GAS, Errors, draws
 from pipeline.flight.loops import MARGIN, flight_loops
 from pipeline.flight.trials import fly_trials, open_loop
@@ -239,3 +240,15 @@ def test_a_network_for_one_time_grid_alone_says_so():
     model = Model("ff1", found.config, "t", encoding, network)
     with pytest.raises(InputError, match="nodes"):
         flown(scenario, closed(scenario, plan, NetworkPlanner(model, "ff1"), trials=1), trials=1)
+
+
+def test_where_passive_safety_cannot_be_kept_separation_in_flight_is():
+    """In one plane, what linear motion leaves out is enough for no plan to be passively safe."""
+    scenario = draw("coplanar-split", 0, 10, 1, Problem(), "valid")
+    asked = Requirements(passive_safety=0.5)
+    plan = solve(scenario, requirements=asked)
+    _, loop, _ = flight_loops(plan, Errors(), Expert(requirements=asked))
+    world = world_of(scenario, conditions_of(scenario))
+    found = loop.fly(scenario, world, Errors(), range(1), 0)
+    assert found["unsafe_replans"][0] > 0
+    assert found["min_separation"][0] > 15
