@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from endless import endless
 from judge.keep_out import outside
 from koenig import transition
 from relative import linear_maps, pull, state_of, true_anomaly
@@ -175,9 +176,9 @@ def test_the_files_start_where_transformer_mpc_does():
 
 
 def test_a_foreign_planner_that_takes_too_long_is_ended_and_its_row_says_so():
-    """One second is not enough for an import of the packages."""
+    never = Peer("never", endless, "in a process of its own", foreign=True)
     slow = Peer("slow", by_repair, "in a process of its own", foreign=True)
-    _, row = swarm_rows(("rings", 4, 2), [PEERS[0], slow], patience=1)
+    _, row = swarm_rows(("rings", 4, 2), [PEERS[0], never], patience=1)
     assert row["time, s"].startswith("no plan in ")
     assert float(row["time, s"].split()[3]) >= 1
     assert row["safe at nodes"] == "0 of 0"

@@ -12,6 +12,7 @@ from cli.settings import Evaluation, Flights
 from pipeline.errors import InputError
 from pipeline.experiments.records import LINEAR, NO_ERRORS, OPEN, REPLANNED
 from pipeline.networks.recipes import Recipe
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.results import Done, latest, table_of
@@ -23,7 +24,7 @@ CRAFT = 3
 
 def fly(solved: Path, models: str | None = None, **options: Any) -> Done:
     asked = Flights(models=models, data=str(solved), n=CRAFT, trials=1, flights=1)
-    return flights(asked, jobs=1, **options)
+    return flights(asked, workers=Workers(1), **options)
 
 
 class Counts(Progress):

@@ -1,0 +1,6 @@
+"""A planner that never answers."""
+
+
+def endless(*_: object) -> None:
+    while True:
+        pass
