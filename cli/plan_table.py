@@ -170,9 +170,10 @@ def _risk(row: Row) -> list[str]:
     if risk is None:
         return [MISSING] * 2
     bare, feedback = risk["fuel_without"], risk["feedback"]
-    costs = f"{row['fuel'] / bare - 1:.2%}" if bare else MISSING
+    costs = f"{row['fuel'] / bare - 1:z.2%}" if bare else MISSING
     if bare and feedback:
-        costs += f" + {feedback['delta_v'] / row['delta_v'] * row['fuel'] / bare:.2%}"
+        added = feedback["delta_v"] / row["delta_v"] * row["fuel"] / bare
+        costs = f"{costs.removesuffix('%')}+{added:.1%}"
     return [number(risk["bound"]), costs]
 
 

@@ -21,6 +21,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements, RiskLimit
 from pipeline.plan.document import write_plan
 from pipeline.scenario import draw
+from pipeline.scenario.document import write_scenario
 
 TRIALS = ("--trials", "60", "--jobs", "1")
 LOOPS = ["open loop", "replanned", "with margin"]
@@ -161,6 +162,36 @@ def test_a_plan_for_a_risk_is_not_planned_anew(prolearn, tmp_path):
     done = prolearn("fly", "plan.json", *REPLANNED)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "risk of at most 0.1 in open loop, which planning anew does not keep" in done.stderr
+
+
+def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn, tmp_path):
+    """Asked for on the command line: the table says what corrections add."""
+    scenario = draw("rings", 0, 10, 8, Problem(), "test")
+    write_scenario(tmp_path / "s.json", scenario)
+    for wrong, words in (
+        (("--closed-loop",), "--closed-loop is given without --risk"),
+        (("--risk", "0.01", "--closed-loop"), "no error is given"),
+        (
+            ("--risk", "0.01", "--errors", "electric", "--thrust-sigma", "1"),
+            "a sigma is given besi",
+        ),
+    ):
+        done = prolearn("plan", "s.json", "--out", "plan.json", *wrong)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert words in done.stderr
+    asked = "--risk", "0.01", "--errors", "cold-gas", "--closed-loop", "--json"
+    (told,) = json.loads(prolearn("plan", "s.json", "--out", "plan.json", *asked).stdout)
+    assert told["risk"]["bound"] <= 0.01
+    assert told["risk"]["feedback"]["delta_v"] > 0
+    refused = prolearn("fly", "plan.json", *REPLANNED)
+    assert refused.returncode == 2
+    assert "expected feedback: --replan feedback" in refused.stderr
+    flown = prolearn("fly", "plan.json", "--trials", "100", "--replan", "feedback", "--json")
+    open_loop, feedback = json.loads(flown.stdout)["loops"]
+    assert (open_loop["loop"], feedback["loop"]) == ("open loop", "feedback")
+    assert open_loop["within_radius"] > 0.15
+    assert feedback["within_radius"] < 0.1
+    assert feedback["goal_error_median"] < open_loop["goal_error_median"] / 5
 
 
 @pytest.mark.parametrize(
