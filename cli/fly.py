@@ -220,7 +220,7 @@ def print_flight(report: Mapping[str, Any]) -> None:
 
 
 def _is_near(row: Mapping[str, Any], radius: float) -> bool:
-    """Whether a pair comes too close in a flight, or a craft leaves a corridor."""
+    """Whether a flight violates the separation of a pair or a craft's corridor."""
     if (inside := row.get("corridor")) and inside["min_margin_bound"] <= 0:
         return True
     if clear := row.get("clearance"):
@@ -274,7 +274,7 @@ def _corridor(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _apart(report: Mapping[str, Any]) -> str:
-    """Whether any pair comes too close, and which is the closest."""
+    """A sentence on safety: whether any pair comes too close, and the closest pair."""
     radius, clear = report["collision_radius"], report.get("clearance")
     if clear:
         wrong, what = clear["min_clearance_bound"] <= 0, _clear(clear)

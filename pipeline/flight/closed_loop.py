@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from pipeline.arrays import Array
 from pipeline.expert import BackOff, Trajectory, keeps_back_off, with_back_off
 from pipeline.flight.errors import Loss
-from pipeline.orbit.approaches import TOLERANCE, pairs, side_by_side
+from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, pairs, side_by_side
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import last_control
 from pipeline.orbit.participants import Obstacle
@@ -145,7 +145,7 @@ class ClosedLoop:
         starts: Sequence[Scenario],
         planner: Planner,
     ) -> None:
-        """Offer a planner's plans for some trials, with a back-off where no craft is lost."""
+        """Plan some trials anew and offer the plans; with a back-off where no craft is lost."""
         radius = starts[0].problem.collision_radius
         intact = self._lost[which[0]] < 0
         plans = (planner if intact else self._after).plan(starts)
@@ -301,22 +301,25 @@ class Choice:
         self, back_off: BackOff, which: Int[Array, "k"], controls: SomeControls
     ) -> Bool[Array, "k"]:
         """Whether trials keep a back-off besides, on some controls."""
+        flown, swarms = self._flown(which, controls)
+        return keeps_back_off(flown, self.problem, self._requirements, back_off, swarms)
+
+    def _flown(
+        self, which: Int[Array, "k"] | slice, controls: SomeControls
+    ) -> tuple[Trajectory, SwarmPartition]:
+        """Motion of trials' craft from the estimate, and which of them belong together."""
         trials, n, intervals, _ = controls.shape
         initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
-        flown = Trajectory(flat, _nodes(initial, flat, self.problem))
-        swarms, asked = side_by_side((n,) * trials), self._requirements
-        return keeps_back_off(flown, self.problem, asked, back_off, swarms)
+        return Trajectory(flat, _nodes(initial, flat, self.problem)), side_by_side((n,) * trials)
 
     def _separation(
         self, which: Int[Array, "k"] | slice, controls: SomeControls
     ) -> Float[Array, "k"]:
-        trials, n, intervals, _ = controls.shape
-        initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
-        states = _nodes(initial, flat, self.problem)
+        (trials, n), (flown, swarms) = controls.shape[:2], self._flown(which, controls)
+        states, flat = flown.states, flown.controls
         if self._requirements.at_nodes:
             each = states.reshape(trials, n, *states.shape[1:])
             return node_distances(each).min(axis=(1, 2), initial=np.inf)
-        swarms = side_by_side((n,) * trials)
         found = least_separations(states, flat, self.problem, swarms)
         bounds = np.array([one.bound for one in found])
         orbits = self._requirements.passive_safety

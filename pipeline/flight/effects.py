@@ -183,7 +183,7 @@ def _is_apart(last: Effect, radius: float) -> bool:
 
 
 def _node_collisions(scenario: Scenario, last: Effect) -> int:
-    """Pairs and nodes that are too close."""
+    """Number of node collisions: pairs of participants that are too close, counted node by node."""
     swarms = participants([scenario])
     if isinstance(swarms, Participants):
         swarms.states = last.obstacles

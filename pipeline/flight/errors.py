@@ -239,8 +239,9 @@ def burns_made(
     in_size = np.hypot(errors.magnitude * size, errors.magnitude_fixed / time_step)
     across = np.hypot(errors.direction * size, errors.direction_fixed / time_step)
     error = in_size[..., None] * along + across[..., None] * (draw - along)
-    error += errors.magnitude_bias * drawn.thruster[..., :1] * commanded
-    error += errors.direction_bias * np.cross(drawn.thruster[..., 1:], commanded)
+    if errors.magnitude_bias or errors.direction_bias:
+        error += errors.magnitude_bias * drawn.thruster[..., :1] * commanded
+        error += errors.direction_bias * np.cross(drawn.thruster[..., 1:], commanded)
     burns, lag = burning[..., None], errors.timing * drawn.lag[:, interval]
     held = np.where(missed[..., None], 0.0, np.where(burns, commanded + error, commanded))
     return Burns(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))

@@ -180,7 +180,7 @@ def fly_all(
 
 
 def _unlike(scenario: Scenario) -> dict[str, Any]:
-    """What a scenario has that its problem, n and ends do not say, where craft are not alike."""
+    """Radii, obstacles and corridors of a scenario, for the metadata of a shard."""
     if not scenario.unlike:
         return {}
     return {

@@ -73,8 +73,9 @@ def fly_trials(
         known = np.broadcast_to(known, (*shape, 6))
         commanded = guidance(node, carried if errors.latency and node else known)
         commanded = np.where(adrift[..., None], 0.0, commanded)
-        A, B = problem.dynamics.step(h, node)
-        carried = np.matvec(A, known) + np.matvec(B, commanded)  # to the next node
+        if errors.latency:  # what is known, carried on to the next node
+            A, B = problem.dynamics.step(h, node)
+            carried = np.matvec(A, known) + np.matvec(B, commanded)
         burns = burns_made(commanded, drawn, node, errors, h)
         before, adrift = adrift, _marked(loss.by(node + 1), n)
         stops = (adrift & ~before)[..., None]

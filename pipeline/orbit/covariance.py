@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.arrays import Controls, Indices, Values, Vectors
+from pipeline.orbit.arrays import Controls, Indices, PositionMaps, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
@@ -114,7 +114,7 @@ class Dispersion:
         return both @ both.mT
 
     def of_pairs(self, first: Indices, second: Indices, interval: Indices) -> Float[Array, "k 9 9"]:
-        """The same of the difference of two craft."""
+        """Covariance of the difference of two craft: state at an interval's start, and control."""
         return self.covariance[first, interval] + self.covariance[second, interval]
 
     def most_acceleration(self, problem: Problem) -> Float[Array, "n intervals"]:
@@ -140,9 +140,10 @@ class Dispersion:
 def dispersion(
     controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
 ) -> Dispersion:
-    """The dispersion of craft that fly some controls (m/s²), whatever states they start from.
+    """Linear covariance analysis of craft that fly given controls, m/s².
 
-    In open loop, or with ``pipeline.orbit.feedback`` from an estimate at each node.
+    Whatever states they start from, in open loop or with ``pipeline.orbit.feedback`` from an
+    estimate at each node.
     """
     noise, bias = navigation_roots(uncertainty, problem)
     burn = burn_deviation(controls, problem, uncertainty)
@@ -262,9 +263,14 @@ def burn_deviation(
 
 def deviation_along(
     normal: Vectors,
-    maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
+    maps: PositionMaps,
     covariance: Float[Array, "k 9 9"],
 ) -> Values:
     """Standard deviation of a relative position along unit vectors, m, by its maps."""
     row = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)
-    return np.sqrt(np.maximum(np.vecdot(np.vecmat(row, covariance), row), 0.0))
+    return standard_deviation(row, covariance)
+
+
+def standard_deviation(rows: Float[Array, "k d"], covariance: Float[Array, "k d d"]) -> Values:
+    """Standard deviations of linear functionals, as rows, of errors with some covariances."""
+    return np.sqrt(np.maximum(np.vecdot(np.vecmat(rows, covariance), rows), 0.0))

@@ -219,7 +219,7 @@ def least_cost(
     most: float,
     problem: Problem,
 ) -> float:
-    """Lower bound on the fuel of one craft, m/s², for changes of its states at some nodes.
+    """Lower bound on one craft's fuel, m/s², for given changes of its states at some nodes.
 
     By a linear program of thrusters; in place of one that is pointed, of so many and so strong ones
     that it does nothing more cheaply. Infinite where none meets the goal.

@@ -42,7 +42,7 @@ from pipeline.arrays import Array
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
 from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion
+from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
 from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
 
@@ -135,9 +135,11 @@ class _Stretches:
         spread = both @ self.errors[at] @ both.mT
         radius = self.problem.collision_radius
         normal = likeliest_direction(mean[:, :3], spread[:, :3, :3], radius)
-        place = np.vecdot(normal, mean[:, :3]) - self.normals * _along(normal, spread[:, :3, :3])
+        place = np.vecdot(normal, mean[:, :3]) - self.normals * standard_deviation(
+            normal, spread[:, :3, :3]
+        )
         speed = np.abs(np.vecdot(normal, mean[:, 3:]))
-        speed += self.normals * _along(normal, spread[:, 3:, 3:])
+        speed += self.normals * standard_deviation(normal, spread[:, 3:, 3:])
         least = place - (speed + self.stray[at] * half / 2) * half
         return near & (least < radius)
 
@@ -246,14 +248,10 @@ def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> V
     found = np.ones(len(gap))
     largest = np.linalg.eigh(covariance)[1][..., -1]
     for normal in (likeliest_direction(gap, covariance, radius), largest):
-        sigma, along = np.maximum(_along(normal, covariance), TINY), np.vecdot(normal, gap)
+        sigma = np.maximum(standard_deviation(normal, covariance), TINY)
+        along = np.vecdot(normal, gap)
         found = np.minimum(found, ndtr((radius - along) / sigma) - ndtr((-radius - along) / sigma))
     return found
-
-
-def _along(normal: Vectors, covariance: Float[Array, "k 3 3"]) -> Values:
-    """Standard deviation along unit vectors."""
-    return np.sqrt(np.maximum(np.vecdot(np.vecmat(normal, covariance), normal), 0.0))
 
 
 def levels_at(
@@ -263,7 +261,7 @@ def levels_at(
     gap, covariance = _at_node(node, first, second, states, spread)
     apart = norm(gap)
     normal = gap / np.maximum(apart, TINY)[:, None]
-    sigma = np.sqrt(np.vecdot(np.vecmat(normal, covariance), normal))
+    sigma = standard_deviation(normal, covariance)
     return (apart - distance) / np.maximum(sigma, TINY)
 
 

@@ -160,7 +160,7 @@ def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenar
 
 
 def _eased(scenario: Scenario, wider: float = 0.0, inside: float = 0.0) -> Scenario:
-    """The scenario with so much more separation, and in corridors, m, and a little less thrust."""
+    """The scenario with separation and corridors tightened, m, and thrust limits a little lower."""
     scenario = scenario.wider(wider, inside)
     problem = scenario.problem
     limit = None if problem.max_acceleration is None else problem.max_acceleration * LIMIT_SHARE

@@ -167,7 +167,7 @@ def _corridor_rows(inside: CorridorMargin | None) -> Rows:
 
 
 def _waypoint_rows(found: Certificate) -> Rows:
-    """By how much waypoints are missed, where there are any."""
+    """Largest errors at waypoints, in position and velocity, where there are any."""
     position, velocity = found.waypoint_error, found.waypoint_velocity_error
     if position is None or velocity is None:
         return []

@@ -79,7 +79,7 @@ def integrated(scenario, controls, conditions, after=0):
 
 
 def gaps(scenario, craft, others, radii, axes):
-    """Least distances of surfaces over time: craft from each of the others, (n, n + m)."""
+    """Least clearance over time between each craft and every participant, (n, n + m), m."""
     least = np.full((len(craft), len(others)), np.inf)
     for i, one in enumerate(craft):
         for j, other in enumerate(others):

@@ -272,7 +272,7 @@ def test_a_false_margin_is_found_and_a_corridor_that_cannot_be_kept_is_named():
 
 @pytest.mark.parametrize("e", [0.01, 0.3])
 def test_craft_that_lose_their_thrust_stay_clear_of_obstacles_as_the_certificate_says(e):
-    """Every craft flown on from every node, beside the others and what drifts; seen every 6 s."""
+    """By brute force: each craft drifts from each node, and distances are sampled every 6 s."""
     problem, orbits, parts = Problem().about(about(e)), 0.1, 20
     target = Obstacle("target", (0.0,) * 6, radius=20.0, hold=True)
     debris = Obstacle("debris", (40.0, -250.0, 60.0, 0.0, -0.08, 0.0), radius=10.0)
