@@ -87,10 +87,10 @@ def flights(
     """Experiment 5: what flies.
 
     Plans of expert, networks and baselines are flown in the linear model and about an oblate
-    Earth, without and with errors of thrust and navigation: as they are, made anew at every node,
-    and with margin. The expert makes a network's plans safe where they are not. Beside these,
-    plans made as flown, also about eccentric orbits and, where the data have them, for n = 30, are
-    flown without errors.
+    Earth, without and with errors of thrust and navigation: as they are, for a risk with feedback,
+    made anew at every node, and with margin. The expert makes a network's plans safe where they
+    are not. Beside these, plans made as flown, also about eccentric orbits, are flown without
+    errors. Swarms of n = 30 fly about the usual orbit, too, where the data have them.
 
     Examples:
 

@@ -13,15 +13,16 @@ from pipeline.experiments import averages, records
 from pipeline.experiments.averages import average
 from pipeline.experiments.records import (
     AS_FLOWN,
+    FEEDBACK,
     LINEAR,
     LOOPS,
     NO_ERRORS,
     OPEN,
     ORBITS,
     PLANNED,
+    RISK,
     TYPICAL,
     WITH_ERRORS,
-    WORLDS,
 )
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
@@ -56,16 +57,17 @@ AVERAGES = (
     *(DELTA_V, MOST_DELTA_V, OVER_LINEAR, NO_PLAN),
 )
 
-CONDITIONS = [Column(name.capitalize(), name) for name in CONDITION]
+N = Column("n", "n", count)
+CONDITIONS = [N, *(Column(name.capitalize(), name) for name in CONDITION)]
 
 COLUMNS = [
-    *(Column("Planner", "name"), Column("Recipe", "recipe"), *CONDITIONS[1:], WITHIN_SIZE),
+    *(N, Column("Planner", "name"), Column("Recipe", "recipe"), *CONDITIONS[2:], WITHIN_SIZE),
     *(averages.SEPARATION, GOAL, GOAL_HIGH, DELTA_V, MOST_DELTA_V, NO_PLAN),
 ]
 """Columns of what else became of the flights about the usual low orbit."""
 
 PLANNED_COLUMNS = [
-    *(Column("n", "n", count), Column("Orbit", "world"), Column("Planned", "planned")),
+    *(N, Column("Orbit", "world"), Column("Planned", "planned")),
     *(Column("Planner", "name"), Column("Recipe", "recipe"), WITHIN_RADIUS),
     *(averages.SEPARATION, GOAL, GOAL_MOST, OVER_LINEAR),
 ]
@@ -76,16 +78,17 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     """The verdict on all planners, the figure and both tables."""
     template = "pipeline/experiments/experiment5.md.jinja"
     if flights.empty:
-        return Section(template, {"flown": None})
+        return Section(template, {"trials": ""})
     every = summarize_flights(flights)
     summary, planned = in_loops(every), in_both_models(every)
     values = {
-        "flown": {"n": int(summary["n"].iloc[0]), "each": int(flights["flight"].max()) + 1},
-        "trials": int(summary["trials"].max()),
+        "each": int(flights["flight"].max()) + 1,
+        "trials": _trials(summary),
         "planned": None if planned.empty else planned_values(flights, planned, look),
         "most": share(1 - SAFE),
         "typical": TYPICAL,
         "size": SIZE,
+        "risk": RISK,
         "picture": Picture("experiment5", flights_figure(summary, look)),
         "within": within_table(summary),
         "conditions": conditions_table(summary),
@@ -97,21 +100,31 @@ def planned_values(
     flights: pd.DataFrame, summary: pd.DataFrame, look: Mapping[str, Style]
 ) -> dict[str, Any]:
     """What the section says of plans as flown, beside those for the linear model."""
-    sizes = summary.groupby("n")["trials"].max()
     *shapes, last = (f"{ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
     return {
         "claim": _claim(flights),
-        "trials": " and ".join(f"{trials:,} of n = {n}" for n, trials in sizes.items()),
+        "trials": _trials(summary),
         "orbits": " and ".join(filter(None, (", ".join(shapes), last))),
         "picture": Picture("experiment5-as-flown", planned_figure(summary, look)),
         "table": Table("experiment5-as-flown", averages.named(summary), PLANNED_COLUMNS),
     }
 
 
+def _trials(summary: pd.DataFrame) -> str:
+    """How many scenarios of each n."""
+    sizes = summary.groupby("n")["trials"].max()
+    return " and ".join(f"{trials:,} of n = {n}" for n, trials in sizes.items())
+
+
 def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
-    """Plans for the linear model, in the worlds in which they are also flown with errors."""
-    ways = (summary["planned"] == LINEAR) & summary["world"].isin(WORLDS)
-    return summary[ways & (summary["n"] == summary["n"].min())]
+    """Plans flown in all loops, and those without errors in the same worlds, for the linear model.
+
+    With feedback a plan is made for the risk, and as flown.
+    """
+    chosen = (summary["planned"] == LINEAR) | (summary["loop"] == FEEDBACK)
+    key = ["n", "world"]
+    worlds = summary.loc[summary["loop"] == FEEDBACK, key].drop_duplicates()
+    return summary[chosen].merge(worlds, on=key)
 
 
 def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
@@ -126,7 +139,7 @@ def within_table(summary: pd.DataFrame) -> Table:
     """Flights in which a pair comes within r_col: a row a condition, a column a planner."""
     names = list(map(called, summary["planner"], summary["recipe"]))
     rows, printed = summary.assign(label=names), {name: name for name in names}
-    frame, columns = averages.wide(rows, CONDITION, "label", WITHIN_RADIUS, printed)
+    frame, columns = averages.wide(rows, ["n", *CONDITION], "label", WITHIN_RADIUS, printed)
     return Table("experiment5-within", frame, [*CONDITIONS, *columns])
 
 
@@ -175,13 +188,11 @@ BOTTOM = 0.003  # least error at the goal that is shown, m; the linear world wit
 
 @in_style
 def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
-    """A column of panels for each world; markers by planner and loop, hollow without errors."""
+    """A column of panels for each n and world; markers by planner and loop, hollow if exact."""
     exact = summary["errors"] == NO_ERRORS
     rows = summary.assign(at=summary["loop"].map(LOOPS.index), hollow=exact, ranged=~exact)
     shown = {
-        f"{world} world" if world == LINEAR else f"nonlinear, {world}": rows[rows["world"] == world]
-        for world in WORLDS
-        if world in set(rows["world"])
+        f"n = {n}, {world}": some for (n, world), some in rows.groupby(["n", "world"], sort=False)
     }
     drawn = {
         WITHIN_RADIUS.title: (WITHIN_RADIUS.source, LOW, HIGH),
@@ -282,12 +293,14 @@ def _markers(
 
 
 HOLDS: Rules = (
-    ((True, ANY, ANY), "Yes, as they stand"),
-    ((ANY, True, ANY), "Yes, made anew at every node"),
-    ((ANY, ANY, True), "Only made anew at every node with a margin"),
-    ((False, False, False), "No, not even made anew with a margin"),
-    ((False, ANY, ANY), "Not as they stand; else too few scenarios"),
-    ((ANY, ANY, ANY), "Open: too few scenarios"),
+    ((True, ANY, ANY, ANY), "Yes, as they stand"),
+    ((ANY, ANY, True, ANY), "Yes, made anew at every node"),
+    ((ANY, True, ANY, True), "Only for a risk with feedback, or made anew with a margin"),
+    ((ANY, True, ANY, ANY), "Only for a risk with feedback"),
+    ((ANY, ANY, ANY, True), "Only made anew at every node with a margin"),
+    ((False, False, False, False), "No, with feedback or a margin neither"),
+    ((False, ANY, ANY, ANY), "Not as they stand; else too few scenarios"),
+    ((ANY, ANY, ANY, ANY), "Open: too few scenarios"),
 )
 """By whether plans hold in each of LOOPS: a pair comes within r_col in few enough flights."""
 
@@ -304,17 +317,17 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
     typical = summary[summary["world"] == TYPICAL]
     rough = typical[typical["errors"] == WITH_ERRORS]
     undisturbed = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
-    free = rough[rough["planner"] == DECOUPLED]
-    beside = f"Decoupled optimum: {_shares(free)}" if len(free) else ""
     found = []
-    for (planner, recipe), rows in rough.groupby(["planner", "recipe"], sort=False):
+    for (n, planner, recipe), rows in rough.groupby(["n", "planner", "recipe"], sort=False):
         if planner in labels.BASELINES:
             continue
-        same = (undisturbed["planner"] == planner) & (undisturbed["recipe"] == recipe)
+        same = (undisturbed[["n", "planner", "recipe"]] == [n, planner, recipe]).all(axis=1)
         ends = rows.set_index("loop")[[LOW, HIGH]].reindex(list(LOOPS))  # open where not flown
         holds = [at_most(interval, 1 - SAFE) for interval in ends.itertuples(index=False)]
         who = labels.in_sentence(str(planner))
-        question = f"Do {who}'s plans hold outside the linear model, with errors?"
+        question = f"Do {who}'s plans of n = {n} hold outside the linear model, with errors?"
+        free = rough[(rough["planner"] == DECOUPLED) & (rough["n"] == n)]
+        beside = f"Decoupled optimum: {_shares(free)}" if len(free) else ""
         shares = f"{_shares(rows)}; without errors {_shares(undisturbed[same])}"
         numbers = f"{called(str(planner), str(recipe))}, within r_col: {shares}"
         found.append(Finding(question, decide(HOLDS, *holds), numbers, beside))
@@ -365,10 +378,13 @@ def _claim(flights: pd.DataFrame) -> str:
     )
 
 
+SAID = dict(zip(LOOPS, ("in open loop", "with feedback", *LOOPS[2:]), strict=True))
+
+
 def _shares(rows: pd.DataFrame) -> str:
     """In each loop, the share of flights in which a pair came within the collision radius."""
     return ", ".join(
-        f"{share(value)} {labels.percents(low, high)} {'in ' if loop == OPEN else ''}{loop}"
+        f"{share(value)} {labels.percents(low, high)} {SAID[loop]}"
         for loop, value, low, high in rows[["loop", WITHIN_RADIUS.source, LOW, HIGH]].itertuples(
             index=False
         )

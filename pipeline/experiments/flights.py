@@ -9,37 +9,50 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import check_range
-from pipeline.experiments import records
-from pipeline.experiments.records import AS_FLOWN, ECCENTRICITIES, LINEAR, MARGIN, NO_ERRORS, ORBITS
+from pipeline.experiments.records import (
+    AS_FLOWN,
+    ECCENTRICITIES,
+    LINEAR,
+    MARGIN,
+    NO_ERRORS,
+    ORBITS,
+    RISK,
+    TABLES,
+    TYPICAL,
+    WITH_ERRORS,
+    WORLDS,
+)
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
 from pipeline.flight.errors import COLD_GAS, Errors, check_seed
-from pipeline.flight.loops import OPEN, Loop, flight_loops
+from pipeline.flight.loops import FEEDBACK, OPEN, Loop, flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
 from pipeline.parallel.workers import Workers
-from pipeline.plan import Plan
+from pipeline.plan import SOLVED, Plan, RiskLimit
 from pipeline.planners.as_flown import AsFlown
+from pipeline.planners.planner import Planner, requiring
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
 MEASURED = ["min_separation", "goal_error", "goal_velocity_error", "delta_v", "missed_burns"]
-MAGNITUDES = {NO_ERRORS: Errors(), records.WITH_ERRORS: COLD_GAS}  # of errors, by name
+MAGNITUDES = {NO_ERRORS: Errors(), WITH_ERRORS: COLD_GAS}  # of errors, by name
 MOST_FLIGHTS = 10_000  # of one scenario, side by side
 
 
 @dataclass(frozen=True, eq=False)
 class ScenarioFlights:
-    """All flights of one scenario: its number, who plans, draws of errors and their root seed.
+    """All flights of one scenario: its number, who plans, worlds, draws and their root seed.
 
-    With no draws at all, flights are those without errors in open loop.
+    In these worlds plans fly in all loops, with errors and without; elsewhere without in open loop.
     """
 
     trial: int
     scenario: Scenario
     planners: Sequence[EvaluatedPlanner]
+    worlds: Sequence[str]
     flights: int
     seed: int
 
@@ -56,22 +69,26 @@ def run_flights(
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.
 
-    A planner plans anew for itself. Baselines know no separation, so none has a loop with margin.
-    Plans of others that are made as flown about each of ORBITS are flown there without errors in
-    open loop, beside those for the linear model.
+    A planner plans anew for itself. With feedback its plan is one as flown, of risk RISK with the
+    same errors. Baselines know no separation: none has a loop with margin, and with feedback they
+    fly their one plan. Plans of others that are made as flown about each of ORBITS are flown there
+    without errors in open loop, beside those for the linear model.
 
     Scenarios are of one problem and one n. So many flights are draws of errors for each of them;
-    without errors one says all. Larger scenarios, of another n, have the flights without errors in
-    open loop, and no baselines. The seed is the root of errors, and of where on their orbits
-    references begin. A row a flight, columns of Flight; the same for any number of workers, by
-    default all cores of this machine. Progress is told of each scenario. InputError for no flights,
-    or a seed that is none.
+    without errors one says all. Larger scenarios, of another n, fly with errors, in closed loop,
+    and those of baselines, in the world of TYPICAL alone. The seed is the root of errors, and of
+    where on their orbits references begin. A row a flight, columns of Flight; the same for any
+    number of workers, by default all cores of this machine. Progress is told of each scenario.
+    InputError for no flights, or a seed that is none.
     """
     check_range("flights", flights, 1, MOST_FLIGHTS)
     check_seed(seed)
-    asked = [ScenarioFlights(k, one, planners, flights, seed) for k, one in enumerate(scenarios)]
-    coordinated = [one for one in planners if one.planner.name not in BASELINES]
-    asked += [ScenarioFlights(k, one, coordinated, 0, seed) for k, one in enumerate(larger)]
+    sizes = ((scenarios, WORLDS), (larger, (TYPICAL,)))
+    asked = [
+        ScenarioFlights(k, one, planners, worlds, flights, seed)
+        for some, worlds in sizes
+        for k, one in enumerate(some)
+    ]
     progress.expect(len(asked))
     tables: dict[tuple[int, int], pd.DataFrame] = {}
     with closing((workers or Workers()).work(_flown, asked, lambda _: b"", progress)) as results:
@@ -123,7 +140,9 @@ def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
             draws = range(first, first + count)
             errors = MAGNITUDES[way.errors]
             flown = loop.fly(scenario, worlds[way.world], errors, draws, asked.seed)
-            unsafe = flown["unsafe_replans"].astype(float)
+            unsafe = flown["unsafe_replans"].astype(float) if loop.planner else np.nan
+            if way.plan.certificate.risk:
+                unsafe = float(way.plan.status != SOLVED)
             rows = pd.DataFrame({name: flown[name] for name in MEASURED}).assign(
                 planned=way.planned,
                 world=way.world,
@@ -132,14 +151,14 @@ def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
                 flight=range(count),
                 within_radius=flown["min_separation"] <= problem.collision_radius,
                 within_size=flown["min_separation"] <= SIZE,
-                unsafe_replans=unsafe if loop.planner else np.nan,
+                unsafe_replans=unsafe,
                 planner=one.planner.name,
                 recipe=one.recipe,
                 training_seed=one.training_seed,
                 delta_v_bound=way.plan.certificate.fuel_lower_bound * problem.time_step,
             )
             tables.append(rows)
-    columns = list(records.TABLES["flights"])
+    columns = list(TABLES["flights"])
     return pd.concat(tables).assign(n=scenario.n, trial=asked.trial)[columns]
 
 
@@ -149,14 +168,29 @@ def _ways(
     """All ways to fly one planner's plans of a scenario."""
     scenario, baseline = asked.scenario, one.planner.name in BASELINES
     (plan,) = one.planner.plan([scenario])
-    if asked.flights:
-        every = flight_loops(plan, COLD_GAS, one.planner)
-        loops = list(islice(every, 2) if baseline else every)
-        for world, errors, loop in product(records.WORLDS, MAGNITUDES, loops):
-            if errors != NO_ERRORS or loop.name != MARGIN:
-                yield _Way(plan, LINEAR, world, errors, loop)
+    every = flight_loops(plan, COLD_GAS, one.planner)
+    loops = list(islice(every, 2) if baseline else every)
+    for world, errors, loop in product(asked.worlds, MAGNITUDES, loops):
+        if errors != NO_ERRORS or loop.name != MARGIN:
+            yield _Way(plan, LINEAR, world, errors, loop)
+    for world in asked.worlds:
+        kept, planned = plan, LINEAR
+        if not baseline:
+            kept, planned = _with_risk(one.planner, scenario, worlds.get(world))
+        yield _Way(kept, planned, world, WITH_ERRORS, Loop(FEEDBACK, kept.controls, kept.states))
     for orbit, there in {} if baseline else worlds.items():
-        if not asked.flights or orbit not in ECCENTRICITIES:
+        if orbit not in asked.worlds:
             yield _Way(plan, LINEAR, orbit, NO_ERRORS, Loop(OPEN, plan.controls))
         (flown,) = AsFlown(one.planner, there.orbit).plan([scenario])
         yield _Way(flown, AS_FLOWN, orbit, NO_ERRORS, Loop(OPEN, flown.controls))
+
+
+def _with_risk(
+    planner: Planner, scenario: Scenario, world: NonlinearWorld | None
+) -> tuple[Plan, str]:
+    """A plan of risk RISK with feedback, made for a world or the linear one, and which."""
+    limit = RiskLimit(RISK, closed_loop=True, errors=COLD_GAS)
+    careful = requiring(planner, replace(planner.requirements, risk=limit))
+    if world is None:
+        return careful.plan([scenario])[0], LINEAR
+    return AsFlown(careful, world.orbit).plan([scenario])[0], AS_FLOWN

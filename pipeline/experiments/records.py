@@ -65,8 +65,10 @@ WORLDS = (LINEAR, *ECCENTRICITIES)  # in which plans are flown with errors and r
 ORBITS = {**ECCENTRICITIES, "e = 0.1": 0.1, "e = 0.5": 0.5}
 PLANNED = LINEAR, AS_FLOWN = LINEAR, "as flown"  # the models that plans are made for
 ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"  # with which they are flown
-# As planned; planned anew at every node; anew, with more separation asked for than r_col
-LOOPS = OPEN, REPLANNED, MARGIN = "open loop", "replanned", "with margin"
+# As planned; planned for a RISK and corrected at every node; planned anew at every node; anew, with
+# more separation asked for than r_col
+LOOPS = OPEN, FEEDBACK, REPLANNED, MARGIN = "open loop", "feedback", "replanned", "with margin"
+RISK = 1e-3  # that plans flown with feedback are asked for
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,8 @@ class Flight:
     delta_v: float  # of all craft, m/s
     delta_v_bound: float  # the least of any plan without errors, m/s
     missed_burns: int
-    unsafe_replans: float  # nodes without a safe plan from there; NaN in open loop
+    # Nodes without a safe plan from there; with feedback 1 if there is no plan of RISK; else NaN
+    unsafe_replans: float
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pipeline.experiments.experiment5 import (
     conditions_table,
     flights_figure,
     in_both_models,
+    in_loops,
     planned_figure,
     summarize_flights,
     within_table,
@@ -18,12 +19,14 @@ from pipeline.experiments.experiment5 import (
 )
 from pipeline.experiments.records import (
     AS_FLOWN,
+    FEEDBACK,
     LINEAR,
     LOOPS,
     MARGIN,
     OPEN,
     ORBITS,
     REPLANNED,
+    TYPICAL,
     WORLDS,
 )
 from pipeline.figures.style import styles
@@ -65,19 +68,19 @@ def flown(planner, world, errors, loop, close, **more):
     ]
 
 
-def table(**close):
-    """Flights of planners, by the scenarios that come close in open loop, replanned, with margin.
+def table(*, n=10, worlds=WORLDS, **close):
+    """Flights of planners, by the scenarios that come close in each of LOOPS.
 
     They are the same in every world; without errors none comes close.
     """
     found = []
     for planner, by_loop in close.items():
         name = planner.replace("_", " ")
-        for world in WORLDS:
+        for world in worlds:
             for loop, count in zip(LOOPS, by_loop, strict=False):
-                if loop != MARGIN:
-                    found += flown(name, world, "none", loop, 0)
-                found += flown(name, world, "cold gas", loop, count)
+                if loop in (OPEN, REPLANNED):
+                    found += flown(name, world, "none", loop, 0, n=n)
+                found += flown(name, world, "cold gas", loop, count, n=n)
     return pd.DataFrame(found)
 
 
@@ -98,8 +101,9 @@ def planned_too(*planners, close=0, off=1e-8):
     return pd.DataFrame(found)
 
 
-SAFE_ANYHOW, REPLANNING, MARGINAL, HOPELESS = (0, 0, 0), (30, 0, 0), (40, 15, 0), (40, 30, 20)
-UNSURE, UNSURE_ANEW = (4, 4, 4), (40, 4, 3)
+SAFE_ANYHOW, REPLANNING, MARGINAL = (0, 0, 0, 0), (30, 20, 0, 0), (40, 20, 15, 0)
+CORRECTED, EITHER, HOPELESS = (40, 0, 15, 20), (40, 0, 15, 0), (40, 20, 30, 20)
+UNSURE, UNSURE_ANEW = (4, 4, 4, 4), (40, 3, 4, 3)
 
 
 @pytest.mark.parametrize(
@@ -108,29 +112,42 @@ UNSURE, UNSURE_ANEW = (4, 4, 4), (40, 4, 3)
         (SAFE_ANYHOW, "Yes, as they stand"),
         (REPLANNING, "Yes, made anew at every node"),
         (MARGINAL, "Only made anew at every node with a margin"),
-        (HOPELESS, "No, not even made anew with a margin"),
+        (CORRECTED, "Only for a risk with feedback"),
+        (EITHER, "Only for a risk with feedback, or made anew with a margin"),
+        (HOPELESS, "No, with feedback or a margin neither"),
         (UNSURE, "Open: too few scenarios"),
         (UNSURE_ANEW, "Not as they stand; else too few"),
     ],
 )
 def test_what_to_trust_is_decided_by_the_whole_interval_of_flights_that_come_close(close, verdict):
-    flights = table(expert=close, decoupled_optimum=(55, 54))
+    flights = table(expert=close, decoupled_optimum=(55, 53, 54))
     (answer,) = flight_findings(flights)
-    assert answer.question == ("Do the expert's plans hold outside the linear model, with errors?")
+    asked = "Do the expert's plans of n = 10 hold outside the linear model, with errors?"
+    assert answer.question == asked
     assert answer.verdict.startswith(verdict)
     assert answer.numbers.startswith(f"Expert, within r_col: {close[0]} % [")
     assert "; without errors 0 % [0.0, 3.7] in open loop" in answer.numbers
-    assert answer.baseline.startswith("Decoupled optimum: 55 % [45.2, 64.4] in open loop, 54 %")
+    assert answer.baseline.startswith("Decoupled optimum: 55 % [45.2, 64.4] in open loop, 53 %")
+
+
+def test_swarms_of_each_size_have_their_own_verdict():
+    flights = [table(expert=REPLANNING), table(n=30, worlds=[TYPICAL], expert=HOPELESS)]
+    found = {one.question.split()[7]: one.verdict for one in flight_findings(pd.concat(flights))}
+    assert list(found) == ["10", "30"]
+    assert (found["10"][:3], found["30"][:2]) == ("Yes", "No")
 
 
 def test_every_planner_that_keeps_craft_apart_has_its_own_verdict():
-    flights = table(expert=MARGINAL, refiner=REPLANNING, decoupled_optimum=HOPELESS[:2])
+    flights = table(expert=MARGINAL, refiner=REPLANNING, decoupled_optimum=HOPELESS[:3])
     found = {one.question.split()[2]: one for one in flight_findings(flights)}
     assert {who: one.verdict for who, one in found.items()} == {
         "expert's": "Only made anew at every node with a margin",
         "refiner's": "Yes, made anew at every node",
     }
-    assert "30 % [21.9, 39.6] in open loop, 0 % [0.0, 3.7] rep" in found["refiner's"].numbers
+    assert (
+        "30 % [21.9, 39.6] in open loop, 20 % [13.3, 28.9] with feedback, 0 % [0.0, 3.7] rep"
+        in found["refiner's"].numbers
+    )
 
 
 @pytest.mark.parametrize(
@@ -197,7 +214,7 @@ def test_errors_at_the_goal_are_those_of_the_median_flight_in_each_condition():
     flights.loc[alone, "goal_error"] = 0.25
     flights.loc[back, "goal_error"] = 0.5
     _, body = cells(conditions_table(summarize_flights(flights)))
-    shown = {(line[2], line[3]): line[6] for line in body}
+    shown = {(line[3], line[4]): line[7] for line in body}
     assert shown["none", OPEN] == "0.250"
     assert shown["cold gas", OPEN] == "2.50", "flights 0 to 3 are 1, 2, 3 and 4 m off"
     assert shown["cold gas", REPLANNED] == "0.500"
@@ -225,7 +242,7 @@ def test_a_summary_counts_flights_and_an_interval_scenarios():
 
 
 def test_trainings_are_averaged_and_add_no_scenarios():
-    flights = table(refiner=(40, 0, 0))
+    flights = table(refiner=(40, 0, 0, 0))
     again = flights.assign(training_seed=1, within_radius=False)
     summary = summarize_flights(pd.concat([flights, again]))
     found = row(summary, world="linear", errors="cold gas", loop=OPEN)
@@ -235,48 +252,60 @@ def test_trainings_are_averaged_and_add_no_scenarios():
 
 def test_tables_have_a_row_for_each_condition_and_dashes_where_nothing_was_flown():
     summary = summarize_flights(
-        table(expert=MARGINAL, decoupled_optimum=(55, 54), refiner=REPLANNING)
+        table(expert=MARGINAL, decoupled_optimum=(55, 53, 54), refiner=REPLANNING)
     )
     header, body = cells(within_table(summary))
-    assert header == ["World", "Errors", "Loop", "Expert", "Decoupled optimum", "Refiner tuned"]
-    assert len(body) == len(WORLDS) * 5
-    gas = ["linear", "cold gas"]
-    assert body[:5] == [
-        ["linear", "none", OPEN, *["0 % [0.0, 3.7]"] * 3],
-        ["linear", "none", REPLANNED, *["0 % [0.0, 3.7]"] * 3],
+    assert header == [
+        "n",
+        "World",
+        "Errors",
+        "Loop",
+        "Expert",
+        "Decoupled optimum",
+        "Refiner tuned",
+    ]
+    assert len(body) == len(WORLDS) * 6
+    gas = ["10", "linear", "cold gas"]
+    assert body[:6] == [
+        ["10", "linear", "none", OPEN, *["0 % [0.0, 3.7]"] * 3],
+        ["10", "linear", "none", REPLANNED, *["0 % [0.0, 3.7]"] * 3],
         [*gas, OPEN, "40 % [30.9, 49.8]", "55 % [45.2, 64.4]", "30 % [21.9, 39.6]"],
+        [*gas, FEEDBACK, "20 % [13.3, 28.9]", "53 % [43.3, 62.5]", "20 % [13.3, 28.9]"],
         [*gas, REPLANNED, "15 % [9.3, 23.3]", "54 % [44.3, 63.4]", "0 % [0.0, 3.7]"],
         [*gas, MARGIN, "0 % [0.0, 3.7]", "–", "0 % [0.0, 3.7]"],
     ]
-    flights = table(expert=MARGINAL, decoupled_optimum=(55, 54), refiner=REPLANNING)
+    flights = table(expert=MARGINAL, decoupled_optimum=(55, 53, 54), refiner=REPLANNING)
     one_of_each = flights.index[flights.loop == MARGIN][:: SCENARIOS * EACH]
     flights.loc[one_of_each, "delta_v"] = 2.8  # 1.6 more in one of 400
     shown = conditions_table(summarize_flights(flights))
     _, body = cells(shown)
-    assert len(shown.frame) == len(WORLDS) * 14
-    assert len(body) == 14, "the page shows one world"
-    expert = next(line for line in body if line[0] == "Expert" and line[3] == MARGIN)
-    assert expert[2:] == [
+    assert len(shown.frame) == len(WORLDS) * 17
+    assert len(body) == 17, "the page shows one world"
+    expert = next(line for line in body if line[1] == "Expert" and line[4] == MARGIN)
+    assert expert[3:] == [
         *("cold gas", MARGIN, "0 % [0.0, 3.7]", "20.0", "2.50", "4.00", "1.204", "2.800", "0 %"),
     ]
 
 
 def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors():
-    summary = summarize_flights(table(expert=MARGINAL, decoupled_optimum=(55, 54)))
+    flights = [table(expert=MARGINAL, decoupled_optimum=(55, 53, 54))]
+    flights += [table(n=30, worlds=[TYPICAL], expert=MARGINAL)]
+    summary = in_loops(summarize_flights(pd.concat(flights)))
     look = styles(summary["planner"])
     figure = flights_figure(summary, look)
-    assert len(figure.axes) == 9
-    assert [ax.get_title(loc="left") for ax in figure.axes[:3]] == [
-        "linear world",
-        "nonlinear, e = 0.001",
-        "nonlinear, e = 0.01",
+    assert len(figure.axes) == 12
+    assert [ax.get_title(loc="left") for ax in figure.axes[:4]] == [
+        "n = 10, linear",
+        "n = 10, e = 0.001",
+        "n = 10, e = 0.01",
+        "n = 30, e = 0.001",
     ]
     drawn = [
         (round(float(line.get_xdata()[0])), float(line.get_ydata()[0]))
         for line in figure.axes[0].get_lines()
         if line.get_color() == look["expert"].colour and line.get_markerfacecolor() != "white"
     ]
-    assert drawn == [(0, 0.4), (1, 0.15), (2, 0.0)]
+    assert drawn == [(0, 0.4), (1, 0.2), (2, 0.15), (3, 0.0)]
     hollow = [line for line in figure.axes[0].get_lines() if line.get_markerfacecolor() == "white"]
     assert len(hollow) == 4
     names = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -284,18 +313,20 @@ def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors()
 
 
 def test_the_report_has_the_section_and_says_when_plans_hold(trials, tmp_path):
-    flights = table(expert=MARGINAL, refiner=MARGINAL, decoupled_optimum=(55, 54))
+    flights = table(expert=MARGINAL, refiner=MARGINAL, decoupled_optimum=(55, 53, 54))
     files = build_report(Results(trials, flights=flights), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
     assert section.startswith("Plans hold outside the linear model where")
     assert "in no more than 5 % of flights, by the whole interval" in section
-    assert "Plans of 100 test scenarios of n = 10" in section
+    assert "Plans of test scenarios, 100 of n = 10, are flown" in section
     assert "4 times, with the same draws" in section
-    assert "Do the refiner's plans hold outside the linear model" in text.split("\n## ")[1]
+    assert (
+        "Do the refiner's plans of n = 10 hold outside the linear model" in text.split("\n## ")[1]
+    )
     assert "experiment5.svg" in {path.name for path in files.figures}
     by_name = {path.stem: pd.read_csv(path) for path in files.tables}
-    assert len(by_name["experiment5-within"]) == 15
+    assert len(by_name["experiment5-within"]) == 18
     assert set(by_name["experiment5"]["world"]) == set(WORLDS), "the CSV file has all"
 
 
@@ -308,14 +339,14 @@ def test_the_section_begins_with_what_planning_as_flown_changes(trials, tmp_path
         "Without errors, planned as flown, none of 800 plans has a pair within r_col, and goals "
         "are missed by at most 1.00e-8 m; planned in the linear model, 37.5 % have one"
     )
-    assert "Plans of 100 test scenarios of n = 10" in section
+    assert "Plans of test scenarios, 100 of n = 10, are flown" in section
     assert "100 of n = 10 and 100 of n = 30, each scenario" in section
     assert "eccentricity 0.001, 0.01, 0.1 and 0.5, with J2" in section
     assert "experiment5-as-flown.svg" in {path.name for path in files.figures}
     by_name = {path.stem: pd.read_csv(path) for path in files.tables}
     assert len(by_name["experiment5-as-flown"]) == 16
-    assert len(by_name["experiment5-within"]) == 15, "of ten craft planned in the linear model"
-    assert len(by_name["experiment5"]) == 15
+    assert len(by_name["experiment5-within"]) == 18, "of ten craft planned in the linear model"
+    assert len(by_name["experiment5"]) == 18
 
 
 def test_a_table_of_another_shape_is_refused(trials):

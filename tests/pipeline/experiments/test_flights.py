@@ -1,5 +1,7 @@
 """Experiment 5: real planners, flown in real worlds."""
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +13,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.flights import run_flights, worlds_of
 from pipeline.experiments.records import (
     AS_FLOWN,
+    FEEDBACK,
     LINEAR,
     LOOPS,
     MARGIN,
@@ -57,7 +60,7 @@ def of(table, **keys):
 
 
 def test_everyone_flies_in_every_world_and_baselines_know_no_margin(table):
-    here = table[(table.planned == LINEAR) & table.world.isin(WORLDS)]
+    here = table[((table.planned == LINEAR) | (table.loop == FEEDBACK)) & table.world.isin(WORLDS)]
     counts = here.groupby(["planner", "world", "errors", "loop"]).size()
     wanted = {
         (name, world, errors, loop): len(SCENARIOS) * (1 if errors == NO_ERRORS else FLIGHTS)
@@ -65,9 +68,11 @@ def test_everyone_flies_in_every_world_and_baselines_know_no_margin(table):
         for world in WORLDS
         for errors in (NO_ERRORS, WITH_ERRORS)
         for loop in LOOPS
-        if loop != MARGIN or (errors == WITH_ERRORS and name != "decoupled optimum")
+        if loop not in (FEEDBACK, MARGIN)
     }
-    assert counts.to_dict() == wanted
+    noisy = [(name, world, WITH_ERRORS, FEEDBACK) for name, world in product(PLANNERS, WORLDS)]
+    noisy += [("expert", world, WITH_ERRORS, MARGIN) for world in WORLDS]
+    assert counts.to_dict() == wanted | dict.fromkeys(noisy, len(SCENARIOS) * FLIGHTS)
 
 
 def test_plans_as_flown_and_linear_ones_of_those_who_keep_apart_fly_about_all_orbits(table):
@@ -76,6 +81,9 @@ def test_plans_as_flown_and_linear_ones_of_those_who_keep_apart_fly_about_all_or
     planned = (LINEAR, AS_FLOWN)
     assert counts.to_dict() == {(one, world): 1 for one in planned for world in ORBITS}
     assert set(table.loc[table.planned == AS_FLOWN, "planner"]) == {"expert"}
+    corrected = table[(table.loop == FEEDBACK) & (table.world != LINEAR)]
+    planned = corrected.groupby("planner").planned.unique().map(list)
+    assert planned.to_dict() == {"expert": [AS_FLOWN], "decoupled optimum": [LINEAR]}
     assert set(table.loc[~table.world.isin(WORLDS), "errors"]) == {NO_ERRORS}
 
 
@@ -128,18 +136,27 @@ def test_an_integrator_finds_plans_as_flown_at_their_goals_and_linear_ones_off_t
             assert off > 100 * ORBITS[world]
 
 
-def test_larger_swarms_fly_without_errors_alone_and_without_baselines():
+def test_larger_swarms_fly_with_errors_about_the_usual_orbit_alone():
     entrants = [EvaluatedPlanner(planner) for planner in PLANNERS.values()]
     small = draw("rings", 0, 3, 0, SHORT.problem)
     table = run_flights(entrants, [SHORT], flights=1, larger=[small, small], workers=ALONE)
     more = table[table.n == 3]
     found = more.groupby(["planner", "planned", "world", "errors", "loop"]).size()
     wanted = {
-        ("expert", planned, world, NO_ERRORS, OPEN): 2
+        ("expert", planned, world, NO_ERRORS, OPEN)
         for planned in (LINEAR, AS_FLOWN)
         for world in ORBITS
     }
-    assert found.to_dict() == wanted
+    wanted |= {
+        (name, LINEAR, TYPICAL, errors, loop)
+        for name, errors, loop in product(PLANNERS, (NO_ERRORS, WITH_ERRORS), (OPEN, REPLANNED))
+    }
+    wanted |= {
+        ("expert", LINEAR, TYPICAL, WITH_ERRORS, MARGIN),
+        ("expert", AS_FLOWN, TYPICAL, WITH_ERRORS, FEEDBACK),
+        ("decoupled optimum", LINEAR, TYPICAL, WITH_ERRORS, FEEDBACK),
+    }
+    assert found.to_dict() == dict.fromkeys(wanted, 2)
     assert set(more.trial) == {0, 1}
     assert set(table.loc[table.n == 2, "errors"]) == {NO_ERRORS, WITH_ERRORS}
 
@@ -160,6 +177,18 @@ def test_in_the_world_of_the_plan_without_errors_a_flight_is_what_the_judge_find
         np.testing.assert_allclose(rows.delta_v, [r.delta_v for r in reports], rtol=1e-6)
         assert rows.goal_error.max() < 1e-6
         assert rows.unsafe_replans.isna().all()
+
+
+def test_with_feedback_plans_keep_to_their_risk_and_arrive(table):
+    for world in WORLDS:
+        rows = of(table, planner="expert", world=world, loop=FEEDBACK, planned=LINEAR)
+        rows = pd.concat([rows, of(table, planner="expert", loop=FEEDBACK, planned=AS_FLOWN)])
+        assert (rows.unsafe_replans == 0).all()
+        assert not rows.within_radius.any()
+        blind = of(table, planner="expert", world=world, errors=WITH_ERRORS, loop=OPEN)
+        assert rows.goal_error.median() < 0.3 * blind.goal_error.median()
+    free = of(table, planner="decoupled optimum", loop=FEEDBACK)
+    assert free.within_radius.all() and free.unsafe_replans.isna().all()
 
 
 def test_the_decoupled_optimum_comes_too_close_and_replanning_for_itself_does_not_help_it(table):
