@@ -12,7 +12,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
-from pipeline.scenario import draw
+from pipeline.scenario import draw, draw_many
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import NewShard, open_ledger, write_shards
 from pipeline.storage.shards import encode
@@ -71,7 +71,7 @@ def draw_shard(shard: Shard, _: bytes) -> NewShard:
     about, one = shard.about, shard.sample
     check_worker(about.made_with.sample, SAMPLED_BY)
     drawn = [one.drawn_as(row) for row in shard.rows]
-    scenarios = [draw(one.family, one.seed, shard.n, k, about.problem, split) for split, k in drawn]
+    scenarios = draw_many(one.family, one.seed, shard.n, drawn, about.problem)
     splits = [split for split, _ in drawn]
     content = encode(scenario_table(scenarios, splits, shard.metadata(shard.scenarios)))
     return NewShard(shard.scenarios, content, derived=shard.solved)

@@ -1,6 +1,6 @@
 """Scenarios: what a swarm is asked to do, the families they are drawn from, their file format."""
 
-from pipeline.scenario.families import FAMILIES, SPLITS, draw
+from pipeline.scenario.families import FAMILIES, SPLITS, draw, draw_many
 from pipeline.scenario.scenario import Scenario, participants, shared_problem
 from pipeline.scenario.validation import Diagnostic, check, diagnostics
 
@@ -12,6 +12,7 @@ __all__ = [
     "check",
     "diagnostics",
     "draw",
+    "draw_many",
     "participants",
     "shared_problem",
 ]

@@ -19,7 +19,7 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.progress import SILENT, Progress
-from pipeline.scenario import draw
+from pipeline.scenario import draw_many
 from pipeline.storage.folder import Where
 
 
@@ -32,16 +32,19 @@ def fresh_draws(family: str, seed: int, n: int, problem: Problem, count: int) ->
     return ExampleStream(problem, n, count, count, 1, read, endless=True)
 
 
+DRAWN = 200  # scenarios drawn between reports of progress
+
+
 @lru_cache(maxsize=1)  # the first pass is looked at several times
 def _drawn(
     family: str, seed: int, n: int, problem: Problem, which: range, progress: Progress = SILENT
 ) -> Examples:
     ends = []
     progress.expect(len(which))
-    for index in which:
-        scenario = draw(family, seed, n, index, problem, "train")
-        ends.append((scenario.initial, scenario.goal))
-        progress.done(note=f"{family} scenarios drawn")
+    for some in (which[k : k + DRAWN] for k in range(0, len(which), DRAWN)):
+        drawn = draw_many(family, seed, n, [("train", index) for index in some], problem)
+        ends += [(one.initial, one.goal) for one in drawn]
+        progress.done(len(some), note=f"{family} scenarios drawn")
     return Examples(problem, *map(np.stack, zip(*ends, strict=True)))
 
 

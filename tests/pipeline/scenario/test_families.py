@@ -14,7 +14,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.relative_elements import secular_drift
 from pipeline.orbit.rings import energy_mismatch
-from pipeline.scenario import FAMILIES, check, draw
+from pipeline.scenario import FAMILIES, SPLITS, check, draw, draw_many
 
 PROBLEM = Problem()
 E = PROBLEM.mean_motion
@@ -120,6 +120,20 @@ def test_rings_grow_with_the_swarm_beyond_30_craft():
     assert ring_sizes(draw("coplanar-split", 0, 60, 0, PROBLEM).initial) == pytest.approx(
         np.full(60, 400.0)
     )
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("n", [1, 7])
+def test_scenarios_drawn_side_by_side_are_those_drawn_alone(family, n):
+    which = [(split, index) for index in (0, 3, 4) for split in SPLITS]
+    crowded = Problem(collision_radius=40.0)  # so that some formations are drawn again
+    for scenario, (split, index) in zip(
+        draw_many(family, 2, n, which, crowded), which, strict=True
+    ):
+        alone = draw(family, 2, n, index, crowded, split)
+        assert scenario.name == alone.name
+        assert scenario.initial.tobytes() == alone.initial.tobytes()
+        assert scenario.goal.tobytes() == alone.goal.tobytes()
 
 
 @pytest.mark.parametrize(
