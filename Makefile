@@ -15,6 +15,9 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # Eight processes more of the UI, for evaluations of language models.
 export MLFLOW_SERVER_ENABLE_JOB_EXECUTION := false
 
+# Modules are compiled once and kept, also where the environment says otherwise: every command starts faster.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights report paper ui test coverage torture lint bench docs lock release clean
 
 help: ## list the targets
