@@ -57,15 +57,18 @@ def test_help_imports_no_heavy_package(command):
     assert "Usage: prolearn" in done.stdout
 
 
-@pytest.mark.parametrize("planner", ["expert", "decoupled-optimum"])
-def test_planning_without_a_model_needs_neither_mlflow_nor_torch(planner, tmp_path):
+@pytest.mark.parametrize("planner", ["expert", "decoupled-optimum", "refiner"])
+def test_planning_imports_no_heavy_package_but_those_it_computes_with(planner, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
     code = (
         "import sys\n"
         "from cli.main import app\n"
         f"sys.argv = 'prolearn plan s.json --out p.json --planner {planner}'.split()\n"
         "try:\n    app()\nexcept SystemExit as end:\n    assert end.code == 0\n"
-        "found = {'torch', 'mlflow', 'cvxpy', 'pandas'} & set(sys.modules)\n"
+        "heavy = {'torch', 'mlflow', 'cvxpy', 'pandas', 'matplotlib', 'jinja2'}\n"
+        "heavy |= {'scipy.integrate', 'scipy.optimize', 'scipy.sparse.csgraph', 'scipy.stats'}\n"
+        f"heavy |= set() if '{planner}' == 'refiner' else {{'numba'}}\n"
+        "found = heavy & set(sys.modules)\n"
         "assert not found, found\n"
     )
     done = subprocess.run(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array, ArrayOrNumber
 from pipeline.orbit.arrays import (
@@ -371,6 +370,8 @@ def balls(
 
 def _by_tree(middle: Vector, radius: Scalar, reach: float, swarms: SwarmPartition) -> Candidates:
     """Pairs and intervals whose balls may be near, by one k-d tree with a plane for each."""
+    from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
+
     intervals = radius.shape[1]
     most = 2 * float(radius.max()) + reach
     plane = 2 * most * (np.arange(intervals) + intervals * swarms.label[:, None])

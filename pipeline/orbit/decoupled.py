@@ -22,9 +22,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import block_diag, csr_array, hstack
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
@@ -96,11 +93,13 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransf
 @lru_cache(maxsize=32)
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
     """The hulls of a problem, computed once; None where some state is out of reach."""
+    from scipy.spatial import QhullError  # slow to import, and only planning needs hulls
+
     scale = acceleration_scale(problem)
     reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
-    _, label = connected_components(csr_array(acts @ acts.T), directed=False)
-    parts = [np.flatnonzero(label == k) for k in np.unique(label)]
+    linked = np.linalg.matrix_power(acts @ acts.T | np.eye(6, dtype=bool), 6)
+    parts = [np.flatnonzero(part) for part in np.unique(linked, axis=0)[::-1]]
     try:
         return tuple(_facets(reach, acts, component, scale[component]) for component in parts)
     except (QhullError, ValueError):  # flat, or nothing but a point
@@ -119,6 +118,8 @@ def _facets(
     scale: Float[Array, "d"],
 ) -> Facets:
     """The hull of some components, from their scaled reach."""
+    from scipy.spatial import ConvexHull
+
     used = np.flatnonzero(acts[component].any(axis=0))
     columns = reach[np.ix_(component, used)]
     points = np.concatenate([columns.T, -columns.T])
@@ -178,7 +179,9 @@ def _least_limits(
     1, how many times s the change b can R w = s b be? A limit of 1/s is what it takes. All are
     solved in one call, scaled by those controls.
     """
-    from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
+    # Slow to import, and only a check of a scenario needs them.
+    from scipy.optimize import linprog
+    from scipy.sparse import block_diag, csr_array, hstack
 
     rows = miss.shape[1]
     least = np.tile(MISSED * acceleration_scale(problem), rows // 6)
@@ -266,6 +269,8 @@ def least_cost(
 @lru_cache(maxsize=1)
 def _around() -> Float[Array, "26 3"]:
     """Vectors all around, whose hull has the ball of radius 1 inside."""
+    from scipy.spatial import ConvexHull  # slow to import, and only some thrust needs it
+
     ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     return np.asarray(ways / -ConvexHull(ways).equations[:, 3].max())

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.integrate import solve_ivp
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError, check_range
@@ -187,6 +186,8 @@ class ReferenceOrbit:
 
 @lru_cache(maxsize=32)
 def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 6"]:
+    from scipy.integrate import solve_ivp  # slow to import, and only other orbits need it
+
     begin = orbit.begin
     if times[-1] == 0:
         return np.repeat(begin[None], len(times), axis=0)

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array
 from pipeline.orbit.approaches import (
@@ -167,8 +167,10 @@ def _closest_by_tree(states: States) -> tuple[int, float, int, tuple[int, int]]:
     return 0, float(near[point, 1]), point % T, (i, j)
 
 
-def _node_tree(states: States) -> cKDTree:
+def _node_tree(states: States) -> Any:
     """A k-d tree of positions at all nodes, each node's in a far plane of a fourth dimension."""
+    from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
+
     positions = states[..., :3]
     size = 2 * float(np.ptp(positions, axis=(0, 1)).sum()) + 1.0
     plane = np.broadcast_to(size * np.arange(states.shape[1])[:, None], (*states.shape[:2], 1))

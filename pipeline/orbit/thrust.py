@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, check_range
@@ -88,6 +87,8 @@ ALONG_AXES = Thrust()  # without limits of its own
 
 def check_directions(directions: tuple[Direction, ...]) -> None:
     """Refuse thrusters that do not push all ways, or are no unit vectors, with an InputError."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to import, and few thrusters need it
+
     given = np.array(directions, dtype=float)
     if not 4 <= len(given) <= MOST_DIRECTIONS:
         raise InputError(

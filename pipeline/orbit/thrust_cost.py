@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.sparse import csr_array, eye_array, hstack, kron
-from scipy.spatial import ConvexHull
 
 from pipeline.arrays import Array
 from pipeline.errors import ProlearnError
@@ -20,6 +18,8 @@ EXCESS = 1e3  # cost of a thrust beyond its limit, so that there is none where i
 @lru_cache(maxsize=32)
 def _gauge(directions: tuple[Direction, ...]) -> Float[Array, "F 3"]:
     """Normals of the hull's facets, scaled so that the gauge of u is the largest of normal · u."""
+    from scipy.spatial import ConvexHull  # slow to import, and few thrusters need it
+
     planes = ConvexHull(np.array(directions)).equations
     return np.asarray(planes[:, :3] / -planes[:, 3:])
 
@@ -121,7 +121,9 @@ def thrusts(
 
     One linear program for all burns. Where a control is out of their reach, some exceed limits.
     """
-    from scipy.optimize import linprog  # slow to import, and only some thrusters need it
+    # Slow to import, and only some thrusters need them.
+    from scipy.optimize import linprog
+    from scipy.sparse import csr_array, eye_array, hstack, kron
 
     directions = thrust.directions
     assert directions is not None

@@ -7,7 +7,6 @@ from itertools import count
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.arrays import Array
 from pipeline.expert import decoupled_optima
@@ -129,6 +128,8 @@ class _Subproblem:
 
     def best(self, costs: Float[Array, "n n"]) -> Slots | None:
         """The assignment of least cost, or None where every one is infinite."""
+        from scipy.optimize import linear_sum_assignment  # slow to import, and few plans need it
+
         try:
             _, slots = linear_sum_assignment(self.costs(costs))
         except ValueError:
