@@ -79,7 +79,7 @@ def sample(
 def _orbit(text: str) -> "ReferenceOrbit":
     """The reference orbit of JSON text."""
     from pipeline.documents import document_from
-    from pipeline.scenario.document import OrbitDocument
+    from pipeline.scenario.orbit_document import OrbitDocument
 
     try:
         fields = json.loads(text)

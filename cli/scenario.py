@@ -109,12 +109,8 @@ def new(
         prolearn scenario new s.json --min-delta-v 0.002 --no-burn 300:500
     """
     from pipeline.scenario import draw
-    from pipeline.scenario.document import (
-        OrbitDocument,
-        document_of,
-        scenario_from,
-        write_by_hand,
-    )
+    from pipeline.scenario.document import document_of, scenario_from, write_by_hand
+    from pipeline.scenario.orbit_document import OrbitDocument
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")

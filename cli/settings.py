@@ -280,7 +280,7 @@ class InertialFiles:
 
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
         """The scenario of the states on a time grid; InputError for files that do not fit."""
-        from pipeline.scenario.document import utc
+        from pipeline.scenario.fields import utc
         from pipeline.scenario.inertial import scenario_from_inertial
         from pipeline.scenario.state_files import read_inertial
 

@@ -21,8 +21,8 @@ from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
 from pipeline.plan import AT_ALL_TIMES, SOLVED
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
-from pipeline.scenario.document import OrbitDocument
 from pipeline.scenario.families import FAMILIES
+from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.templates import template
 

@@ -9,7 +9,7 @@ from textwrap import wrap
 from pipeline.files import write_text
 from pipeline.orbit.reference import radius_at
 from pipeline.plan import Plan
-from pipeline.scenario.document import OrbitDocument
+from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.text import visible
 
 LONGEST = 100  # characters of a comment on one line; messages have at most 254 on any

@@ -7,7 +7,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit, check_elements
 from pipeline.scenario import Scenario
-from pipeline.scenario.document import ANGLES
+from pipeline.scenario.orbit_document import ANGLES
 
 
 @dataclass(frozen=True)

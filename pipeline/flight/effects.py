@@ -24,7 +24,7 @@ from pipeline.orbit.transfer import fly, fuel
 from pipeline.plan import Clearance, CorridorMargin, PassiveSafety, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, is_passively_safe
 from pipeline.scenario import Scenario, participants
-from pipeline.scenario.document import OrbitDocument
+from pipeline.scenario.orbit_document import OrbitDocument
 
 PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
 

@@ -14,13 +14,9 @@ from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import Separation
 from pipeline.scenario import Scenario
-from pipeline.scenario.document import (
-    Number,
-    OrbitDocument,
-    ScenarioDocument,
-    State,
-    document_of,
-)
+from pipeline.scenario.document import ScenarioDocument, document_of
+from pipeline.scenario.fields import Number, State
+from pipeline.scenario.orbit_document import OrbitDocument
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"

@@ -12,7 +12,8 @@ from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.scenario.document import ANGLES, document_of, scenario_from
+from pipeline.scenario.document import document_of, scenario_from
+from pipeline.scenario.orbit_document import ANGLES
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.state_files import Inertial, check_frames
 from pipeline.scenario.validation import drifts

@@ -11,7 +11,7 @@ from scipy.interpolate import KroghInterpolator
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.orbit.forces import point_mass
-from pipeline.scenario.document import YEARS
+from pipeline.scenario.fields import YEARS
 from pipeline.text import visible
 
 FIRST_LINE = "CCSDS_OEM_VERS"

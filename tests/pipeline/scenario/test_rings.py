@@ -12,7 +12,8 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.relative_elements import ring_states, secular_drift
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.named import named_planner
-from pipeline.scenario.document import OrbitDocument, read_scenario, write_by_hand
+from pipeline.scenario.document import read_scenario, write_by_hand
+from pipeline.scenario.orbit_document import OrbitDocument
 
 E = mean_motion_at(500e3)
 

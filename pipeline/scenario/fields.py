@@ -1,0 +1,54 @@
+"""Types of fields in scenario files, refused in a sentence where they are not what they must be."""
+
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat
+
+YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
+
+
+def one_of(**fields: str) -> dict[str, Any]:
+    """JSON Schema's condition that of some fields with their types there is exactly one."""
+    forms = [
+        {"required": [name], "properties": {name: {"type": kind}}} for name, kind in fields.items()
+    ]
+    return {"oneOf": forms}
+
+
+def strict(more: dict[str, Any] | None = None) -> ConfigDict:
+    """Pydantic's settings: no unknown keys, and perhaps a condition for the schema."""
+    return ConfigDict(extra="forbid", frozen=True, json_schema_extra=more)
+
+
+def number(given: Any) -> Any:
+    """Refuse what only looks like a number: a text in quotes, true and false."""
+    if isinstance(given, str | bool):
+        raise ValueError("expected a number, without quotes")
+    return given
+
+
+def utc(given: Any) -> datetime:
+    """The UTC of an epoch as files have it; ValueError for one without a zone."""
+    try:
+        epoch = datetime.fromisoformat(given)
+    except (TypeError, ValueError):
+        epoch = None
+    if epoch is None or epoch.tzinfo is None or not YEARS[0] < epoch.year < YEARS[1]:
+        raise ValueError("give date, time and zone by ISO 8601, such as 2026-03-01T12:00:00Z")
+    return epoch.astimezone(UTC)
+
+
+Number = Annotated[FiniteFloat, Field(strict=True)]
+Whole = Annotated[int, BeforeValidator(number)]
+Positive = Annotated[Number, Field(gt=0)]
+State = Annotated[list[Number], Field(min_length=6, max_length=6)]
+States = Annotated[
+    list[State],
+    Field(min_length=1, description="A state x y z vx vy vz of each craft, LVLH, m and m/s."),
+]
+Triple = tuple[Number, Number, Number]
+NoBurn = Annotated[
+    tuple[tuple[Number, Number], ...],
+    Field(description="Stretches of time, from and to, s since the first node, without burns."),
+]

@@ -1,0 +1,74 @@
+"""Reference orbits in scenario files: where and when a circle is, or any orbit with its forces."""
+
+from datetime import datetime
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, Field
+
+from pipeline.errors import InputError
+from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
+from pipeline.scenario.fields import Number, Positive, strict, utc
+
+# Of both a reference and an orbit
+ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
+
+
+class ReferenceDocument(BaseModel):
+    """Where and when the reference orbit is; its size follows from mean_motion or altitude.
+
+    The orbit is circular. Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
+    """
+
+    model_config = strict()
+
+    epoch: Annotated[datetime, BeforeValidator(utc)] = Field(
+        description="Time of the first node by ISO 8601 with a zone, such as 2026-03-01T12:00:00Z."
+    )
+    inclination_deg: Number = Field(ge=0, le=180, description="Inclination, deg.")
+    raan_deg: Number = Field(description="Right ascension of the ascending node, deg.")
+    argument_of_latitude_deg: Number = Field(
+        description="From the ascending node to the LVLH frame's origin at the epoch, deg."
+    )
+
+
+class OrbitDocument(BaseModel):
+    """The reference orbit, and the forces on all craft, where they are not a circle's alone.
+
+    Osculating elements at the first node. Angles refer to the Earth's mean equator and equinox of
+    J2000 (EME2000).
+    """
+
+    model_config = strict()
+
+    semi_major_axis: Positive = Field(description="Semi-major axis, m.")
+    eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Osculating.")
+    inclination_deg: Number = Field(0.0, ge=0, le=180, description="Inclination, deg.")
+    raan_deg: Number = Field(0.0, description="Right ascension of the ascending node, deg.")
+    argument_of_perigee_deg: Number = Field(0.0, description="From the ascending node, deg.")
+    argument_of_latitude_deg: Number = Field(
+        0.0, description="From the ascending node to the LVLH frame's origin, deg."
+    )
+    j2: bool = Field(True, strict=True, description="Whether the Earth is oblate.")
+    ballistic: Positive | None = Field(
+        None, description="Mean C_D A/m of the swarm, m²/kg; null for no drag."
+    )
+    spread: Number = Field(
+        0.0, description="By what share of it the first craft has less, and the last more."
+    )
+
+    @classmethod
+    def of(cls, orbit: ReferenceOrbit) -> "OrbitDocument":
+        """The fields of an orbit; InputError for one whose plan begins after its epoch."""
+        if orbit.start:
+            raise InputError(
+                f"the orbit's start is {orbit.start:g} s after its epoch; expected elements at the "
+                "first node: give those."
+            )
+        return cls(**{name: getattr(orbit, name) for name in cls.model_fields})
+
+    def orbit(self) -> ReferenceOrbit:
+        """The orbit."""
+        try:
+            return ReferenceOrbit(**self.model_dump())
+        except InputError as error:
+            raise InputError(f"orbit: {error}") from error
