@@ -202,7 +202,9 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     figure, panels = _markers_figure(shown, drawn, look, ("with errors", "without errors"))
     fit_scale(panels[1, 0], "y", [v for v in summary[GOAL_HIGH.source] if v > BOTTOM], log=True)
     panels[1, 0].set_ylim(bottom=BOTTOM)
-    panels[2, 0].set_xticks(range(len(LOOPS)), LOOPS)
+    for ax in panels[2]:
+        slanted = {"rotation": 40, "horizontalalignment": "right", "rotation_mode": "anchor"}
+        ax.set_xticks(range(len(LOOPS)), LOOPS, **slanted)
     panels[2, 0].set_xlim(-0.5, len(LOOPS) - 0.5)
     return figure
 
