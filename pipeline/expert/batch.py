@@ -122,7 +122,7 @@ class Batch:
 
     def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:
         """Rows of all craft, by scenario."""
-        return np.split(rows, self.swarms.starts[1:])
+        return [rows[craft] for craft in self.craft]
 
     def infeasible(self) -> list[str]:
         """Why it is proven that each scenario has no plan; nothing where that is not known.
@@ -189,11 +189,11 @@ def _too_close(scenario: Scenario) -> str:
     swarms = participants([scenario])
     i, j = swarms.pairs
     for end, states, node in (("start", scenario.initial, 0), ("goal", scenario.goal, last)):
-        there = swarms.beside(states[:, None], slice(node, node + 1))
-        gap = there[i, 0, :3] - there[j, 0, :3]
-        apart = swarms.apart(gap, i, j)
+        there = swarms.beside(states[:, None], slice(node, node + 1))[..., :3]
+        apart = swarms.apart(there, there, i, j)
         k = int(apart.argmin())
-        near.append((float(apart[k]), float(np.linalg.norm(gap[k])), k, end))
+        distance = float(np.linalg.norm(there[i[k], 0] - there[j[k], 0]))
+        near.append((float(apart[k, 0]), distance, k, end))
     _, distance, pair, end = min(near)
     who = scenario.named(int(i[pair]), int(j[pair]))
     return (

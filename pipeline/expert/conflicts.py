@@ -162,8 +162,8 @@ class ConflictDetection:
             (i, j), moved = swarms.pairs, swarms.marked(moved)
             touched = moved[i] | moved[j]
             i, j = i[touched], j[touched]
-            states = swarms.beside(states)
-            distance = swarms.apart(states[i, :-1, :3] - states[j, :-1, :3], i, j)
+            positions = swarms.beside(states)[:, :-1, :3]
+            distance = swarms.apart(positions, positions, i, j)
             row, node = np.nonzero(distance <= within)
             cuts = cuts_at(i[row], j[row], node, np.zeros(len(row)), problem)
             return spaced_cuts(cuts, i[row], j[row], swarms), distance[row, node]

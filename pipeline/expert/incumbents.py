@@ -40,7 +40,7 @@ class Incumbents:
 
     def begin_round(self, active: Marked) -> None:
         """Count a round of the scenarios of some craft; slack of earlier rounds is dropped."""
-        self._rounds[np.unique(self._swarm[active])] += 1
+        self._rounds += np.bincount(self._swarm[active], minlength=len(self._rounds)) > 0
         self._slack = {}
 
     def update(self, controls: Controls, safe: Bool[Array, "swarms"]) -> None:

@@ -19,6 +19,7 @@ side by side: operations on all craft act on all scenarios at once.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -72,7 +73,9 @@ def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
 def _groups(labels: Indices) -> list[Int[Array, "_"]]:
     """Indices of the entries of each label that occurs, by label, ascending."""
     order = labels.argsort(kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
+    ordered = labels.take(order)
+    ends = (ordered[1:] != ordered[:-1]).nonzero()[0] + 1
+    return [order[a:b] for a, b in pairwise([0, *ends.tolist(), len(order)])] if len(order) else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +96,8 @@ class SearchProblem:
 
     def part(self, which: Sequence[int]) -> "SearchProblem":
         """The same of some of the scenarios."""
+        if len(which) == len(self.batch.scenarios):
+            return self
         return replace(self, batch=self.batch.part(which))
 
 
@@ -116,7 +121,7 @@ class Search:
         self.reference = Trajectory(self.iterate.controls.copy(), self.iterate.states.copy())
         self.incumbents = Incumbents(self.batch, self.iterate.controls)
         cuts, _ = asked.detection.conflicts(self.iterate, self.provable)
-        in_conflict = np.isin(np.arange(len(self.batch.scenarios)), self.swarm[cuts.first])
+        in_conflict = self._scenarios(cuts.first)
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
         self.back_off = np.zeros(0)  # what each cut asks for beyond radius and margin, m
@@ -124,6 +129,12 @@ class Search:
         self.active[cuts.first] = self.active[cuts.second] = True
         self.shift = self._first_shift(start)
         self.incumbents.update(self.iterate.controls, ~in_conflict)
+
+    def _scenarios(self, craft: Indices | Marked) -> Bool[Array, "scenarios"]:
+        """The scenarios that some craft are of."""
+        there = np.zeros(len(self.batch.scenarios), dtype=bool)
+        there[self.swarm[craft]] = True
+        return there
 
     def _seeded(self, seeds: Seeds, in_conflict: Bool[Array, "swarms"]) -> Cuts:
         """Linearize scenarios in conflict about their seeds, and cut what comes close there.
@@ -311,11 +322,9 @@ class Search:
         for craft in clusters:
             if self.active[craft].any() and not unsafe[craft].any():
                 self._accept(craft, float(promised[craft[0]]))
-        safe = np.ones(len(self.batch.scenarios), dtype=bool)
-        safe[self.swarm[unsafe | self.failed]] = False
-        self.incumbents.update(self.iterate.controls, safe)
+        self.incumbents.update(self.iterate.controls, ~self._scenarios(unsafe | self.failed))
         if broken.any():
-            again = np.isin(self.swarm[found.first], self.swarm[found.first[broken]])
+            again = self._scenarios(found.first[broken])[self.swarm[found.first]]
             self._set_cuts(self.cuts + found[again & (self.active[found.first] | broken)])
             self._raise_back_off(self.iterate)
             self._choose_reference(unsafe)

@@ -25,7 +25,7 @@ OPTIONS = {
     "simplex_scale_strategy": 0,  # these programs are scaled
 }
 
-_STATUS = np.array([highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic], dtype=object)
+_LOWER, _BASIC = highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic
 ROWWISE, _MINIMIZE = int(highspy.MatrixFormat.kRowwise), int(highspy.ObjSense.kMinimize)
 _thread = local()
 
@@ -83,22 +83,20 @@ def new_highs(**options: Any) -> highspy.Highs:
 
 def _rows(sub: Subproblem) -> tuple[Int[Array, "_"], Int[Array, "e"], Float[Array, "e"]]:
     """Starts, columns and values of the rows: the goals of each craft, and the half-spaces."""
-    n, _, k = sub.shape
-    goals, cuts = sub.goal_entries(), sub.half_space_entries()
-    row, column, value = map(np.concatenate, zip(goals, cuts, strict=True))
-    row[len(goals[0]) :] += 6 * n
-    order = row.argsort(kind="stable")
-    start = np.concatenate([[0], np.bincount(row, minlength=6 * n + k).cumsum()])
-    return start.astype(np.int32), column[order].astype(np.int32), value[order]
+    both = zip(sub.goal_rows(), sub.half_space_rows(), strict=True)
+    count, column, value = map(np.concatenate, both)
+    start = np.zeros(len(count) + 1, dtype=np.int32)
+    count.cumsum(out=start[1:])
+    return start, column.astype(np.int32), value
 
 
 def _basis(sub: Subproblem, decoupled: Int[Array, "n 6"]) -> highspy.HighsBasis:
     """The decoupled optima's bases, and every half-space's slack row."""
     n, m, k = sub.shape
-    basic = np.zeros(2 * n * m + k, dtype=int)
-    basic[(decoupled + 2 * m * np.arange(n)[:, None]).ravel()] = 1
+    columns = [_LOWER] * (2 * n * m + k)
+    for basic in (decoupled + 2 * m * np.arange(n)[:, None]).ravel().tolist():
+        columns[basic] = _BASIC
     basis = highspy.HighsBasis()
-    basis.col_status = _STATUS[basic].tolist()
-    basis.row_status = _STATUS[[0] * (6 * n) + [1] * k].tolist()
+    basis.col_status, basis.row_status = columns, [_LOWER] * (6 * n) + [_BASIC] * k
     basis.valid = True
     return basis

@@ -16,7 +16,7 @@ its rows are the goals and the half-spaces. All are scaled to be of order one.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,8 +29,8 @@ from pipeline.orbit.thrust import ALONG_AXES, Limits, Thrust
 LENGTH = 10.0  # scale of half-space rows, m
 NEGLIGIBLE = 1e-13  # entries of a scaled map below this are structural zeros
 
-# Row, column and value of each entry of a matrix that is not zero
-Entries = tuple[Int[Array, "e"], Int[Array, "e"], Float[Array, "e"]]
+# Entries of each row of a matrix that are not zero: their number, then columns and values of all
+Entries = tuple[Int[Array, "rows"], Int[Array, "e"], Float[Array, "e"]]
 
 
 class UnsolvableError(ProlearnError):
@@ -94,37 +94,26 @@ class Subproblem:
         """Right-hand sides of the goal rows, craft after craft."""
         return (self.miss * self.goal_scale).ravel()
 
-    def goal_entries(self) -> Entries:
-        """Entries of the goal rows."""
+    def goal_rows(self) -> Entries:
+        """Goal rows, craft after craft."""
         n, m, _ = self.shape
-        block = self.reach * (self.goal_scale * self.unit)[:, None]
-        r, c = np.nonzero(np.abs(block) > NEGLIGIBLE)
-        craft = np.arange(n)[:, None]
-        row, column = (6 * craft + r).ravel(), (2 * m * craft + c).ravel()
-        value = np.tile(block[r, c], n)
-        return (
-            np.tile(row, 2),
-            np.concatenate([column, column + m]),
-            np.concatenate([value, -value]),
-        )
+        count, column, value = _goal_rows(self.reach.tobytes(), m)
+        each = (2 * m * np.arange(n)[:, None] + column).ravel()
+        return np.concatenate([count] * n), each, np.concatenate([value] * n)
 
-    def half_space_entries(self) -> Entries:
-        """Entries of the rows that must be at least ``required`` / LENGTH."""
+    def half_space_rows(self) -> Entries:
+        """Rows that must be at least ``required`` / LENGTH."""
         n, m, k = self.shape
-        r, c, value = self._scaled(self.row)
-        s, d, against = (r, c, value) if self.other is None else self._scaled(self.other)
-        one, other = 2 * m * self.first[r] + c, 2 * m * self.second[s] + d
-        slack = np.arange(k)
-        return (
-            np.concatenate([r, r, s, s, slack]),
-            np.concatenate([one, one + m, other, other + m, 2 * n * m + slack]),
-            np.concatenate([value, -value, -against, against, np.ones(k)]),
-        )
-
-    def _scaled(self, row: Float[Array, "k m"]) -> Entries:
-        scaled = row * (self.unit / LENGTH)
-        r, c = np.nonzero(np.abs(scaled) > NEGLIGIBLE)
-        return r, c, scaled[r, c]
+        one = self.row * (self.unit / LENGTH)
+        against = one if self.other is None else self.other * (self.unit / LENGTH)
+        value = np.concatenate([one, -one, -against, against, np.ones((k, 1))], axis=1)
+        column = np.empty(value.shape, dtype=int)
+        each = np.arange(2 * m)
+        column[:, : 2 * m] = 2 * m * self.first[:, None] + each
+        column[:, 2 * m : -1] = 2 * m * self.second[:, None] + each
+        column[:, -1] = 2 * n * m + np.arange(k)
+        kept = np.abs(value) > NEGLIGIBLE
+        return kept.sum(axis=1), column[kept], value[kept]
 
     def controls_of(self, x: Float[Array, "v"]) -> Float[Array, "n m"]:
         """Controls in m/s² from the linear program's variables."""
@@ -137,3 +126,13 @@ class Subproblem:
         """The solution in SI units, from the variables and the half-spaces' dual variables."""
         n, m, _ = self.shape
         return Optimum(self.controls_of(x), LENGTH * x[2 * n * m :], self.unit / LENGTH * dual)
+
+
+@lru_cache(maxsize=32)
+def _goal_rows(reach: bytes, m: int) -> Entries:
+    """Goal rows of one craft, the same for all programs of a problem."""
+    block = np.frombuffer(reach).reshape(-1, m)
+    block = block / np.sqrt(np.square(block).sum(axis=1, keepdims=True))
+    both = np.concatenate([block, -block], axis=1)
+    kept = np.abs(both) > NEGLIGIBLE
+    return kept.sum(axis=1), kept.nonzero()[1], both[kept]

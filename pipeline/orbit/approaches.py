@@ -1,6 +1,5 @@
 """Closest approaches of craft, found by branch and bound with proven lower bounds, no sampling."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array, ArrayOrNumber
+from pipeline.arrays import Array
 from pipeline.orbit.arrays import (
     AnyState,
     Controls,
@@ -32,6 +31,8 @@ MOST_PARTS = 64  # parts of an interval in one search; longer intervals are sear
 AT_ONCE = 250  # motions whose pieces are searched at once, which bounds memory
 # Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree
 FEW, MOST_PAIRS = 128, 300_000
+MANY = 300  # parts of motions from which those that are sure to be far are left out first
+CHORDS = 4  # of an interval, whose balls are put in trees: smaller ones have fewer near
 
 if TYPE_CHECKING:
     from pipeline.orbit.corridors import Faces
@@ -63,6 +64,12 @@ class SwarmPartition:
         """One of the swarms."""
         return side_by_side((self.sizes[swarm],))
 
+    def each(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
+        """A value of all swarms, or of each, as one of every craft."""
+        if isinstance(within, np.ndarray):
+            return within.take(self.label)
+        return np.full(len(self.label), within)
+
     def beside(
         self, states: States, nodes: slice = slice(None)
     ) -> Float[Array, "participants T 6"]:
@@ -93,9 +100,24 @@ class SwarmPartition:
         """Scales of the axes by which pairs' separation counts, and what is taken off it, m."""
         return None, 0.0
 
-    def apart(self, gap: Vector, first: Indices, second: Indices) -> Float[ArrayOrNumber, "*batch"]:
-        """The separation of pairs by their gaps, m, as it compares with the collision radius."""
-        return norm(gap)
+    def apart(
+        self,
+        one: Float[Array, "participants times 3"],
+        other: Float[Array, "participants times 3"],
+        first: Int[Array, "p"],
+        second: Int[Array, "p"],
+    ) -> Float[Array, "p times"]:
+        """The separation of pairs by their positions, m, as it compares with the collision radius.
+
+        Coordinates come first, so that each is one array for all pairs: several times faster.
+        """
+        gap = one.transpose(2, 0, 1).take(first, 1) - other.transpose(2, 0, 1).take(second, 1)
+        scale, beyond = self.asked(first, second)
+        if scale is not None:
+            gap *= scale.T[:, :, None]
+        np.square(gap, out=gap)
+        distance: Float[Array, "p times"] = np.sqrt(gap.sum(axis=0))
+        return distance if isinstance(beyond, float) else distance - beyond[:, None]
 
 
 @lru_cache(maxsize=64)
@@ -129,13 +151,34 @@ def least_of_each(
 class Motions(Rows):
     """Relative motions over an interval of constant control."""
 
-    start: Float[Array, "k 6"]  # state at its start, m and m/s
-    end: Float[Array, "k 6"]  # and at its end
-    push: Vectors  # control, m/s²
+    # state at its end, state at its start, m and m/s, and control, m/s²; on the last two, which lie
+    # side by side, all of the motion depends
+    flown: Float[Array, "k 15"]
     reach: Values  # scaled distance from the origin up to which it is of interest, m
     interval: Indices  # counted from the plan's first node
     since: Values  # when they start, s since the interval's start
     scale: Vectors | None = None  # of the axes in which distances count, at most 1
+
+    @property
+    def end(self) -> Float[Array, "k 6"]:
+        """States at the end of the interval."""
+        return self.flown[:, :6]
+
+    @property
+    def start(self) -> Float[Array, "k 6"]:
+        """States at its start."""
+        return self.flown[:, 6:12]
+
+    @property
+    def push(self) -> Vectors:
+        """Controls in it."""
+        return self.flown[:, 12:]
+
+    def at(self, offset: Values, dynamics: Dynamics) -> tuple[PositionMaps, Vectors]:
+        """Maps to positions at times since the start, s, and the positions."""
+        A, B = dynamics.step(offset, self.interval, self.since)
+        free, pushed = A[:, :3], B[:, :3]
+        return (free, pushed), np.matvec(free, self.start) + np.matvec(pushed, self.push)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,30 +231,31 @@ def close_approaches(
     """All closest approaches, one a pair and interval, that may come within a distance.
 
     Over an interval each craft stays in a ball about the middle of its chord, and only pairs whose
-    balls are near can matter. For those it is branch and bound. On a stretch of length h the
-    relative position is a cubic Hermite interpolant up to h⁴/384 max|p⁗|, which the dynamics
-    bound; and the cubic's squared distance is nowhere below its least Bernstein coefficient. So
-    every stretch has a lower bound; stretches that cannot matter are dropped, the others split,
-    until the bracket [bound, distance] is ``tolerance`` wide, m.
+    balls are near can matter; in large swarms, where balls about parts of the interval are. For
+    those it is branch and bound. On a stretch of length h the relative position is a cubic Hermite
+    interpolant up to h⁴/384 max|p⁗|, which the dynamics bound; and the cubic's squared distance is
+    nowhere below its least Bernstein coefficient. So every stretch has a lower bound; stretches
+    that cannot matter are dropped, the others split, until the bracket [bound, distance] is
+    ``tolerance`` wide, m.
 
     The distance ``within``, m, is of all swarms or of each; by default there is one swarm. Pairs
     of which neither is ``moved`` are skipped. There is an entry for each pair and interval whose
     bound is at most ``within``, by interval, first and second craft.
     """
     swarms = swarms or side_by_side((len(states),))
-    reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
+    reach = swarms.each(within)
     states, controls = swarms.beside(states), swarms.pushed(controls)
     moved = None if moved is None else swarms.marked(moved)
-    motion = states[:, :-1], states[:, 1:, :3], controls, problem.dynamics, problem.time_step
-    each = np.arange(controls.shape[1])
-    i, j, k = _candidates(*balls(*motion, each), reach, swarms, moved)
-    start, end = states[i, k] - states[j, k], states[i, k + 1] - states[j, k + 1]
-    push, since = controls[i, k] - controls[j, k], np.zeros(len(k))
+    intervals = controls.shape[1]
+    i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
+    flown = np.concatenate([states[:, 1:], states[:, :-1], controls], axis=2).reshape(-1, 15)
+    relative = flown.take(i * intervals + k, 0) - flown.take(j * intervals + k, 0)
     scale, beyond = swarms.asked(i, j)
-    motions = Motions(start, end, push, reach[i] + beyond, k, since, scale)
+    motions = Motions(relative, reach.take(i) + beyond, k, np.zeros(len(k)), scale)
     near, found = closest_to_origin(motions, problem.dynamics, problem.time_step, tolerance)
     found = found.less(beyond, near)
-    return Approaches(**vars(found), first=i[near], second=j[near], interval=k[near])
+    first, second, interval = (each.take(near) for each in (i, j, k))
+    return Approaches(**vars(found), first=first, second=second, interval=interval)
 
 
 def closest_to_origin(
@@ -221,35 +265,34 @@ def closest_to_origin(
     where = motions.interval, motions.since
     fourth = dynamics.most_fourth_derivative(motions.start, motions.push, *where)
     remainder = h**4 / 384 * fourth
-    apart = chord_bound(_scaled(hermite_bezier(motions.start, motions.end, h), motions)) - remainder
-    near = np.flatnonzero(apart <= motions.reach)
+    curve = _scaled(hermite_bezier(motions.start, motions.end, h), motions.scale)
+    near = (chord_bound(curve) - remainder <= motions.reach).nonzero()[0]
     if len(near) == 0:
         return near, NOTHING
-    motions, remainder = motions[near], remainder[near]
-    when, bound = np.zeros((2, len(near)))
+    motions, remainder = motions[near], remainder.take(near)
     long = remainder > tolerance / 4 * MOST_PARTS**4
-    for which, search in ((~long, _closest_in_interval), (long, _closest_in_pieces)):
-        if which.any():
-            given = motions[which], remainder[which], dynamics, h, tolerance
-            when[which], bound[which] = search(*given)
-    keep = bound <= motions.reach
-    motions, offset, bound = motions[keep], when[keep] * h, bound[keep]
-    A, B = dynamics.step(offset, motions.interval, motions.since)
-    free, pushed = A[:, :3], B[:, :3]
-    relative = np.matvec(free, motions.start) + np.matvec(pushed, motions.push)
-    distance = norm(_scaled(relative, motions))
-    return near[keep], Closest(offset, np.maximum(distance, bound), bound, free, pushed)
+    if not long.any():
+        when, bound = _closest_in_interval(motions, remainder, dynamics, h, tolerance)
+    else:
+        when, bound = np.zeros((2, len(near)))
+        for which, search in ((~long, _closest_in_interval), (long, _closest_in_pieces)):
+            if which.any():
+                given = motions[which], remainder[which], dynamics, h, tolerance
+                when[which], bound[which] = search(*given)
+    keep = (bound <= motions.reach).nonzero()[0]
+    motions, offset, bound = motions[keep], when.take(keep) * h, bound.take(keep)
+    maps, position = motions.at(offset, dynamics)
+    distance = norm(_scaled(position, motions.scale))
+    return near.take(keep), Closest(offset, np.maximum(distance, bound), bound, *maps)
 
 
 def _scaled(
-    points: Float[Array, "rows *some 3"],
-    motions: Motions,
-    row: Int[Array, "rows"] | slice = slice(None),
+    points: Float[Array, "rows *some 3"], scale: Float[Array, "rows 3"] | None
 ) -> Float[Array, "rows *some 3"]:
     """Points of motions in the scaled axes of their distances."""
-    if motions.scale is None:
+    if scale is None:
         return points
-    return points * motions.scale[row].reshape(len(points), *[1] * (points.ndim - 2), 3)
+    return points * scale.reshape(len(points), *[1] * (points.ndim - 2), 3)
 
 
 def _closest_in_interval(
@@ -262,16 +305,16 @@ def _closest_in_interval(
     not depend on what is searched beside it.
     """
     parts = np.maximum(1, np.ceil((remainder / (tolerance / 4)) ** 0.25)).astype(int)
-    row = np.repeat(np.arange(len(parts)), parts)
-    part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
-    many = parts[row]
-    start, push = motions.start[row], motions.push[row]
-    begin, end = (
-        np.matvec(A, start) + np.matvec(B, push)
-        for A, B in _at_ends(motions, row, part, many, dynamics, h)
-    )
-    curve, remainder = hermite_bezier(begin, end, h / many), remainder[row] / many**4
-    curve = _scaled(curve, motions, row)
+    row = np.arange(len(parts)).repeat(parts)
+    part = np.arange(len(row)) - (parts.cumsum() - parts).take(row)
+    many, each = parts.take(row), motions[row]
+    curve = _scaled(_curves(each, part, many, dynamics, h), each.scale)
+    remainder = remainder.take(row) / many**4
+    if len(row) > MANY:
+        near = (chord_bound(curve) - remainder <= each.reach).nonzero()[0]
+        curve, remainder, row, part, many = (
+            one.take(near, 0) for one in (curve, remainder, row, part, many)
+        )
     stretch = part / many, 1.0 / many
     return branch_and_bound(curve, remainder, row, stretch, motions.reach, tolerance / 2)
 
@@ -286,11 +329,10 @@ def _closest_in_pieces(
         row, whole = np.repeat(some, MOST_PARTS), motions[some]
         A, B = dynamics.step(begins, whole.interval[:, None], whole.since[:, None])
         states = np.matvec(A, whole.start[:, None]) + np.matvec(B, whole.push[:, None])
-        begin, end = states[:, :-1].reshape(-1, 6), states[:, 1:].reshape(-1, 6)
         since = (whole.since[:, None] + begins[:-1]).ravel()
-        pushed, reach, interval = motions.push[row], motions.reach[row], motions.interval[row]
-        scale = None if motions.scale is None else motions.scale[row]
-        pieces = Motions(begin, end, pushed, reach, interval, since, scale)
+        ends = states[:, 1:].reshape(-1, 6), states[:, :-1].reshape(-1, 6)
+        flown = np.concatenate([*ends, motions.push[row]], axis=1)
+        pieces = replace(motions[row], flown=flown, since=since)
         near, found = closest_to_origin(pieces, dynamics, h / MOST_PARTS, tolerance)
         np.minimum.at(bound, row[near], found.bound)
         which, k = least_of_each(found.distance, row[near])
@@ -298,57 +340,66 @@ def _closest_in_pieces(
     return when, bound
 
 
-def _at_ends(
-    motions: Motions, row: Indices, part: Indices, many: Indices, dynamics: Dynamics, h: float
-) -> Iterator[tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"]]]:
-    """A and B of some motions to the beginning of a part, of so many, and to its end."""
-    table = _steps(dynamics, h, int(many.max()))
-    for end in (part, part + 1):
-        if table is None:
-            yield dynamics.step(h * end / many, motions.interval[row], motions.since[row])
-        else:
-            A, B, first = table
-            at = first[many] + end
-            yield A[at], B[at]
+def _curves(
+    motions: Motions, part: Indices, many: Indices, dynamics: Dynamics, h: float
+) -> Float[Array, "_ 4 3"]:
+    """Bezier points of the cubic of each motion in one of so many equal parts of its interval."""
+    table = _part_maps(dynamics, h, int(many.max()))
+    if table is not None:
+        maps = table.take((many - 1) * many // 2 + part, 0)
+        return np.matvec(maps, motions.flown[:, 6:]).reshape(-1, 4, 3)
+    begin, end = (
+        np.matvec(A, motions.start) + np.matvec(B, motions.push)
+        for A, B in (
+            dynamics.step(h * at / many, motions.interval, motions.since) for at in (part, part + 1)
+        )
+    )
+    return hermite_bezier(begin, end, h / many)
 
 
 @lru_cache(maxsize=64)
-def _steps(
-    dynamics: Dynamics, h: float, most: int
-) -> tuple[Float[Array, "_ 6 6"], Float[Array, "_ 6 3"], Int[Array, "_"]] | None:
-    """A and B to the ends of equal parts, for each number of parts, and where its own begin.
+def _part_maps(dynamics: Dynamics, h: float, most: int) -> Float[Array, "_ 12 9"] | None:
+    """From states and controls to Bezier points in each of 1, 2, … equal parts of an interval.
 
     None where intervals have maps of their own.
     """
     if dynamics.step(h, np.arange(1))[0].ndim > 2:
         return None
-    share = np.concatenate([np.arange(parts + 1) / max(parts, 1) for parts in range(most + 1)])
-    return *dynamics.step(h * share), np.cumsum(np.arange(most + 1))
+    many = np.arange(1, most + 1).repeat(np.arange(1, most + 1))
+    part = np.arange(len(many)) - (many - 1) * many // 2
+    # Columns of A and B are the motions of unit states and controls.
+    begin, end = (
+        np.concatenate(dynamics.step(h * at / many), axis=-1).mT.reshape(-1, 6)
+        for at in (part, part + 1)
+    )
+    columns = hermite_bezier(begin, end, h / many.repeat(9)).reshape(-1, 9, 12)
+    return np.ascontiguousarray(columns.mT)
 
 
 def _candidates(
-    middle: Vector,
-    radius: Scalar,
+    states: States,
+    controls: Controls,
+    problem: Problem,
     reach: Float[Array, "craft"],
     swarms: SwarmPartition,
     moved: Marked | None,
 ) -> Candidates:
-    """All pairs and intervals whose balls are within a distance: few compared, many by a tree."""
-    if swarms.few:
-        i, j = swarms.pairs
-        if moved is not None and not moved.all():
-            kept = moved[i] | moved[j]
-            i, j = i[kept], j[kept]
-        apart = swarms.apart(middle[i] - middle[j], i, j)
-        k, pair = np.nonzero((apart <= radius[i] + radius[j] + reach[i, None]).T)
-        return i[pair], j[pair], k
-    i, j, k = _by_tree(middle, radius, float(reach.max()), swarms)
-    kept = norm(middle[i, k] - middle[j, k]) <= radius[i, k] + radius[j, k] + reach[i]
-    if moved is not None:
-        kept &= moved[i] | moved[j]
-    i, j, k = i[kept], j[kept], k[kept]
-    order = np.lexsort((j, i, k))
-    return i[order], j[order], k[order]
+    """All pairs and intervals whose balls are within a distance: few compared, many by trees."""
+    dynamics, h, each = problem.dynamics, problem.time_step, np.arange(controls.shape[1])
+    if not swarms.few:
+        middle, radius = _chord_balls(states, controls, dynamics, h)
+        found = [_by_trees(middle[:, k], radius[:, k], reach, swarms, moved) for k in each]
+        i, j = (np.concatenate(both) for both in zip(*found, strict=True))
+        return i, j, each.repeat([len(first) for first, _ in found])
+    middle, radius = balls(states[:, :-1], states[:, 1:, :3], controls, dynamics, h, each)
+    i, j = swarms.pairs
+    if moved is not None and not moved.all():
+        kept = moved[i] | moved[j]
+        i, j = i[kept], j[kept]
+    own = radius[: len(reach)] + reach[:, None]  # the first of a pair is a craft
+    near = swarms.apart(middle, middle, i, j) <= own.take(i, 0) + radius.take(j, 0)
+    k, pair = np.divmod(near.T.ravel().nonzero()[0], len(i))
+    return i.take(pair), j.take(pair), k
 
 
 def balls(
@@ -368,14 +419,43 @@ def balls(
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
-def _by_tree(middle: Vector, radius: Scalar, reach: float, swarms: SwarmPartition) -> Candidates:
-    """Pairs and intervals whose balls may be near, by one k-d tree with a plane for each."""
+def _chord_balls(
+    states: States, controls: Controls, dynamics: Dynamics, h: float
+) -> tuple[Float[Array, "n intervals chords 3"], Float[Array, "n intervals chords"]]:
+    """The same balls about each of CHORDS equal parts of every interval."""
+    each, times = np.arange(controls.shape[1]), h / CHORDS * np.arange(CHORDS + 1)
+    A, B = (maps[..., :3, :] for maps in dynamics.step(times, each[:, None]))
+    at = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
+    sag = dynamics.most_acceleration(states[:, :-1], controls, h, each) * (h / CHORDS) ** 2 / 8
+    begin, end = at[:, :, :-1], at[:, :, 1:]
+    return (begin + end) / 2, norm(end - begin) / 2 + sag[..., None]
+
+
+def _by_trees(
+    middle: Float[Array, "n chords 3"],
+    radius: Float[Array, "n chords"],
+    reach: Float[Array, "n"],
+    swarms: SwarmPartition,
+    moved: Marked | None,
+) -> tuple[Indices, Indices]:
+    """Pairs whose balls about any of an interval's chords are within a distance, by k-d trees.
+
+    Swarms are in far planes of a fourth dimension.
+    """
     from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
 
-    intervals = radius.shape[1]
-    most = 2 * float(radius.max()) + reach
-    plane = 2 * most * (np.arange(intervals) + intervals * swarms.label[:, None])
-    points = np.concatenate([middle, plane[..., None]], axis=-1).reshape(-1, 4)
-    pair = cKDTree(points).query_pairs(most, output_type="ndarray")
-    one, other = pair[:, 0], pair[:, 1]
-    return one // intervals, other // intervals, one % intervals
+    pairs, n = [], len(middle)
+    for chord in range(CHORDS):
+        size, points = radius[:, chord], middle[:, chord]
+        most = 2 * float(size.max()) + float(reach.max())
+        if len(swarms.sizes) > 1:
+            points = np.column_stack([points, 2 * most * swarms.label])
+        i, j = cKDTree(points).query_pairs(most, output_type="ndarray").T
+        if moved is not None:
+            touched = (moved.take(i) | moved.take(j)).nonzero()[0]
+            i, j = i.take(touched), j.take(touched)
+        at = middle[:, [chord]]
+        near = swarms.apart(at, at, i, j)[:, 0] <= size.take(i) + size.take(j) + reach.take(i)
+        pairs.append((n * i + j)[near])
+    i, j = np.divmod(np.unique(np.concatenate(pairs)), n)
+    return i, j

@@ -48,12 +48,19 @@ class Rows:
 
     def __getitem__(self: SomeRows, which: Any) -> SomeRows:
         """Some of the rows, by a mask, indices or a slice."""
+        if isinstance(which, np.ndarray):  # numpy takes rows by number fastest
+            which = which if which.dtype != bool else which.nonzero()[0]
+            return type(self)(*[_taken(v, which) for v in vars(self).values()])
         return type(self)(*[v if v is None else v[which] for v in vars(self).values()])
 
     @classmethod
     def concatenated(cls: type[SomeRows], parts: Sequence[SomeRows]) -> SomeRows:
         """The rows of all parts, one after the other."""
         return cls(*map(_concatenated, zip(*(vars(part).values() for part in parts), strict=True)))
+
+
+def _taken(values: Any, which: Int[Array, "k"]) -> Any:
+    return values.take(which, 0) if isinstance(values, np.ndarray) else values and values[which]
 
 
 def _concatenated(values: Sequence[Any]) -> Any:

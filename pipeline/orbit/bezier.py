@@ -7,9 +7,24 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array, ArrayOrNumber
 
+# Rows are mapped one by one: what a matrix product rounds depends on how many rows there are, and
+# no plan is to depend on what is planned beside it.
 MAX_SPLITS = 40  # more than enough: each split at least quarters the error of the bracket
 NEWTON_STEPS = 2  # enough to be within rounding of a minimum where motion is nearly uniform
+NO_LENGTH = 1e-300  # squared length, m², so that a chord of none is no division by 0
 EDGE = 0.02  # a cubic that is closest this near to an end is halved instead of split there
+
+
+def _bernstein(degree: int) -> Float[Array, "4 _"]:
+    """Coefficients of Bernstein polynomials of a degree up to 3, by powers."""
+    found = np.zeros((4, degree + 1))
+    for j in range(degree + 1):
+        for k in range(degree - j + 1):
+            found[j + k, j] = comb(degree, j) * comb(degree - j, k) * (-1) ** k
+    return found
+
+
+CUBIC = _bernstein(3)
 # Bernstein coefficients of |c|², degree 6, from the 16 products of c's four Bezier points
 SQUARED = np.array(
     [
@@ -17,7 +32,16 @@ SQUARED = np.array(
         for i in range(4)
         for j in range(4)
     ]
-)
+).T.copy()
+# Coefficients of half its derivative, by powers, from these products
+SLOPE = np.array(
+    [np.convolve(CUBIC[:, i], CUBIC[1:, j] * [1, 2, 3]) for i in range(4) for j in range(4)]
+).T.copy()
+# Weights of c's points in the points of both its parts, by powers of where it is split
+PARTS = np.zeros((32, 4))
+for _point in range(4):
+    PARTS[4 * _point : 5 * _point + 1] = _bernstein(_point).T
+    PARTS[16 + 5 * _point : 20 + 4 * _point] = _bernstein(3 - _point).T
 
 
 def norm(a: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
@@ -25,31 +49,37 @@ def norm(a: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
     return np.sqrt(np.vecdot(a, a))
 
 
+def powers(a: Float[Array, "*batch"], count: int) -> Float[Array, "*batch _"]:
+    """So many powers of numbers, from 0 on."""
+    found = np.ones((*a.shape, count))
+    found[..., 1:] = a[..., None]
+    multiplied: Float[Array, "*batch _"] = np.multiply.accumulate(found, axis=-1)
+    return multiplied
+
+
 def hermite_bezier(
     start: Float[Array, "s 6"], end: Float[Array, "s 6"], h: float | Float[Array, "s"]
 ) -> Float[Array, "s 4 3"]:
     """Bezier points of the cubic with the positions and velocities of both ends, h s apart."""
-    p0, p3 = start[:, :3], end[:, :3]
-    third = np.asarray(h)[..., None] / 3
-    return np.stack([p0, p0 + third * start[:, 3:], p3 - third * end[:, 3:], p3], axis=1)
+    third, curve = np.asarray(h)[..., None] / 3, np.empty((len(start), 4, 3))
+    curve[:, 0], curve[:, 3] = start[:, :3], end[:, :3]
+    curve[:, 1] = start[:, :3] + third * start[:, 3:]
+    curve[:, 2] = end[:, :3] - third * end[:, 3:]
+    return curve
 
 
 def point_on(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 3"]:
     """The point of each cubic at a share of it, by its Bernstein polynomials."""
-    t, rest = at[:, None], 1 - at[:, None]
-    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
-    return rest**3 * p0 + 3 * t * rest**2 * p1 + 3 * t**2 * rest * p2 + t**3 * p3
+    return np.vecmat(np.matvec(CUBIC.T, powers(at, 4)), curve)
 
 
 def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     """A quick lower bound on each cubic's distance from the origin: its chord's, less the bend."""
-    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
-    square, product, other = np.vecdot(p0, p0), np.vecdot(p0, p3), np.vecdot(p3, p3)
-    length = square + other - 2 * product
-    s = np.clip((square - product) / np.where(length > 0, length, 1.0), 0.0, 1.0)
-    chord = np.sqrt(np.maximum(square + s * (s * length - 2 * (square - product)), 0.0))
-    bend = np.maximum(norm(p1 - (2 * p0 + p3) / 3), norm(p2 - (p0 + 2 * p3) / 3))
-    return chord - 0.75 * bend
+    begin, chord = curve[:, 0], curve[:, 3] - curve[:, 0]
+    s = _along(begin, chord)[:, None]
+    leave, come = curve[:, 1] - begin, curve[:, 3] - curve[:, 2]
+    bend = np.maximum(_square(3 * leave - chord), _square(3 * come - chord))
+    return norm(begin + s * chord) - 0.25 * np.sqrt(bend)
 
 
 def branch_and_bound(
@@ -69,63 +99,64 @@ def branch_and_bound(
     """
     left, width = stretch
     best = np.full(len(within), np.inf)
-    when, bound = np.zeros_like(best), np.full_like(best, np.inf)
+    when, bound = np.zeros(len(within)), best.copy()
     for level in range(MAX_SPLITS):
         s, distance = _closest(curve)
-        reached = distance + remainder
-        order = np.argsort(-reached, kind="stable")  # the last write, the least, stays
-        order = order[reached[order] < best[group[order]]]
-        best[group[order]] = reached[order]
-        when[group[order]] = (left + width * s)[order]
-        at = np.where((s > EDGE) & (s < 1 - EDGE), s, 0.5)
+        reached, before = distance + remainder, best.take(group)
+        np.minimum.at(best, group, reached)
+        least = best.take(group)
+        better = ((reached < before) & (reached == least)).nonzero()[0]
+        when[group.take(better)] = (left + width * s).take(better)
+        at = np.where(np.abs(s - 0.5) < 0.5 - EDGE, s, 0.5)
         curve = _split(curve, at)
-        group, remainder = np.repeat(group, 2), np.repeat(remainder, 2)
-        left = np.stack([left, left + width * at], axis=1).ravel()
-        width = np.stack([width * at, width * (1 - at)], axis=1).ravel()
-        lower = _hull_bound(curve) - remainder
-        done = (lower > within[group]) | (lower >= best[group] - 2 * remainder - tolerance)
-        if level == MAX_SPLITS - 1:
-            done[:] = True
-        np.minimum.at(bound, group[done], lower[done])
-        rest = ~done
-        if not rest.any():
+        lower = _hull_bound(curve) - remainder[:, None]
+        enough = least - 2 * remainder - tolerance
+        going = (lower <= within.take(group)[:, None]) & (lower < enough[:, None])
+        row, half = going.nonzero()
+        if level == MAX_SPLITS - 1 or len(row) == 0:
+            np.minimum.at(bound, group, np.minimum(lower[:, 0], lower[:, 1]))
             break
-        curve, group, remainder = curve[rest], group[rest], remainder[rest]
-        left, width = left[rest], width[rest]
+        np.minimum.at(bound, group, np.where(going, np.inf, lower).min(axis=1))
+        curve, group, remainder = curve[row, half], group.take(row), remainder.take(row)
+        at, share = at.take(row), width.take(row)
+        left = left.take(row) + half * share * at
+        width = share * np.where(half, 1 - at, at)
     return when, bound
 
 
 def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Array, "s"]]:
     """Where in [0, 1] Newton's method finds each cubic closest to the origin, and how close."""
-    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
-    a1, a2, a3 = 3 * (p1 - p0), 3 * (p2 - 2 * p1 + p0), p3 - 3 * p2 + 3 * p1 - p0
-    chord = p3 - p0
-    length = np.vecdot(chord, chord)
-    s = np.clip(-np.vecdot(p0, chord) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    slope = np.matvec(SLOPE, (curve @ curve.mT).reshape(-1, 16))
+    curvature = slope[:, 1:] * [1, 2, 3, 4, 5]
+    s = _along(curve[:, 0], curve[:, 3] - curve[:, 0])
     for _ in range(NEWTON_STEPS):
-        r = s[:, None]
-        c = p0 + r * (a1 + r * (a2 + r * a3))
-        v = a1 + r * (2 * a2 + 3 * r * a3)
-        slope, curvature = np.vecdot(c, v), np.vecdot(v, v) + np.vecdot(c, 2 * a2 + 6 * r * a3)
-        convex = curvature > 0
-        s = np.clip(s - np.where(convex, slope / np.where(convex, curvature, 1.0), 0.0), 0.0, 1.0)
-    r = s[:, None]
-    return s, norm(p0 + r * (a1 + r * (a2 + r * a3)))
+        power = powers(s, 6)
+        bends = np.vecdot(curvature, power[:, :-1])
+        # Where the squared distance is not convex, s stays.
+        step = np.vecdot(slope, power) / np.where(bends > 0, bends, np.inf)
+        s = np.minimum(np.maximum(s - step, 0.0), 1.0)
+    return s, norm(point_on(curve, s))
 
 
-def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "_ 4 3"]:
-    """Both parts of each cubic, in turn, by de Casteljau."""
-    t = at[:, None]
-    p0, p1, p2, p3 = curve.transpose(1, 0, 2)
-    p01, p12, p23 = p0 + t * (p1 - p0), p1 + t * (p2 - p1), p2 + t * (p3 - p2)
-    p012, p123 = p01 + t * (p12 - p01), p12 + t * (p23 - p12)
-    middle = p012 + t * (p123 - p012)
-    both = np.stack([p0, p01, p012, middle, middle, p123, p23, p3], axis=1)
-    return both.reshape(-1, 4, 3)
+def _along(begin: Float[Array, "s 3"], chord: Float[Array, "s 3"]) -> Float[Array, "s"]:
+    """Where in [0, 1] on its way along a chord each point is closest to the origin."""
+    along = -np.vecdot(begin, chord) / (_square(chord) + NO_LENGTH)
+    return np.minimum(np.maximum(along, 0.0), 1.0)
 
 
-def _hull_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
+def _square(a: Float[Array, "s 3"]) -> Float[Array, "s"]:
+    """Squared length of vectors."""
+    return np.vecdot(a, a)
+
+
+def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 2 4 3"]:
+    """Both parts of each cubic, by de Casteljau's weights."""
+    weights = np.matvec(PARTS, powers(at, 4)).reshape(-1, 8, 4)
+    return (weights @ curve).reshape(-1, 2, 4, 3)
+
+
+def _hull_bound(curve: Float[Array, "s parts 4 3"]) -> Float[Array, "s parts"]:
     """Lower bound on the distance from the origin: the least Bernstein coefficient of |c|²."""
-    gram = curve @ curve.transpose(0, 2, 1)
-    least = (gram.reshape(-1, 16) @ SQUARED).min(axis=1)
-    return np.sqrt(np.maximum(least, 0.0))
+    gram = curve @ curve.mT
+    least = np.matvec(SQUARED, gram.reshape(-1, 16)).min(axis=1)
+    return np.sqrt(np.maximum(least, 0.0)).reshape(curve.shape[:2])

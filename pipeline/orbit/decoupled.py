@@ -72,19 +72,20 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransf
         part = miss[:, facets.component]
         value = np.matvec(facets.dual, part)
         chosen = value.argmax(axis=1)
-        weight = np.matvec(facets.weights[chosen], part)
-        for k in np.flatnonzero(weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)):
+        weight = np.matvec(facets.weights.take(chosen, 0), part)
+        outside = weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)
+        for k in outside.nonzero()[0].tolist():
             # Of several in one plane the ray meets the one whose weights are not negative.
             near = np.flatnonzero(value[k] >= value[k].max() - ROUNDING * np.abs(value[k].max()))
             weights = np.matvec(facets.weights[near], part[k])
             best = weights.min(axis=1).argmax()
             chosen[k], weight[k] = near[best], weights[best]
         craft = np.arange(len(miss))[:, None]
-        column, sign = facets.column[chosen], facets.sign[chosen]
+        column, sign = facets.column.take(chosen, 0), facets.sign.take(chosen, 0)
         flat[craft, column] = weight * sign
         basis[:, facets.component] = column + (sign < 0) * flat.shape[1]
-        bound += np.take_along_axis(value, chosen[:, None], axis=1)[:, 0]
-        dual[:, facets.component] = facets.dual[chosen]
+        bound += value[craft[:, 0], chosen]
+        dual[:, facets.component] = facets.dual.take(chosen, 0)
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
     return MinimumFuelTransfers(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)

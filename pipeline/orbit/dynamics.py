@@ -2,6 +2,8 @@
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import lru_cache
+from math import factorial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -12,7 +14,9 @@ from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, R_EARTH, radius_at
 
-SERIES_BELOW = 0.1  # angle in rad under which θ - sin θ is taken from its series
+TINY = 1e-20  # angle, rad, in place of 0 where an angle divides its sine
+SERIES_BELOW = 0.5  # angle in rad under which θ - sin θ is taken from its series
+SERIES = [(-1) ** k / factorial(2 * k + 3) for k in range(7)]  # of (θ - sin θ) / θ³ in θ²
 
 
 Interval = int | Int[Array, "*some"]
@@ -112,10 +116,10 @@ class ClohessyWiltshire:
 
     def _amplitudes(self, start: AnyState, control: Vector) -> tuple[Scalar, Scalar]:
         """Amplitudes of ẍ and z̈, which under constant control oscillate at e about 0 by Eq. 1."""
-        e, (x, _, z, vx, vy, vz) = self.mean_motion, (start[..., k] for k in range(6))
-        radial = 3 * e**2 * x + 2 * e * vy + control[..., 0]
-        in_plane = np.hypot(radial, 2 * control[..., 1] - e * vx)
-        return in_plane, np.hypot(control[..., 2] - e**2 * z, e * vz)
+        e = self.mean_motion
+        radial = 3 * e**2 * start[..., 0] + 2 * e * start[..., 4] + control[..., 0]
+        in_plane = np.hypot(radial, 2 * control[..., 1] - e * start[..., 3])
+        return in_plane, np.hypot(control[..., 2] - e**2 * start[..., 2], e * start[..., 5])
 
 
 def cw_matrices(
@@ -129,47 +133,47 @@ def cw_matrices(
     """
     e, t = mean_motion, np.asarray(time_step, dtype=float)
     theta = np.asarray(e * t)
-    sin, cos = np.sin(theta), np.cos(theta)
-    half = np.sinc(theta / (2 * np.pi))  # sin(θ/2) / (θ/2)
-    s = t * np.sinc(theta / np.pi)  # sin θ / e
-    c = 0.5 * (t * half) ** 2  # (1 - cos θ) / e²
-    d = t**3 * _cubic_remainder(theta)  # (θ - sin θ) / e³
+    safe = np.where(theta == 0, TINY, theta)
+    half, sin, cos = 0.5 * safe, np.sin(theta), np.cos(theta)
+    s = t * (np.sin(safe) / safe)  # sin θ / e
+    root = t * (np.sin(half) / half)
+    c = 0.5 * root * root  # (1 - cos θ) / e²
+    d = t * t * t * _cubic_remainder(theta)  # (θ - sin θ) / e³
+    others = 1 + 3 * e**2 * c, 4 * s - 3 * t, 4 * cos - 3, 4 * c - 1.5 * t * t
+    terms = np.array([np.ones(t.shape), s, c, d, cos, sin, *others])
+    terms = terms.reshape(10, -1).T
+    A, B = _cw_terms(e)
+    return (terms @ A).reshape(*t.shape, 6, 6), (terms @ B).reshape(*t.shape, 6, 3)
 
-    A = np.zeros((*t.shape, 6, 6))
-    A[..., 0, 0] = 1 + 3 * e**2 * c
-    A[..., 0, 3] = A[..., 2, 5] = s
-    A[..., 0, 4] = 2 * e * c
-    A[..., 1, 0] = -6 * e**3 * d
-    A[..., 1, 1] = 1
-    A[..., 1, 3] = -2 * e * c
-    A[..., 1, 4] = 4 * s - 3 * t
-    A[..., 2, 2] = A[..., 3, 3] = A[..., 5, 5] = cos
-    A[..., 3, 0] = 3 * e**2 * s
-    A[..., 3, 4] = 2 * sin
-    A[..., 4, 0] = -6 * e**3 * c
-    A[..., 4, 3] = -2 * sin
-    A[..., 4, 4] = 4 * cos - 3
-    A[..., 5, 2] = -(e**2) * s
 
-    B = np.zeros((*t.shape, 6, 3))
-    B[..., 0, 0] = B[..., 2, 2] = c
-    B[..., 0, 1] = 2 * e * d
-    B[..., 1, 0] = -2 * e * d
-    B[..., 1, 1] = 4 * c - 1.5 * t**2
-    B[..., 3, 0] = B[..., 5, 2] = s
-    B[..., 3, 1] = 2 * e * c
-    B[..., 4, 0] = -2 * e * c
-    B[..., 4, 1] = 4 * s - 3 * t
-    return A, B
+@lru_cache(maxsize=64)
+def _cw_terms(e: float) -> tuple[Float[Array, "10 36"], Float[Array, "10 18"]]:
+    """What each term of the closed form adds to A and B; no entry has more than one."""
+    one, s, c, d, cos, sin, radial, along, rate, pushed = range(10)
+    A, B = np.zeros((10, 6, 6)), np.zeros((10, 6, 3))
+    A[one, 1, 1] = A[radial, 0, 0] = A[along, 1, 4] = A[rate, 4, 4] = 1
+    A[s, 0, 3] = A[s, 2, 5] = 1
+    A[c, 0, 4], A[c, 1, 3], A[c, 4, 0] = 2 * e, -2 * e, -6 * e**3
+    A[d, 1, 0] = -6 * e**3
+    A[cos, [2, 3, 5], [2, 3, 5]] = 1
+    A[s, 3, 0], A[s, 5, 2] = 3 * e**2, -(e**2)
+    A[sin, 3, 4], A[sin, 4, 3] = 2, -2
+    B[c, [0, 2], [0, 2]] = B[s, [3, 5], [0, 2]] = B[pushed, 1, 1] = B[along, 4, 1] = 1
+    B[d, 0, 1], B[d, 1, 0] = 2 * e, -2 * e
+    B[c, 3, 1], B[c, 4, 0] = 2 * e, -2 * e
+    return A.reshape(10, 36), B.reshape(10, 18)
 
 
 def _cubic_remainder(theta: Scalar) -> Scalar:
     """(θ - sin θ) / θ³, without cancellation near 0."""
-    x = theta**2
-    series = (1 - x / 20 * (1 - x / 42 * (1 - x / 72 * (1 - x / 110)))) / 6
-    small = np.abs(theta) < SERIES_BELOW
+    x, small = theta * theta, np.abs(theta) < SERIES_BELOW
+    series = SERIES[-1]
+    for coefficient in SERIES[-2::-1]:
+        series = coefficient + x * series
+    if small.all():
+        return np.asarray(series)
     safe = np.where(small, 1.0, theta)
-    return np.where(small, series, (safe - np.sin(safe)) / safe**3)
+    return np.where(small, series, (safe - np.sin(safe)) / (safe * safe * safe))
 
 
 @dataclass(frozen=True)

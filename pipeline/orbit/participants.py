@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array, ArrayOrNumber
+from pipeline.arrays import Array
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
 from pipeline.orbit.arrays import (
@@ -25,10 +25,8 @@ from pipeline.orbit.arrays import (
     PositionMaps,
     States,
     Values,
-    Vector,
     Vectors,
 )
-from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Corridor, Faces
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import fly
@@ -200,13 +198,6 @@ class Participants(SwarmPartition):
         wanted[~craft] = np.sqrt(a**2 * (1 + 1 / beta) + r**2 * (1 + beta))
         least = wanted.min(axis=1)
         return least[:, None] / wanted, least - self.problem.collision_radius
-
-    def apart(self, gap: Vector, first: Indices, second: Indices) -> Float[ArrayOrNumber, "*batch"]:
-        """As ``SwarmPartition.apart``."""
-        scale, beyond = self.asked(first, second)
-        rest = (slice(None), *[None] * (gap.ndim - 2))
-        assert scale is not None
-        return np.asarray(norm(gap * scale[rest]) - np.asarray(beyond)[rest])
 
     def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
         """As ``SwarmPartition.places``; intervals may lie beyond the plan's last."""

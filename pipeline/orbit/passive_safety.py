@@ -57,7 +57,7 @@ def loss_encounters(
     of ``moved`` craft are skipped.
     """
     swarms = swarms or side_by_side((len(states),))
-    reach = np.broadcast_to(within, len(swarms.sizes))[swarms.label]
+    reach = swarms.each(within)
     paths = _Paths(swarms.beside(states), swarms.pushed(controls), problem, orbits, swarms)
     moved = None if moved is None else swarms.marked(moved)
     found = []
@@ -148,7 +148,7 @@ def _candidates(
         centre, size = _balls(drifting, idle, dynamics, length, node + since)
         for i, j, steps in _searched(node, paths.last, since, swarms, moved):
             at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
-            apart = swarms.apart(centre[i, steps] - middle[j, at], i, j)
+            apart = swarms.apart(centre[:, steps], middle[:, at], i, j)
             pair, step = np.nonzero(apart <= size[i, steps] + radius[j, at] + reach[i, None])
             yield i[pair], np.full(len(pair), node), j[pair], at.start + step
 
@@ -198,7 +198,8 @@ def _closest(
     A, B = dynamics.step(length, interval)
     end, since = np.matvec(A, start) - np.matvec(B, held), np.zeros(len(start))
     scale, beyond = swarms.asked(lost, other)
-    motions = Motions(start, end, -held, reach[lost] + beyond, interval, since, scale)
+    flown = np.concatenate([end, start, -held], axis=1)
+    motions = Motions(flown, reach[lost] + beyond, interval, since, scale)
     near, found = closest_to_origin(motions, dynamics, length)
     found = found.less(beyond, near)
     return Approaches(
@@ -218,8 +219,8 @@ def _closest_at_steps(paths: _Paths, swarms: SwarmPartition) -> list[Separation]
     for node in range(paths.last + 1):
         drifting = np.matvec(paths.drift(node), paths.states[:, node, None])[..., :3]
         for i, j, _ in _searched(node, paths.last, since, swarms, None):
-            apart = drifting[i] - paths.states[j, node : node + len(since), :3]
-            apart = swarms.apart(apart, i, j)
+            others = paths.states[:, node : node + len(since), :3]
+            apart = swarms.apart(drifting, others, i, j)
             for swarm, distance, at, pair in closest_sampled(apart, i, j, swarms):
                 if not closest[swarm].distance <= distance:
                     time = float(node + at) * step

@@ -54,8 +54,8 @@ def swarm_node_collisions(
         parts = np.split(states, swarms.starts[1:])
         return np.array([node_collisions(part, collision_radius) for part in parts])
     i, j = swarms.pairs
-    states = swarms.beside(states, nodes)
-    close = swarms.apart(states[i, :, :3] - states[j, :, :3], i, j) <= collision_radius
+    positions = swarms.beside(states, nodes)[..., :3]
+    close = swarms.apart(positions, positions, i, j) <= collision_radius
     return np.bincount(swarms.label[i], close.sum(axis=1), len(swarms.sizes)).astype(int)
 
 
@@ -148,7 +148,7 @@ def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) 
         i, j = swarms.pairs
         craft, states = len(states), swarms.beside(states)
         most = np.maximum(most, np.abs(states[craft:, :, :3]).max(initial=0.0))
-        apart = swarms.apart(states[i, :, :3] - states[j, :, :3], i, j)
+        apart = swarms.apart(states[..., :3], states[..., :3], i, j)
         found = closest_sampled(apart, i, j, swarms)
     else:
         found = iter([_closest_by_tree(states)])

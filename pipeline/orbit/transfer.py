@@ -71,9 +71,14 @@ def _powers(problem: Problem) -> Float[Array, "T 6 6"]:
 
 def _steps(problem: Problem) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 6 3"]]:
     """A and B of Eq. 2 of each interval."""
-    A, B = problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
-    K = problem.intervals
+    (A, B), K = _step(problem), problem.intervals
     return np.broadcast_to(A, (K, 6, 6)), np.broadcast_to(B, (K, 6, 3))
+
+
+@lru_cache(maxsize=32)
+def _step(problem: Problem) -> tuple[Float[Array, "*K 6 6"], Float[Array, "*K 6 3"]]:
+    """A and B of Eq. 2, of each interval where they differ."""
+    return problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
 
 
 def has_one_plan(problem: Problem) -> bool:
@@ -120,7 +125,7 @@ def dynamics_defect(
     states: AnyStates, controls: AnyControls, problem: Problem
 ) -> Float[Array, "*batch intervals 6"]:
     """Violation of Eq. 2: s[t+1] - A s[t] - B u[t], m and m/s."""
-    A, B = problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
+    A, B = _step(problem)
     return states[..., 1:, :] - mapped(A, states[..., :-1, :]) - mapped(B, controls)
 
 
@@ -135,7 +140,7 @@ def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
     Exact where the states obey Eq. 2. Others, such as a network's raw output, can look cheaper
     than any transfer that can be flown.
     """
-    A, B = problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
+    A, B = _step(problem)
     return mapped(np.linalg.pinv(B), states[..., 1:, :] - mapped(A, states[..., :-1, :]))
 
 

@@ -141,6 +141,8 @@ class Scenario:
 
     def outside(self) -> Iterator[tuple[str, int, int, float]]:
         """Ends at which craft are not inside a corridor: which, craft, corridor, margin, m."""
+        if not self.corridors:
+            return
         faces, last = Faces.of(self.corridors, self.n), self.problem.duration
         for end, states, at in (
             ("initial", self.initial, faces.begin <= 0),

@@ -168,9 +168,9 @@ def _smaller(scenario: Scenario) -> str:
 def _apart(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
     """Whether every pair is further apart than the collision radius at this end."""
     swarms = _beside(scenario, end, problem)
-    there, (i, j) = swarms.beside(states[:, None], slice(0, 1))[:, 0, :3], swarms.pairs
-    distance = np.linalg.norm(there[i] - there[j], axis=1)
-    apart = swarms.apart(there[i] - there[j], i, j)
+    there, (i, j) = swarms.beside(states[:, None], slice(0, 1))[..., :3], swarms.pairs
+    distance = np.linalg.norm(there[i, 0] - there[j, 0], axis=1)
+    apart = swarms.apart(there, there, i, j)
     close = np.flatnonzero(apart <= problem.collision_radius)
     cases = tuple(
         Case(

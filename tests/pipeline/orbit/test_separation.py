@@ -118,20 +118,23 @@ def test_a_single_craft_has_no_separation():
     assert found.pair is None
 
 
-def test_no_close_pair_of_a_large_swarm_is_overlooked():
+@pytest.mark.parametrize(("n", "spread", "speed"), [(60, 120.0, 0.3), (140, 200.0, 3.0)])
+def test_no_close_pair_of_a_large_swarm_is_overlooked(n, spread, speed):
+    """Of so few craft that all are compared, and of so many that trees find them."""
     problem, rng = Problem(nodes=4), np.random.default_rng(0)
-    start = rng.normal(size=(60, 6)) * [120, 120, 120, 0.3, 0.3, 0.3]
-    controls = rng.normal(size=(60, 3, 3)) * 1e-3
+    start = rng.normal(size=(n, 6)) * np.repeat([spread, speed], 3)
+    controls = rng.normal(size=(n, 3, 3)) * 1e-3
     states = fly(start, controls, problem)
     found = close_approaches(states, controls, problem, within=40.0)
-    A, B = cw_matrices(problem.mean_motion, np.linspace(0, problem.time_step, 300))
-    i, j = np.triu_indices(60, 1)
+    A, B = cw_matrices(problem.mean_motion, np.linspace(0, problem.time_step, 120))
+    i, j = np.triu_indices(n, 1)
     ds, du = states[i, :-1] - states[j, :-1], controls[i] - controls[j]
     gap = np.einsum("qij,ptj->ptqi", A[:, :3], ds) + np.einsum("qij,ptj->ptqi", B[:, :3], du)
     row, interval = np.nonzero(np.linalg.norm(gap, axis=-1).min(axis=-1) <= 40.0)
-    known = set(zip(found.first, found.second, found.interval, strict=True))
+    known = list(zip(found.first, found.second, found.interval, strict=True))
     assert len(row) > 30
-    assert known >= set(zip(i[row], j[row], interval, strict=True))
+    assert set(known) >= set(zip(i[row], j[row], interval, strict=True))
+    assert known == sorted(set(known), key=lambda one: (one[2], one[0], one[1]))
 
 
 def test_pairs_of_which_neither_moved_are_left_out():
