@@ -20,6 +20,7 @@ from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import (
+    Comparison,
     EvaluatedPlanner,
     example_transfer,
     run_transfer_times,
@@ -120,20 +121,23 @@ def listed(values: Iterable[object]) -> str:
     return ",".join(dict.fromkeys(map(str, values)))
 
 
-def evaluate(settings: Evaluation, *, resume: bool = False, progress: Progress = SILENT) -> Done:
+def evaluate(
+    settings: Evaluation,
+    *,
+    workers: Workers | None = None,
+    resume: bool = False,
+    progress: Progress = SILENT,
+) -> Done:
     """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
     if settings.timed < 0:
         raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
     ground = held_out(settings, None if settings.sizes is None else int_list(settings.sizes))
     scenarios = ground.scenarios
-    planners = [*unlearned(), *ground.networks]
+    planners = [*unlearned(), *(network.alone for network in ground.networks)]
 
     def run(files: Path) -> pd.DataFrame:
-        progress.expect(len(scenarios) * len(planners))
-        tables = [
-            run_trials(planners, some, timed=min(settings.timed, len(some)), progress=progress)
-            for some in scenarios.values()
-        ]
+        sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
+        tables = run_trials(sizes, timed=settings.timed, workers=workers, progress=progress)
         table = pd.concat(tables, ignore_index=True)
         drawn = scenarios[min(scenarios, key=lambda n: abs(n - NETWORK_SIZE))][0]
         for network in ground.networks:
@@ -169,7 +173,11 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
 
 
 def transfer_times(
-    settings: TransferTimes, *, resume: bool = False, progress: Progress = SILENT
+    settings: TransferTimes,
+    *,
+    workers: Workers | None = None,
+    resume: bool = False,
+    progress: Progress = SILENT,
 ) -> Done:
     """Experiment 4: the same ends with other transfer times."""
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
@@ -183,12 +191,11 @@ def transfer_times(
         fitting = unlearned()
         for network in ground.networks:
             with suppress(InputError):  # its weights are for another T
-                fitting.append(network.on(problem))
+                fitting.append(network.on(problem).alone)
         return fitting
 
     def run(_: Path) -> pd.DataFrame:
-        progress.expect(len(varied))
-        return run_transfer_times(planners, scenarios, varied, progress=progress)
+        return run_transfer_times(planners, scenarios, varied, workers=workers, progress=progress)
 
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),

@@ -10,7 +10,7 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError, check_range
-from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.trials import Comparison, EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.model import Model
@@ -128,8 +128,11 @@ def train_model(
 def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
     """A network flown on validation scenarios, columns of Trial; InputError where none fits it."""
     scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:COMPARED_ON]
-    flown = NetworkPlanner(model, model.architecture)
-    return run_trials([EvaluatedPlanner(flown)], scenarios) if scenarios else pd.DataFrame()
+    if not scenarios:
+        return pd.DataFrame()
+    flown = EvaluatedPlanner(NetworkPlanner(model, model.architecture))
+    (table,) = run_trials([Comparison([flown], scenarios)])
+    return table
 
 
 def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
