@@ -50,7 +50,12 @@ Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
 TrainingSize = Annotated[int, option("Swarm size to train on.")]
 Device = Annotated[str, option("auto, cpu, cuda or mps.")]
 Resume = Annotated[
-    bool, flag("--resume", "Nothing to do where data, models, settings and versions are as before.")
+    bool,
+    flag(
+        "--resume",
+        "Nothing to do where data, models, settings and versions are as before; a run that was "
+        "killed goes on.",
+    ),
 ]
 
 

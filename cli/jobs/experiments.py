@@ -18,6 +18,7 @@ from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError, check_choice
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
+from pipeline.experiments.parts import Kept
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import (
     Comparison,
@@ -41,6 +42,7 @@ from pipeline.scratch import scratch_folder
 from pipeline.urls import public_url
 from registry.results import Done, earlier_run, record
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
+from registry.unfinished import unfinished
 
 COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
 
@@ -68,7 +70,7 @@ class HeldOut:
         self,
         experiment: str,
         params: Mapping[str, Any],
-        make: Callable[[Path], pd.DataFrame],
+        make: Callable[[Path, Kept], pd.DataFrame],
         *,
         kind: Sequence[str] = (),
         resume: bool,
@@ -76,9 +78,10 @@ class HeldOut:
     ) -> Done:
         """Run and record an experiment; with ``resume``, return an equal earlier run instead.
 
-        ``params`` are those that its settings leave open or do not have; ``make`` gives a row for
-        each trial and leaves files in a folder; ``kind`` names settings that tell kinds of its runs
-        apart.
+        Of one that did not come to its end, ``resume`` uses the parts that were done. ``params``
+        are those that its settings leave open or do not have; ``make`` gives a row for each trial,
+        keeps its parts and leaves files in a folder; ``kind`` names settings that tell kinds of its
+        runs apart.
         """
         params = {
             **vars(self.settings),
@@ -89,8 +92,13 @@ class HeldOut:
         }
         if resume and (earlier := earlier_run(experiment, params, kind, progress)):
             return Done(earlier, earlier=True)
-        with scratch_folder() as scratch:
-            table, used = make(scratch), (self.settings.data, self.digest)
+        weights = [network.predictor.digest for network in self.networks]
+        decided_by = {"params": params, "networks": weights}
+        with (
+            unfinished(experiment, decided_by, resume=resume, progress=progress) as kept,
+            scratch_folder() as scratch,
+        ):
+            table, used = make(scratch, kept), (self.settings.data, self.digest)
             # Last, since a finished run is what ``resume`` looks for.
             return Done(record(experiment, table, params=params, files=scratch, dataset=used))
 
@@ -135,9 +143,11 @@ def evaluate(
     scenarios = ground.scenarios
     planners = [*unlearned(), *(network.alone for network in ground.networks)]
 
-    def run(files: Path) -> pd.DataFrame:
+    def run(files: Path, kept: Kept) -> pd.DataFrame:
         sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
-        tables = run_trials(sizes, timed=settings.timed, workers=workers, progress=progress)
+        tables = run_trials(
+            sizes, timed=settings.timed, workers=workers, kept=kept, progress=progress
+        )
         table = pd.concat(tables, ignore_index=True)
         drawn = scenarios[min(scenarios, key=lambda n: abs(n - NETWORK_SIZE))][0]
         for network in ground.networks:
@@ -161,12 +171,9 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
     scenarios = ground.scenarios
     seeds = {(net.label, net.training_seed): net.predictor for net in ground.networks}
 
-    def run(_: Path) -> pd.DataFrame:
-        progress.expect(sum(map(len, scenarios.values())))
-        tables = [
-            run_warmstarts(seeds, some, optimizer, progress=progress) for some in scenarios.values()
-        ]
-        return pd.concat(tables, ignore_index=True)
+    def run(_: Path, kept: Kept) -> pd.DataFrame:
+        sizes = list(scenarios.values())
+        return run_warmstarts(seeds, sizes, optimizer, kept=kept, progress=progress)
 
     params = {"sizes": listed(scenarios), "seeds": listed(label for label, _ in seeds)}
     return ground.run(WARMSTART, params, run, kind=["optimizer"], resume=resume, progress=progress)
@@ -194,8 +201,10 @@ def transfer_times(
                 fitting.append(network.on(problem).alone)
         return fitting
 
-    def run(_: Path) -> pd.DataFrame:
-        return run_transfer_times(planners, scenarios, varied, workers=workers, progress=progress)
+    def run(_: Path, kept: Kept) -> pd.DataFrame:
+        return run_transfer_times(
+            planners, scenarios, varied, workers=workers, kept=kept, progress=progress
+        )
 
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
@@ -231,7 +240,7 @@ def flights(
         for network in ground.networks
     ]
 
-    def run(_: Path) -> pd.DataFrame:
+    def run(_: Path, kept: Kept) -> pd.DataFrame:
         return run_flights(
             [EvaluatedPlanner(Expert()), *baselines, *safe],
             scenarios,
@@ -239,6 +248,7 @@ def flights(
             larger=larger,
             seed=settings.seed,
             workers=workers,
+            kept=kept,
             progress=progress,
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import check_range
-from pipeline.experiments.parts import done_parts
+from pipeline.experiments.parts import Kept, done_parts
 from pipeline.experiments.records import (
     AS_FLOWN,
     ECCENTRICITIES,
@@ -75,6 +75,7 @@ def run_flights(
     larger: Sequence[Scenario] = (),
     seed: int = 0,
     workers: Workers | None = None,
+    kept: Kept | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.
@@ -99,7 +100,7 @@ def run_flights(
         for some, worlds in sizes
         for k, one in enumerate(some)
     ]
-    tables = done_parts(_flown, asked, workers=workers, progress=progress)
+    tables = done_parts("flights", _flown, asked, workers=workers, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)
 
 

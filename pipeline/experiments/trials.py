@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 from zipfile import ZipFile
@@ -10,12 +11,11 @@ from zipfile import ZipFile
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.experiments import records
-from pipeline.experiments.parts import done_parts
+from pipeline.experiments.parts import Kept, done_parts
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
 from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
@@ -63,6 +63,11 @@ class Comparison:
     scenarios: Sequence[Scenario]
     note: str = ""  # what progress is told of it
 
+    @property
+    def n(self) -> int:
+        """Spacecraft."""
+        return self.scenarios[0].n
+
 
 @dataclass(frozen=True, eq=False)
 class _Part:
@@ -83,6 +88,7 @@ def run_trials(
     *,
     timed: int = 0,
     workers: Workers | None = None,
+    kept: Kept | None = None,
     progress: Progress = SILENT,
 ) -> list[pd.DataFrame]:
     """A table of each comparison: a row a trial, columns of Trial; the same for any workers.
@@ -91,10 +97,10 @@ def run_trials(
     planners in turn so that the machine's noise falls on all alike, before any worker begins.
     Progress is told of each planner in each comparison.
     """
-    seconds = [_times(each.planners, each.scenarios[:timed]) for each in comparisons]
+    seconds = _times(comparisons, timed, kept)
     parts = [_Part(one, each.scenarios, each.note) for each in comparisons for one in each.planners]
-    tables = done_parts(_planned, parts, workers=workers, progress=progress)
-    for table, taken in zip(tables, chain.from_iterable(seconds), strict=True):
+    tables = done_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
+    for table, taken in zip(tables, seconds, strict=True):
         rows = table.index[table.reading != PREDICTED][: len(taken)]
         table.loc[rows, "seconds"] = taken
     left = iter(tables)
@@ -114,17 +120,26 @@ def _planned(part: _Part) -> pd.DataFrame:
 
 
 def _times(
-    planners: Sequence[EvaluatedPlanner], scenarios: Sequence[Scenario]
-) -> list[list[float]]:
-    """Seconds to plan each scenario alone, by planner, all of them on one thread."""
-    seconds: list[list[float]] = [[] for _ in planners]
-    with threadpool_limits(1):
-        for one in planners if scenarios else ():
-            one.planner.plan(scenarios[:1])  # warm up
-        for scenario in scenarios:
-            for taken, one in zip(seconds, planners, strict=True):
-                taken.append(one.planner.plan([scenario])[0].timing["plan"])
-    return seconds
+    comparisons: Sequence[Comparison], timed: int, kept: Kept | None
+) -> Sequence[Sequence[float]]:
+    """Seconds to plan each of the first scenarios alone, by comparison and planner."""
+    if not timed:
+        return [[] for each in comparisons for _ in each.planners]
+    here = Workers(jobs=1)
+    make = partial(_timed, timed)
+    tables = done_parts("times", make, comparisons, workers=here, kept=kept, progress=SILENT)
+    return [table[name].to_list() for table in tables for name in table]
+
+
+def _timed(timed: int, of: Comparison) -> pd.DataFrame:
+    """Seconds to plan the first scenarios: a row each, a column for each planner."""
+    for one in of.planners:
+        one.planner.plan(of.scenarios[:1])  # warm up
+    rows = [
+        {str(k): one.planner.plan([each])[0].timing["plan"] for k, one in enumerate(of.planners)}
+        for each in of.scenarios[:timed]
+    ]
+    return pd.DataFrame(rows)
 
 
 def _trial(one: EvaluatedPlanner, trial: int, scenario: Scenario, plan: Plan) -> Trial:
@@ -206,6 +221,7 @@ def run_transfer_times(
     varied: Sequence[tuple[str, Problem]],
     *,
     workers: Workers | None = None,
+    kept: Kept | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """All planners that fit, in every variation, on the same initial and goal states.
@@ -222,7 +238,7 @@ def run_transfer_times(
         )
         for _, problem in varied
     ]
-    made = run_trials(comparisons, workers=workers, progress=progress)
+    made = run_trials(comparisons, workers=workers, kept=kept, progress=progress)
     tables = []
     for (what, problem), table in zip(varied, made, strict=True):
         taken = {"varied": what} | {name: getattr(problem, name) for name in records.VARIED}

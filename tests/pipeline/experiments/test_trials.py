@@ -164,6 +164,6 @@ def test_seeds_are_timed_on_one_thread():
             return fly(initial, minimum_energy(initial, goal, PROBLEM), PROBLEM)
 
     with threadpool_limits(2):
-        run_warmstarts({("seed", 0): Seed()}, SCENARIOS[:1])
+        run_warmstarts({("seed", 0): Seed()}, [SCENARIOS[:1]])
     assert len(threads) > 1
     assert set(threads) == {1}
