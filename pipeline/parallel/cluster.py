@@ -10,7 +10,7 @@ from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from pipeline.errors import ProlearnError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.extras import told_which_extra
 from pipeline.parallel.processes import KEPT, SAME, WorkersLostError
 from pipeline.progress import Progress
@@ -33,6 +33,7 @@ def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Ite
     """
     where = public_url(scheduler)
     with _without_logs():
+        _check_certificates(scheduler)
         try:
             client = _client(scheduler, wait if again and wait else CONNECT_SECONDS)
         except (OSError, ValueError) as error:
@@ -156,6 +157,19 @@ class Cluster:
             f"{gone}; waiting up to {self._wait:g} s for it to come back, to do again what was in "
             "hand.",
             f"{gone} again and again; {KEPT}: see why in its log, and run {SAME}.",
+        )
+
+
+def _check_certificates(scheduler: str) -> None:
+    """InputError for a scheduler by TLS where Dask's own configuration has no certificates."""
+    from distributed.security import Security
+
+    with_tls = scheduler.startswith("tls://")
+    if with_tls and Security().get_connection_args("client").get("ssl_context") is None:
+        raise InputError(
+            f"the scheduler is {public_url(scheduler)} and Dask has no certificates for it; "
+            "expected distributed.comm.tls.ca-file, client.cert and client.key in its "
+            "configuration or environment: see docs/dataset.md."
         )
 
 
