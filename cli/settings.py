@@ -182,6 +182,15 @@ class WorkerSettings:
 
 
 @dataclass(frozen=True)
+class TrainingWorkers(WorkerSettings):
+    """The processes that train, by default the command's own."""
+
+    jobs: Annotated[
+        int, option("Trainings at once, each on one thread and with its data in memory; -1: cores.")
+    ] = 1
+
+
+@dataclass(frozen=True)
 class ProblemSettings:
     """Orbit, time grid, collision radius and thrust limit of a problem."""
 
