@@ -25,10 +25,17 @@ if TYPE_CHECKING:
 
 
 @with_settings
-def evaluate(settings: Evaluation, resume: Resume = False, as_json: AsJson = False) -> None:
+def evaluate(
+    context: typer.Context,
+    settings: Evaluation,
+    workers: WorkerSettings,
+    resume: Resume = False,
+    as_json: AsJson = False,
+) -> None:
     """Experiments 1 and 2: collisions, fuel and time against swarm size.
 
-    Networks, expert and baselines plan the same test scenarios.
+    Networks, expert and baselines plan the same test scenarios. Those that are timed are planned
+    on one thread of this machine first, before workers begin with the rest.
 
     Examples:
 
@@ -37,7 +44,8 @@ def evaluate(settings: Evaluation, resume: Resume = False, as_json: AsJson = Fal
     """
     from cli.jobs.experiments import evaluate as job
 
-    _run("evaluating", "Evaluated", job, settings, as_json=as_json, resume=resume)
+    by = workers_of(context, workers)
+    _run("evaluating", "Evaluated", job, settings, as_json=as_json, workers=by, resume=resume)
 
 
 @with_settings
@@ -45,7 +53,8 @@ def warmstart(settings: WarmStarts, resume: Resume = False, as_json: AsJson = Fa
     """Experiment 3: start an optimizer from each network's plan and from simple seeds.
 
     Networks, straight line, minimum energy and the decoupled optima give seeds; the report sets
-    both optimizers side by side.
+    both optimizers side by side. All that it asks is how long each start takes, so it works on one
+    thread of this machine: workers beside it would change the times.
 
     Examples:
 
@@ -59,7 +68,11 @@ def warmstart(settings: WarmStarts, resume: Resume = False, as_json: AsJson = Fa
 
 @with_settings
 def transfer_times(
-    settings: TransferTimes, resume: Resume = False, as_json: AsJson = False
+    context: typer.Context,
+    settings: TransferTimes,
+    workers: WorkerSettings,
+    resume: Resume = False,
+    as_json: AsJson = False,
 ) -> None:
     """Experiment 4: transfer times that no network was trained for.
 
@@ -73,7 +86,8 @@ def transfer_times(
     """
     from cli.jobs.experiments import transfer_times as job
 
-    _run("transfer times", "Transfer times done", job, settings, as_json=as_json, resume=resume)
+    by, done = workers_of(context, workers), "Transfer times done"
+    _run("transfer times", done, job, settings, as_json=as_json, workers=by, resume=resume)
 
 
 @with_settings

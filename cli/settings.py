@@ -50,7 +50,12 @@ Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
 TrainingSize = Annotated[int, option("Swarm size to train on.")]
 Device = Annotated[str, option("auto, cpu, cuda or mps.")]
 Resume = Annotated[
-    bool, flag("--resume", "Nothing to do where data, models, settings and versions are as before.")
+    bool,
+    flag(
+        "--resume",
+        "Nothing to do where data, models, settings and versions are as before; a run that was "
+        "killed goes on.",
+    ),
 ]
 
 
@@ -174,6 +179,15 @@ class WorkerSettings:
     scheduler_wait: Annotated[
         float | None, option("Seconds in which a lost scheduler may come back; 300 by default.")
     ] = None
+
+
+@dataclass(frozen=True)
+class TrainingWorkers(WorkerSettings):
+    """The processes that train, by default the command's own."""
+
+    jobs: Annotated[
+        int, option("Trainings at once, each on one thread and with its data in memory; -1: cores.")
+    ] = 1
 
 
 @dataclass(frozen=True)

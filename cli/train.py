@@ -1,19 +1,28 @@
 """Commands that train networks and search for hyperparameters."""
 
+from collections.abc import Sequence
 from itertools import product
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from cli.models import document_of
-from cli.options import architectures, int_list, name_list, with_settings
+from cli.options import architectures, int_list, name_list, with_settings, workers_of
 from cli.output import beside, echo, print_json, tell
 from cli.progress import progress
-from cli.settings import AsJson, TrainingSettings, TuningSettings, flag, option
+from cli.settings import AsJson, TrainingSettings, TrainingWorkers, TuningSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.urls import public_url
+
+if TYPE_CHECKING:
+    from cli.jobs.train import Contest
+    from pipeline.parallel.workers import Workers
+    from registry.models import ModelVersion
 
 
 @with_settings
 def train(
+    context: typer.Context,
     arch: Annotated[
         str,
         option(
@@ -23,6 +32,7 @@ def train(
         ),
     ],
     settings: TrainingSettings,
+    workers: TrainingWorkers,
     seed: Annotated[str, option("Of weights, order and dropout; several as 0,1 or 0..2.")] = "0",
     resume: Annotated[
         bool, flag("--resume", "Leave out what was trained before on the same data.")
@@ -31,13 +41,14 @@ def train(
 ) -> None:
     """Train networks and register them: on the expert's plans, the refiner on scenarios alone.
 
-    Each run is tracked in MLflow and each model registered as prolearn-ARCH.
+    Each run is tracked in MLflow and each model registered as prolearn-ARCH. Several train one
+    after the other, or at once with --jobs or on a Dask cluster whose machines all reach --data.
 
     Examples:
 
         prolearn train --arch lstm2
         prolearn train --arch ff1,ff2,ffcol --recipe paper --epochs 20
-        prolearn train --arch ff1,lstm1 --seed 0..2 --resume
+        prolearn train --arch ff1,lstm1 --seed 0..2 --jobs 2 --resume
     """
     names = name_list(arch)
     if not names:
@@ -47,11 +58,17 @@ def train(
     asked = list(product(names, int_list(seed, "--seed", least=0)))
     for one, number in asked:
         followed_recipe(one, number, settings)  # a name that is wrong stops all of them
+    by = workers_of(context, workers)
+    at_once = by.scheduler is not None or (by.jobs != 1 and len(asked) > 1)
     several = len({number for _, number in asked}) > 1
     with beside(as_json):
-        documents = [
-            _trained(one, number, settings, several=several, resume=resume) for one, number in asked
-        ]
+        if at_once:
+            documents = _trained_at_once(asked, settings, by, resume=resume)
+        else:
+            documents = [
+                _trained(one, number, settings, several=several, resume=resume)
+                for one, number in asked
+            ]
     if as_json:
         print_json(documents)
 
@@ -65,7 +82,33 @@ def _trained(
     title = f"training {arch} ({settings.recipe})" + (f", seed {seed}" if several else "")
     with progress(title) as shown:
         earlier = trained_before(arch, seed, settings, shown) if resume else None
-        version, contest = earlier or train_model(arch, seed, settings, shown)
+        found = earlier or train_model(arch, seed, settings, shown)
+    return _told(*found, earlier=earlier is not None)
+
+
+def _trained_at_once(
+    asked: Sequence[tuple[str, int]],
+    settings: TrainingSettings,
+    workers: "Workers",
+    *,
+    resume: bool,
+) -> list[dict[str, Any]]:
+    """Train networks on workers, but for those that were trained before; say so of each."""
+    from cli.jobs.train import AskedTraining, train_models, trained_before
+
+    with progress(f"training ({settings.recipe})") as shown:
+        earlier = [trained_before(*one, settings, shown) if resume else None for one in asked]
+        left = [
+            AskedTraining.of(*one, settings)
+            for one, before in zip(asked, earlier, strict=True)
+            if before is None
+        ]
+        made = iter(train_models(left, workers, shown))
+    return [_told(*(one or next(made)), earlier=one is not None) for one in earlier]
+
+
+def _told(version: "ModelVersion", contest: "Contest | None", *, earlier: bool) -> dict[str, Any]:
+    """Say what came of a training, and return it for programs."""
     names = ("best_epoch", "valid_position_rmse", "training_seconds")
     epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
     echo(
@@ -73,7 +116,7 @@ def _trained(
         f"({version.recipe}): best epoch {epoch:.0f}, predicted positions {rmse:.3g} m RMS from "
         f"the expert's, {seconds:.0f} s."
     )
-    document = {**document_of(version), "earlier": earlier is not None}
+    document = {**document_of(version), "earlier": earlier}
     if contest is None:
         return document
     champion = contest.champion.version

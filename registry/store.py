@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from http.client import HTTPException
+from pathlib import Path
 from typing import Any
 
 import mlflow
@@ -54,6 +55,11 @@ class Store:
     uri: str  # where it is; an SQLite file by its absolute path
     client: Any  # MLflow's, for it
     experiments: Mapping[str, str]  # ids by name
+
+    @property
+    def beside(self) -> Path:
+        """The folder of an SQLite file; where the store is a server, the current one."""
+        return database_path(self.uri).parent if self.uri.startswith("sqlite:") else Path.cwd()
 
 
 def connect(*more: str, create: bool = True) -> Store:

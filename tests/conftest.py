@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import shapes
+from clusters import Cluster
 from forked import Forked
 from hypothesis import settings
 from jaxtyping import config
@@ -76,3 +77,13 @@ def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
         mlflow.MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
     return path
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A Dask scheduler without workers yet."""
+    found = Cluster(tmp_path / "cluster")
+    try:
+        yield found
+    finally:
+        found.end()

@@ -18,8 +18,10 @@ from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError, check_choice
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
+from pipeline.experiments.parts import Kept
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import (
+    Comparison,
     EvaluatedPlanner,
     example_transfer,
     run_transfer_times,
@@ -40,6 +42,7 @@ from pipeline.scratch import scratch_folder
 from pipeline.urls import public_url
 from registry.results import Done, earlier_run, record
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
+from registry.unfinished import unfinished
 
 COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
 
@@ -67,7 +70,7 @@ class HeldOut:
         self,
         experiment: str,
         params: Mapping[str, Any],
-        make: Callable[[Path], pd.DataFrame],
+        make: Callable[[Path, Kept], pd.DataFrame],
         *,
         kind: Sequence[str] = (),
         resume: bool,
@@ -75,9 +78,10 @@ class HeldOut:
     ) -> Done:
         """Run and record an experiment; with ``resume``, return an equal earlier run instead.
 
-        ``params`` are those that its settings leave open or do not have; ``make`` gives a row for
-        each trial and leaves files in a folder; ``kind`` names settings that tell kinds of its runs
-        apart.
+        Of one that did not come to its end, ``resume`` uses the parts that were done. ``params``
+        are those that its settings leave open or do not have; ``make`` gives a row for each trial,
+        keeps its parts and leaves files in a folder; ``kind`` names settings that tell kinds of its
+        runs apart.
         """
         params = {
             **vars(self.settings),
@@ -88,8 +92,13 @@ class HeldOut:
         }
         if resume and (earlier := earlier_run(experiment, params, kind, progress)):
             return Done(earlier, earlier=True)
-        with scratch_folder() as scratch:
-            table, used = make(scratch), (self.settings.data, self.digest)
+        weights = [network.predictor.digest for network in self.networks]
+        decided_by = {"params": params, "networks": weights}
+        with (
+            unfinished(experiment, decided_by, resume=resume, progress=progress) as kept,
+            scratch_folder() as scratch,
+        ):
+            table, used = make(scratch, kept), (self.settings.data, self.digest)
             # Last, since a finished run is what ``resume`` looks for.
             return Done(record(experiment, table, params=params, files=scratch, dataset=used))
 
@@ -120,20 +129,25 @@ def listed(values: Iterable[object]) -> str:
     return ",".join(dict.fromkeys(map(str, values)))
 
 
-def evaluate(settings: Evaluation, *, resume: bool = False, progress: Progress = SILENT) -> Done:
+def evaluate(
+    settings: Evaluation,
+    *,
+    workers: Workers | None = None,
+    resume: bool = False,
+    progress: Progress = SILENT,
+) -> Done:
     """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
     if settings.timed < 0:
         raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
     ground = held_out(settings, None if settings.sizes is None else int_list(settings.sizes))
     scenarios = ground.scenarios
-    planners = [*unlearned(), *ground.networks]
+    planners = [*unlearned(), *(network.alone for network in ground.networks)]
 
-    def run(files: Path) -> pd.DataFrame:
-        progress.expect(len(scenarios) * len(planners))
-        tables = [
-            run_trials(planners, some, timed=min(settings.timed, len(some)), progress=progress)
-            for some in scenarios.values()
-        ]
+    def run(files: Path, kept: Kept) -> pd.DataFrame:
+        sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
+        tables = run_trials(
+            sizes, timed=settings.timed, workers=workers, kept=kept, progress=progress
+        )
         table = pd.concat(tables, ignore_index=True)
         drawn = scenarios[min(scenarios, key=lambda n: abs(n - NETWORK_SIZE))][0]
         for network in ground.networks:
@@ -157,19 +171,20 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
     scenarios = ground.scenarios
     seeds = {(net.label, net.training_seed): net.predictor for net in ground.networks}
 
-    def run(_: Path) -> pd.DataFrame:
-        progress.expect(sum(map(len, scenarios.values())))
-        tables = [
-            run_warmstarts(seeds, some, optimizer, progress=progress) for some in scenarios.values()
-        ]
-        return pd.concat(tables, ignore_index=True)
+    def run(_: Path, kept: Kept) -> pd.DataFrame:
+        sizes = list(scenarios.values())
+        return run_warmstarts(seeds, sizes, optimizer, kept=kept, progress=progress)
 
     params = {"sizes": listed(scenarios), "seeds": listed(label for label, _ in seeds)}
     return ground.run(WARMSTART, params, run, kind=["optimizer"], resume=resume, progress=progress)
 
 
 def transfer_times(
-    settings: TransferTimes, *, resume: bool = False, progress: Progress = SILENT
+    settings: TransferTimes,
+    *,
+    workers: Workers | None = None,
+    resume: bool = False,
+    progress: Progress = SILENT,
 ) -> Done:
     """Experiment 4: the same ends with other transfer times."""
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
@@ -183,12 +198,13 @@ def transfer_times(
         fitting = unlearned()
         for network in ground.networks:
             with suppress(InputError):  # its weights are for another T
-                fitting.append(network.on(problem))
+                fitting.append(network.on(problem).alone)
         return fitting
 
-    def run(_: Path) -> pd.DataFrame:
-        progress.expect(len(varied))
-        return run_transfer_times(planners, scenarios, varied, progress=progress)
+    def run(_: Path, kept: Kept) -> pd.DataFrame:
+        return run_transfer_times(
+            planners, scenarios, varied, workers=workers, kept=kept, progress=progress
+        )
 
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
@@ -224,7 +240,7 @@ def flights(
         for network in ground.networks
     ]
 
-    def run(_: Path) -> pd.DataFrame:
+    def run(_: Path, kept: Kept) -> pd.DataFrame:
         return run_flights(
             [EvaluatedPlanner(Expert()), *baselines, *safe],
             scenarios,
@@ -232,6 +248,7 @@ def flights(
             larger=larger,
             seed=settings.seed,
             workers=workers,
+            kept=kept,
             progress=progress,
         )
 

@@ -26,6 +26,11 @@ class EvaluatedNetwork(EvaluatedPlanner):
     predictor: Model
     version: ModelVersion
 
+    @property
+    def alone(self) -> EvaluatedPlanner:
+        """The same without its version, for workers, who need not know of MLflow."""
+        return EvaluatedPlanner(self.planner, self.recipe, self.training_seed, self.predictor)
+
     def on(self, problem: Problem) -> "EvaluatedNetwork":
         """The same network for another time grid; InputError where its weights do not fit."""
         model = self.predictor.on(problem)

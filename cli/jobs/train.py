@@ -1,6 +1,9 @@
 """A network trained on a dataset and registered, and the champion that it is compared with."""
 
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, fields
+from functools import partial
 
 import pandas as pd
 
@@ -9,18 +12,21 @@ from cli.settings import TrainingSettings
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
-from pipeline.errors import InputError, check_range
-from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.experiments.trials import Comparison, EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
+from pipeline.parallel.workers import Workers, check_worker
 from pipeline.planners.network import NetworkPlanner
 from pipeline.progress import SILENT, Progress
+from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
 from pipeline.training.data import sources
-from pipeline.training.loop import POSITION_RMSE, position_rmse, train, training_device
+from pipeline.training.loop import POSITION_RMSE, Trained, position_rmse, train, training_device
+from pipeline.urls import public_url
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
 from registry.models import (
@@ -97,6 +103,32 @@ def trained_before(
     return version, challenge(version, trials, settings.data)
 
 
+@dataclass(frozen=True)
+class AskedTraining:
+    """A training as a task of a worker: its network, and the digest of the data that it is of."""
+
+    arch: str
+    seed: int
+    settings: TrainingSettings
+    digest: str
+
+    @classmethod
+    def of(cls, arch: str, seed: int, settings: TrainingSettings) -> "AskedTraining":
+        """The training on the data as they are now."""
+        digest = read_manifest(settings.data).digest(settings.n)
+        return cls(arch, seed, settings, digest)
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedTraining:
+    """What comes of a training, not yet recorded."""
+
+    trained: Trained
+    instances: tuple[int, int]  # of training and of validation
+    error: float  # of positions on validation data, m
+    trials: pd.DataFrame  # flown on validation scenarios, columns of Trial
+
+
 def train_model(
     arch: str, seed: int, settings: TrainingSettings, progress: Progress = SILENT
 ) -> tuple[ModelVersion, Contest]:
@@ -105,31 +137,81 @@ def train_model(
     The seed is that of weights, order, dropout and fresh scenarios. A ProlearnError says where
     the loss diverges or the tracking store fails.
     """
-    recipe, data, n = followed_recipe(arch, seed, settings), settings.data, settings.n
-    check_range("memory in GB", settings.memory, *MEMORY)
-    memory = settings.memory * 1e9
-    learn, valid = sources(recipe, data, n, seed=seed, memory=memory, progress=progress)
+    asked = AskedTraining.of(arch, seed, settings)
     connect()  # a store that is away is better known before training than after
-    trained = train(
-        arch, recipe, learn, valid, seed=seed, device=settings.device, progress=progress
+    finished = _learned(asked, progress)
+    version = _recorded(asked, finished)
+    return version, challenge(version, finished.trials, settings.data)
+
+
+def train_models(
+    asked: Sequence[AskedTraining], workers: Workers, progress: Progress = SILENT
+) -> list[tuple[ModelVersion, Contest]]:
+    """Train several networks at once, each on one thread of a worker; in the order asked.
+
+    Workers read the data where the settings say, and give networks back. This process registers
+    each as soon as it is done, and compares them with champions, in the order asked, at the end.
+    """
+    progress.expect(len(asked))
+    connect()
+    one = partial(_learned_there, made_with(*TRAINED_BY))
+    done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
+    tasks = list(enumerate(asked))
+    with closing(workers.work(one, tasks, lambda _: b"", progress)) as results:
+        for (number, training), finished in results:
+            done[number] = _recorded(training, finished), finished.trials
+            progress.done(note=f"{training.arch}, seed {training.seed}")
+    found = [(*done[number], training.settings.data) for number, training in tasks]
+    return [(version, challenge(version, trials, data)) for version, trials, data in found]
+
+
+def _learned_there(
+    expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
+) -> FinishedTraining:
+    """In a worker: a training; ProlearnError for other versions, or other data, than asked for."""
+    check_worker(expected, TRAINED_BY)
+    asked = task[1]
+    how = asked.settings
+    if read_manifest(how.data).digest(how.n) != asked.digest:
+        raise ProlearnError(
+            f"{public_url(how.data)} holds other data on a worker; expected the same on all "
+            "machines: give a folder or a URL that all of them reach."
+        )
+    return _learned(asked, SILENT)
+
+
+def _learned(asked: AskedTraining, progress: Progress) -> FinishedTraining:
+    """Train a network and fly it on validation scenarios."""
+    arch, seed, how = asked.arch, asked.seed, asked.settings
+    recipe = followed_recipe(arch, seed, how)
+    check_range("memory in GB", how.memory, *MEMORY)
+    memory = how.memory * 1e9
+    learn, valid = sources(recipe, how.data, how.n, seed=seed, memory=memory, progress=progress)
+    trained = train(arch, recipe, learn, valid, seed=seed, device=how.device, progress=progress)
+    trials = validation_trials(trained.model, how.data, how.n)
+    error = position_rmse(trained.model, valid)
+    return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
+
+
+def _recorded(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
+    """Record a training and register its model."""
+    return record_training(
+        finished.trained,
+        recipe=followed_recipe(asked.arch, asked.seed, asked.settings),
+        seed=asked.seed,
+        dataset=DatasetInfo(asked.settings.data, asked.digest, *finished.instances),
+        metrics={POSITION_RMSE: finished.error} | flown_metrics(finished.trials),
     )
-    trials = validation_trials(trained.model, data, n)
-    errors = {POSITION_RMSE: position_rmse(trained.model, valid)}
-    version = record_training(
-        trained,
-        recipe=recipe,
-        seed=seed,
-        dataset=DatasetInfo(data, read_manifest(data).digest(n), len(learn), len(valid)),
-        metrics=errors | flown_metrics(trials),
-    )
-    return version, challenge(version, trials, data)
 
 
 def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
     """A network flown on validation scenarios, columns of Trial; InputError where none fits it."""
     scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:COMPARED_ON]
-    flown = NetworkPlanner(model, model.architecture)
-    return run_trials([EvaluatedPlanner(flown)], scenarios) if scenarios else pd.DataFrame()
+    if not scenarios:
+        return pd.DataFrame()
+    flown = EvaluatedPlanner(NetworkPlanner(model, model.architecture))
+    (table,) = run_trials([Comparison([flown], scenarios)])
+    return table
 
 
 def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:

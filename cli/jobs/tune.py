@@ -24,7 +24,6 @@ from pipeline.training.search import complete, open_study, suggested
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags
 from registry.running import recorded_run
-from registry.sqlite import database_path
 from registry.store import TUNING, Store, explained, opened
 from registry.training import DatasetInfo, record_of
 
@@ -104,9 +103,7 @@ def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
     with opened(TUNING) as store:
         search = RecipeSearch(settings, recipe, learn, valid, dataset, store)
         objective, tags = search.objective, environment_tags(TRAINED_BY)
-        sqlite = store.uri.startswith("sqlite:")
-        beside = (database_path(store.uri).parent if sqlite else Path.cwd()) / STORAGE
-        path = (settings.storage or beside).absolute()
+        path = (settings.storage or store.beside / STORAGE).absolute()
         with open_study(path, search.name, seed) as study:
             known = _parent_of(study, store)
             with recorded_run(store, TUNING, search.name, tags, again=known) as run_id:

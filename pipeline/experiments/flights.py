@@ -1,7 +1,6 @@
 """Runs of experiment 5: plans flown in other worlds, with errors, in open and closed loop."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice, product
 
@@ -9,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import check_range
+from pipeline.experiments.parts import Kept, done_parts
 from pipeline.experiments.records import (
     AS_FLOWN,
     ECCENTRICITIES,
@@ -56,6 +56,16 @@ class ScenarioFlights:
     flights: int
     seed: int
 
+    @property
+    def n(self) -> int:
+        """Spacecraft."""
+        return self.scenario.n
+
+    @property
+    def note(self) -> str:
+        """What progress is told of it."""
+        return f"n={self.n}"
+
 
 def run_flights(
     planners: Sequence[EvaluatedPlanner],
@@ -65,6 +75,7 @@ def run_flights(
     larger: Sequence[Scenario] = (),
     seed: int = 0,
     workers: Workers | None = None,
+    kept: Kept | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.
@@ -89,13 +100,8 @@ def run_flights(
         for some, worlds in sizes
         for k, one in enumerate(some)
     ]
-    progress.expect(len(asked))
-    tables: dict[tuple[int, int], pd.DataFrame] = {}
-    with closing((workers or Workers()).work(_flown, asked, lambda _: b"", progress)) as results:
-        for one, rows in results:
-            tables[one.scenario.n, one.trial] = rows
-            progress.done()
-    return pd.concat([tables[key] for key in sorted(tables)], ignore_index=True)
+    tables = done_parts("flights", _flown, asked, workers=workers, kept=kept, progress=progress)
+    return pd.concat(tables, ignore_index=True)
 
 
 def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearWorld]:
@@ -128,7 +134,7 @@ class _Way:
     loop: Loop
 
 
-def _flown(asked: ScenarioFlights, _: bytes) -> pd.DataFrame:
+def _flown(asked: ScenarioFlights) -> pd.DataFrame:
     """The rows of a scenario; the flights of a loop in a world side by side."""
     scenario, problem, first = asked.scenario, asked.scenario.problem, asked.trial * asked.flights
     nonlinear = worlds_of(scenario, asked.seed, asked.trial)

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 from zipfile import ZipFile
@@ -9,16 +11,17 @@ from zipfile import ZipFile
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.experiments import records
+from pipeline.experiments.parts import Kept, done_parts
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
 from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls, track
+from pipeline.parallel.workers import Workers
 from pipeline.plan import SOLVED, Plan, is_safe
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
@@ -52,51 +55,94 @@ class EvaluatedPlanner:
         return f"{self.planner.name} {self.recipe}".strip()
 
 
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Planners, and the scenarios of one problem and one size that all of them plan."""
+
+    planners: Sequence[EvaluatedPlanner]
+    scenarios: Sequence[Scenario]
+    note: str = ""  # what progress is told of it
+
+    @property
+    def n(self) -> int:
+        """Spacecraft."""
+        return self.scenarios[0].n
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What one planner does of a comparison, a task of a worker."""
+
+    one: EvaluatedPlanner
+    scenarios: Sequence[Scenario]
+    note: str
+
+    @property
+    def n(self) -> int:
+        """Spacecraft."""
+        return self.scenarios[0].n
+
+
 def run_trials(
-    planners: Sequence[EvaluatedPlanner],
-    scenarios: Sequence[Scenario],
+    comparisons: Sequence[Comparison],
     *,
     timed: int = 0,
+    workers: Workers | None = None,
+    kept: Kept | None = None,
     progress: Progress = SILENT,
-) -> pd.DataFrame:
-    """All planners on scenarios of one problem and one size: a row a trial, columns of Trial.
+) -> list[pd.DataFrame]:
+    """A table of each comparison: a row a trial, columns of Trial; the same for any workers.
 
-    So many of the scenarios as are ``timed`` are planned once more one at a time, the planners in
-    turn so that the machine's noise falls on all alike. Progress is told of each planner.
+    So many scenarios of each as are ``timed`` are first planned one at a time by this process, the
+    planners in turn so that the machine's noise falls on all alike, before any worker begins.
+    Progress is told of each planner in each comparison.
     """
-    seconds = _times(planners, scenarios[:timed])
-    rows: list[Trial] = []
-    for one, taken in zip(planners, seconds, strict=True):
-        plans = one.planner.plan(scenarios)
-        taken += [NAN] * (len(plans) - len(taken))
-        planned = [
-            _trial(one, k, scenarios[k], plan, took)
-            for k, (plan, took) in enumerate(zip(plans, taken, strict=True))
-        ]
-        if one.predictor is not None:
-            rows += _predicted(one.predictor, scenarios, planned)
-        rows += planned
-        progress.done(note=f"n={scenarios[0].n}")
-    return pd.DataFrame(rows)
+    seconds = _times(comparisons, timed, kept)
+    parts = [_Part(one, each.scenarios, each.note) for each in comparisons for one in each.planners]
+    tables = done_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
+    for table, taken in zip(tables, seconds, strict=True):
+        rows = table.index[table.reading != PREDICTED][: len(taken)]
+        table.loc[rows, "seconds"] = taken
+    left = iter(tables)
+    return [pd.concat(islice(left, len(each.planners)), ignore_index=True) for each in comparisons]
+
+
+def _planned(part: _Part) -> pd.DataFrame:
+    """The rows of a planner, of its raw predictions first; none is timed."""
+    plans = part.one.planner.plan(part.scenarios)
+    flown = [
+        _trial(part.one, k, scenario, plan)
+        for k, (scenario, plan) in enumerate(zip(part.scenarios, plans, strict=True))
+    ]
+    predictor = part.one.predictor
+    raw = [] if predictor is None else _predicted(predictor, part.scenarios, flown)
+    return pd.DataFrame([*raw, *flown])
 
 
 def _times(
-    planners: Sequence[EvaluatedPlanner], scenarios: Sequence[Scenario]
-) -> list[list[float]]:
-    """Seconds to plan each scenario alone, by planner, all of them on one thread."""
-    seconds: list[list[float]] = [[] for _ in planners]
-    with threadpool_limits(1):
-        for one in planners if scenarios else ():
-            one.planner.plan(scenarios[:1])  # warm up
-        for scenario in scenarios:
-            for taken, one in zip(seconds, planners, strict=True):
-                taken.append(one.planner.plan([scenario])[0].timing["plan"])
-    return seconds
+    comparisons: Sequence[Comparison], timed: int, kept: Kept | None
+) -> Sequence[Sequence[float]]:
+    """Seconds to plan each of the first scenarios alone, by comparison and planner."""
+    if not timed:
+        return [[] for each in comparisons for _ in each.planners]
+    here = Workers(jobs=1)
+    make = partial(_timed, timed)
+    tables = done_parts("times", make, comparisons, workers=here, kept=kept, progress=SILENT)
+    return [table[name].to_list() for table in tables for name in table]
 
 
-def _trial(
-    one: EvaluatedPlanner, trial: int, scenario: Scenario, plan: Plan, seconds: float
-) -> Trial:
+def _timed(timed: int, of: Comparison) -> pd.DataFrame:
+    """Seconds to plan the first scenarios: a row each, a column for each planner."""
+    for one in of.planners:
+        one.planner.plan(of.scenarios[:1])  # warm up
+    rows = [
+        {str(k): one.planner.plan([each])[0].timing["plan"] for k, one in enumerate(of.planners)}
+        for each in of.scenarios[:timed]
+    ]
+    return pd.DataFrame(rows)
+
+
+def _trial(one: EvaluatedPlanner, trial: int, scenario: Scenario, plan: Plan) -> Trial:
     certificate = plan.certificate
     return Trial(
         planner=one.planner.name,
@@ -113,7 +159,7 @@ def _trial(
         fuel_lower_bound=certificate.fuel_lower_bound,
         boundary_error=certificate.goal_error,
         dynamics_error=certificate.dynamics_error,
-        seconds=seconds,
+        seconds=NAN,
         convex_solves=plan.convex_solves,
     )
 
@@ -146,7 +192,6 @@ def _predicted(
             fuel=float(used[trial]),
             boundary_error=float(np.abs(ends[:, trial, :, :3]).max()),
             dynamics_error=float(np.abs(defect[trial, ..., :3]).max()),
-            seconds=NAN,
             convex_solves=0,
         )
 
@@ -175,21 +220,29 @@ def run_transfer_times(
     scenarios: Sequence[Scenario],
     varied: Sequence[tuple[str, Problem]],
     *,
+    workers: Workers | None = None,
+    kept: Kept | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """All planners that fit, in every variation, on the same initial and goal states.
 
     The ends of scenarios, which are of one problem and one n, stay what they are, since passive
     formations depend on the orbit alone. A row a trial: varied, nodes, time_step and the columns of
-    Trial. Progress is told of each problem.
+    Trial.
     """
+    comparisons = [
+        Comparison(
+            planners_for(problem),
+            [replace(scenario, problem=problem) for scenario in scenarios],
+            f"T = {problem.nodes}, Δt = {problem.time_step:g} s",
+        )
+        for _, problem in varied
+    ]
+    made = run_trials(comparisons, workers=workers, kept=kept, progress=progress)
     tables = []
-    for what, problem in varied:
-        moved = [replace(scenario, problem=problem) for scenario in scenarios]
+    for (what, problem), table in zip(varied, made, strict=True):
         taken = {"varied": what} | {name: getattr(problem, name) for name in records.VARIED}
-        table = run_trials(planners_for(problem), moved).assign(**taken)
-        tables.append(table[list(records.TABLES["transfer_times"])])
-        progress.done(note=f"T = {problem.nodes}, Δt = {problem.time_step:g} s")
+        tables.append(table.assign(**taken)[list(records.TABLES["transfer_times"])])
     return pd.concat(tables, ignore_index=True)
 
 

@@ -1,16 +1,19 @@
 """Runs of experiment 3: time that a seed saves the expert, and a plain SCP as the paper's."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from pipeline.experiments.parts import Kept, done_parts
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor, flies_safely
 from pipeline.expert import EFFORTS, SEEDS, solve
 from pipeline.expert.seeds import Seed, decoupled_seed
+from pipeline.parallel.workers import Workers
 from pipeline.plan import Plan
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
@@ -25,55 +28,80 @@ SeedMaker = Callable[[Scenario], Seed] | None
 Optimize = Callable[[Scenario, Seed | None], Plan]
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One scenario, for every seed and rule; its number among those of its size."""
+
+    scenario: Scenario
+    trial: int
+    rules: Mapping[str, Optimize]  # by name
+    note: str = ""
+
+    @property
+    def n(self) -> int:
+        """Spacecraft."""
+        return self.scenario.n
+
+
 def run_warmstarts(
     predictors: Mapping[Source, Predictor],
-    scenarios: Sequence[Scenario],
+    sizes: Sequence[Sequence[Scenario]],
     optimizer: str = EXPERT,
     *,
+    kept: Kept | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Every seed and rule on every scenario: a row each, columns of WarmStart.
 
-    The seeds of a scenario follow each other directly, begun with another one each time, so
-    that the machine's noise falls on all alike.
+    All run on one thread of this process, the seeds of a scenario directly after each other, begun
+    with another one each time, so that the machine's noise falls on all alike.
 
     The raw predictions of networks, by name and training seed, are seeds beside those of SEEDS.
-    Scenarios are of one problem and one n; progress is told of each.
+    Scenarios are of one problem, those of each size of one n; progress is told of each.
     """
-    if not scenarios:
-        return pd.DataFrame()
     seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
     if optimizer == PLAIN:
         seeds["decoupled optimum", 0] = decoupled_seed  # the expert's own start
     seeds |= {source: partial(_network_seed, network) for source, network in predictors.items()}
-    rules = _rules(optimizer, scenarios[0])
+    parts = []
+    for some in filter(None, sizes):
+        rules = _rules(optimizer, some[0])
+        parts += [_Part(scenario, trial, rules) for trial, scenario in enumerate(some)]
+        with threadpool_limits(1):
+            for make in seeds.values():
+                _run(some[0], make, rules[CONVERGED])  # warm up
+    here, one = Workers(jobs=1), partial(_started, optimizer, seeds)
+    tables = done_parts("starts", one, parts, workers=here, kept=kept, progress=progress)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _started(
+    optimizer: str,
+    seeds: Mapping[Source, SeedMaker],
+    part: _Part,
+) -> pd.DataFrame:
+    """The rows of a scenario."""
     sources = list(seeds)
-    rows: list[WarmStart] = []
-    with threadpool_limits(1):
-        for source in sources:
-            _run(scenarios[0], seeds[source], rules[CONVERGED])  # warm up
-        for trial, scenario in enumerate(scenarios):
-            first = trial % len(sources)
-            for source in sources[first:] + sources[:first]:
-                for rule, optimize in rules.items():
-                    plan, seconds = _run(scenario, seeds[source], optimize)
-                    rows.append(
-                        WarmStart(
-                            optimizer=optimizer,
-                            n=scenario.n,
-                            trial=trial,
-                            seed=source[0],
-                            training_seed=source[1],
-                            rule=rule,
-                            convex_solves=plan.convex_solves,
-                            seconds=seconds,
-                            optimality_gap=plan.certificate.optimality_gap,
-                            fuel=plan.certificate.fuel,
-                            safe=flies_safely(plan),
-                            status=plan.status,
-                        )
-                    )
-            progress.done()
+    first, rows = part.trial % len(sources), []
+    for source in sources[first:] + sources[:first]:
+        for rule, optimize in part.rules.items():
+            plan, seconds = _run(part.scenario, seeds[source], optimize)
+            rows.append(
+                WarmStart(
+                    optimizer=optimizer,
+                    n=part.n,
+                    trial=part.trial,
+                    seed=source[0],
+                    training_seed=source[1],
+                    rule=rule,
+                    convex_solves=plan.convex_solves,
+                    seconds=seconds,
+                    optimality_gap=plan.certificate.optimality_gap,
+                    fuel=plan.certificate.fuel,
+                    safe=flies_safely(plan),
+                    status=plan.status,
+                )
+            )
     return pd.DataFrame(rows)
 
 

@@ -11,7 +11,6 @@ that a run that was killed goes on, and more trials come on top.
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -30,9 +29,9 @@ from pipeline.planners.planner import identity
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
-from pipeline.storage import COPY, MANIFEST, TIMINGS, shards
+from pipeline.storage import TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger, NewShard, open_ledger, read_checked, write_shards
+from pipeline.storage.ledger import Ledger, NewShard, ShardList, open_ledger, write_shards
 from pipeline.storage.shards import Size, decode, digest_of, encode
 
 SCHEMA = "prolearn.flight/2"
@@ -75,17 +74,6 @@ TIMING_FIELDS = [
     FIELDS[0],
     pa.field("replan_seconds", pa.list_(pa.field("element", pa.float64(), nullable=False))),
 ]
-
-
-@dataclass(frozen=True)
-class TrialsManifest:
-    """The manifest of a Monte Carlo: SHA-256 of each finished shard, by path inside the folder."""
-
-    shards: Mapping[str, str]
-
-    def fields(self) -> dict[str, Any]:
-        """Fields of its file, JSON-ready."""
-        return {"schema": SCHEMA, "shards": dict(sorted(self.shards.items()))}
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +160,7 @@ def fly_all(
     """
     check_range("trials", trials, 1, MOST_TRIALS)
     folder, workers = open_folder(where), workers or Workers()
-    with open_ledger(folder, OWNED, lambda: _begin(folder), progress) as ledger:
+    with open_ledger(folder, OWNED, lambda: ShardList.of(folder, SCHEMA), progress) as ledger:
         portions = [one for loop in loops for one in _portions(of, loop, trials)]
         wanted = [portion for portion in portions if not _is_done(ledger, portion)]
         write_shards(ledger, _flown, wanted, workers, progress)
@@ -190,20 +178,12 @@ def _unlike(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _begin(folder: Folder) -> TrialsManifest:
-    """The manifest of the folder; without one, whole shards are adopted."""
-    for name in (MANIFEST, COPY):
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            return TrialsManifest(dict(read_checked(folder, name)["shards"]))
-    return TrialsManifest({})
-
-
 def _portions(of: TrialSettings, loop: Loop, trials: int) -> Iterator[Portion]:
     for number, first in enumerate(range(0, trials, of.portion)):
         yield Portion(of, loop, number, range(first, min(first + of.portion, trials)))
 
 
-def _is_done(ledger: Ledger[TrialsManifest], portion: Portion) -> bool:
+def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
     """Whether a shard is sound, with its timings and the rows that are asked for.
 
     InputError where it was made with other settings or versions.
@@ -253,7 +233,7 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     return NewShard(portion.path, content, encode(timings))
 
 
-def _read(ledger: Ledger[TrialsManifest], of: TrialSettings, loop: Loop, trials: int) -> Trials:
+def _read(ledger: Ledger[ShardList], of: TrialSettings, loop: Loop, trials: int) -> Trials:
     """The first so many trials of a loop, with the times of all their plans."""
 
     def sound(name: str, digest: str, most: Size) -> pa.Table:

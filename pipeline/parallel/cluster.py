@@ -10,9 +10,9 @@ from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from pipeline.errors import ProlearnError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.extras import told_which_extra
-from pipeline.parallel.processes import WorkersLostError
+from pipeline.parallel.processes import KEPT, SAME, WorkersLostError
 from pipeline.progress import Progress
 from pipeline.urls import public, public_url
 
@@ -33,13 +33,13 @@ def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Ite
     """
     where = public_url(scheduler)
     with _without_logs():
+        _check_certificates(scheduler)
         try:
             client = _client(scheduler, wait if again and wait else CONNECT_SECONDS)
         except (OSError, ValueError) as error:
             raise ProlearnError(
                 f"the Dask scheduler at {where} is gone and did not come back within {wait:g} s; "
-                "the shards that were done are kept: start it and its workers, and run the same "
-                "command again."
+                f"{KEPT}: start it and its workers, and run {SAME}."
                 if again
                 else f"no Dask scheduler answers at {where} ({public(error, scheduler)}); start "
                 "one with `dask scheduler`."
@@ -127,8 +127,7 @@ class Cluster:
             killed = "workers of the Dask cluster were killed, perhaps for want of memory"
             raise WorkersLostError(
                 f"{killed}; what they had in hand is done again.",
-                f"{killed}, again and again; the shards that were done are kept: run the same "
-                "command again with more memory for each worker.",
+                f"{killed}, again and again; {KEPT}: give each worker more memory and run {SAME}.",
             ) from error
 
     def _check(self) -> None:
@@ -152,13 +151,25 @@ class Cluster:
 
     def _gone(self) -> Exception:
         gone = f"the Dask scheduler at {self._where} is gone"
-        kept = "the shards that were done are kept"
         if not self._wait:
-            return ProlearnError(f"{gone}; {kept}: start it and run the same command again.")
+            return ProlearnError(f"{gone}; {KEPT}: start it and run {SAME}.")
         return WorkersLostError(
             f"{gone}; waiting up to {self._wait:g} s for it to come back, to do again what was in "
             "hand.",
-            f"{gone} again and again; {kept}: see why in its log, and run the same command again.",
+            f"{gone} again and again; {KEPT}: see why in its log, and run {SAME}.",
+        )
+
+
+def _check_certificates(scheduler: str) -> None:
+    """InputError for a scheduler by TLS where Dask's own configuration has no certificates."""
+    from distributed.security import Security
+
+    with_tls = scheduler.startswith("tls://")
+    if with_tls and Security().get_connection_args("client").get("ssl_context") is None:
+        raise InputError(
+            f"the scheduler is {public_url(scheduler)} and Dask has no certificates for it; "
+            "expected distributed.comm.tls.ca-file, client.cert and client.key in its "
+            "configuration or environment: see docs/dataset.md."
         )
 
 

@@ -17,6 +17,7 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
+KEPT, SAME = "what was done is kept", "the same command again (with --resume if it has that)"
 PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still there
 
 
@@ -52,8 +53,8 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
         raise WorkersLostError(
             "a worker process was killed, perhaps for want of memory; what it had in hand is done "
             "again.",
-            "worker processes are killed again and again, perhaps for want of memory; the shards "
-            "that were done are kept: run the same command again with fewer --jobs.",
+            f"worker processes are killed again and again, perhaps for want of memory; {KEPT}: run "
+            f"{SAME}, with fewer --jobs.",
         ) from error
 
 

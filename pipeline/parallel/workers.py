@@ -123,6 +123,6 @@ def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
     change = version_change(expected, made_with(*decided_by))
     if change:
         raise ProlearnError(
-            f"the dataset is made with {change} on a worker; expected the same versions on all "
+            f"this is made with {change} on a worker; expected the same versions on all "
             "machines: install them there and run the same command again."
         )

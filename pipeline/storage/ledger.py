@@ -69,6 +69,26 @@ class ShardManifest(Protocol):
         """Fields of its file, JSON-ready."""
 
 
+@dataclass(frozen=True)
+class ShardList:
+    """A manifest that says no more than the shards, of folders whose shards say the rest."""
+
+    schema: str
+    shards: Mapping[str, str]
+
+    @classmethod
+    def of(cls, folder: Folder, schema: str) -> "ShardList":
+        """The one of a folder, or of its copy; without either no shard is listed."""
+        for name in (MANIFEST, COPY):
+            with suppress(OSError, ValueError, KeyError, TypeError):
+                return cls(schema, dict(read_checked(folder, name)["shards"]))
+        return cls(schema, {})
+
+    def fields(self) -> dict[str, Any]:
+        """Fields of its file, JSON-ready."""
+        return {"schema": self.schema, "shards": dict(sorted(self.shards.items()))}
+
+
 Kind = TypeVar("Kind", bound=ShardManifest)
 
 
@@ -251,7 +271,7 @@ def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
         with suppress(OSError):
             holder = folder.read(WRITER).decode()
         raise InputError(
-            f"{folder} is being written by {holder}; wait for it or give another folder."
+            f"{folder} is being written by {holder}; wait for it, or work in another folder."
         ) from error
     except (OSError, NotImplementedError) as error:
         raise ProlearnError(

@@ -18,7 +18,7 @@ from cli.output import print_json
 
 CRAFT = ["--data", "data", "--n", "3"]
 FF1 = ["train", "--arch", "ff1", *CRAFT, "--epochs", "2"]
-EVALUATE = ["evaluate", *CRAFT, "--trials", "2", "--timed", "1"]
+EVALUATE = ["evaluate", *CRAFT, "--trials", "2", "--timed", "1", "--jobs", "1"]
 
 COMMANDS = {
     "sample": ["sample", "--n", "3", "--count", "24", "--shares", "0.5,0.25,0.25", "--out", "data"],
@@ -28,7 +28,17 @@ COMMANDS = {
     "evaluate": [*EVALUATE, "--json"],
     "evaluate again": [*EVALUATE, "--resume", "--json"],
     "warmstart": ["warmstart", *CRAFT, "--trials", "1", "--json"],
-    "transfer-times": ["transfer-times", *CRAFT, "--nodes", "6,11", "--trials", "1", "--json"],
+    "transfer-times": [
+        "transfer-times",
+        *CRAFT,
+        "--nodes",
+        "6,11",
+        "--trials",
+        "1",
+        "--jobs",
+        "1",
+        "--json",
+    ],
     "flights": ["flights", *CRAFT, *["--trials", "1", "--flights", "1", "--jobs", "1", "--json"]],
     "report": ["report", "--out", "reports", "--json"],
     "list": ["models", "list", "--json"],

@@ -64,12 +64,11 @@ def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
     training = ("train", "--arch", "ff1", "--data", URL, "--n", 4, "--epochs", 1)
     run(*training)
     assert "Trained before" in run(*training, "--resume")
-    run("evaluate", "--data", URL, "--trials", 1, "--timed", 0)
-    assert "Evaluated before" in run(
-        "evaluate", "--data", URL, "--trials", 1, "--timed", 0, "--resume"
-    )
+    evaluate = ("evaluate", "--data", URL, "--trials", 1, "--timed", 0, "--jobs", 1)
+    run(*evaluate)
+    assert "Evaluated before" in run(*evaluate, "--resume")
     run("warmstart", "--data", URL, "--n", 4, "--trials", 1)
-    run("transfer-times", "--data", URL, "--n", 4, "--nodes", "11", "--trials", 1)
+    run("transfer-times", "--data", URL, "--n", 4, "--nodes", "11", "--trials", 1, "--jobs", 1)
     run("flights", "--data", URL, "--n", 4, "--trials", 1, "--flights", 1, "--jobs", 1)
     run("report", "--out", "report")
     assert "memory://box/my n4" in run("models", "show", "ff1")

@@ -16,6 +16,7 @@ import pytest
 from cli.jobs.experiments import evaluate
 from cli.jobs.train import train_model
 from cli.settings import Evaluation, TrainingSettings
+from pipeline.parallel.workers import Workers
 from registry.models import list_versions
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -42,7 +43,7 @@ def six(folder: Path, solved: Path) -> Path:
     for arch in ARCHITECTURES:
         how = TrainingSettings(data=str(solved), n=3, epochs=1, device="cpu")
         train_model(arch, 0, how)
-    evaluate(Evaluation(data=str(solved), sizes="3", trials=1, timed=1))
+    evaluate(Evaluation(data=str(solved), sizes="3", trials=1, timed=1), workers=Workers(1))
     return folder
 
 

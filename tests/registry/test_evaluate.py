@@ -8,11 +8,12 @@ import pytest
 import cli.jobs.experiments as job
 from cli.settings import Evaluation
 from pipeline.networks.recipes import Recipe
+from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
 from registry.models import list_versions
 from registry.training import DatasetInfo, record_training
 
-CRAFT = 3
+CRAFT, ALONE = 3, Workers(jobs=1)
 
 
 def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
@@ -36,9 +37,9 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
 
     monkeypatch.setattr(job, "add_to_model", first_only)
     with pytest.raises(KeyboardInterrupt):
-        job.evaluate(asked, resume=True)
+        job.evaluate(asked, workers=ALONE, resume=True)
     monkeypatch.setattr(job, "add_to_model", add)
 
-    assert not job.evaluate(asked, resume=True).earlier
+    assert not job.evaluate(asked, workers=ALONE, resume=True).earlier
     assert all("exp1_flown_collisions" in version.metrics for version in list_versions())
-    assert job.evaluate(asked, resume=True).earlier
+    assert job.evaluate(asked, workers=ALONE, resume=True).earlier

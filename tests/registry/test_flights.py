@@ -69,7 +69,7 @@ def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_basel
     assert set(safe.loop) == {OPEN, REPLANNED}
 
     asked = Evaluation(models="ff1", data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
-    evaluate(asked)
+    evaluate(asked, workers=Workers(1))
     files = report(folder / "reports")
     text = files.markdown.read_text()
     assert "Plans of 1 test scenario of n = 3" in text

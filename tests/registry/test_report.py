@@ -13,6 +13,7 @@ from cli.jobs.report import report
 from cli.main import app
 from cli.settings import Evaluation, TransferTimes, WarmStarts
 from pipeline.networks.recipes import Recipe
+from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
 from registry.models import list_versions
 from registry.running import recorded_run
@@ -33,19 +34,20 @@ def done(
 ) -> dict[str, str]:
     """Run ids: all experiments with ff1 alone, then an evaluation and times with lstm1, too."""
     record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    alone = Workers(jobs=1)
     data, sizes = str(solved), f"{CRAFT}"
     times = TransferTimes(data=data, n=CRAFT, nodes="6,11", trials=1)
     evaluated = Evaluation(data=data, sizes=sizes, trials=2, timed=1)
     seeds = WarmStarts(data=data, sizes=sizes, trials=1)
     runs = {
-        "evaluation": evaluate(evaluated),
+        "evaluation": evaluate(evaluated, workers=alone),
         "expert": warmstart(seeds),
         "plain": warmstart(replace(seeds, optimizer="plain")),
-        "times": transfer_times(times),
+        "times": transfer_times(times, workers=alone),
     }
     record_training(trained_lstm, recipe=recipe, seed=0, dataset=on_solved)
-    runs["later evaluation"] = evaluate(evaluated)
-    runs["later times"] = transfer_times(times)
+    runs["later evaluation"] = evaluate(evaluated, workers=alone)
+    runs["later times"] = transfer_times(times, workers=alone)
     return {name: outcome.run_id for name, outcome in runs.items()}
 
 
@@ -105,7 +107,7 @@ def test_an_experiment_of_an_earlier_version_in_the_store_changes_nothing(
 ) -> None:
     """Runs of `make ablate` and refiners by its recipes, which are no more."""
     record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
-    evaluate(Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0))
+    evaluate(Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0), workers=Workers(1))
     before = report(folder / "before").markdown.read_bytes()
     gone = "prolearn-ablations"
     with opened(gone) as store, recorded_run(store, gone, "ablations", {}):

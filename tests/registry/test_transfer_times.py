@@ -17,13 +17,14 @@ from cli.jobs.experiments import transfer_times
 from cli.settings import TransferTimes
 from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.results import Done, latest, table_of
 from registry.store import TRANSFER_TIMES
 from registry.training import DatasetInfo, record_training
 
-CRAFT = 3
+CRAFT, ALONE = 3, Workers(jobs=1)
 
 
 class Notes(Progress):
@@ -50,14 +51,14 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
 ) -> None:
     told = Notes()
     asked = TransferTimes(data=str(solved), n=CRAFT, nodes="6,11", time_steps="60,240", trials=2)
-    done = transfer_times(asked, progress=told)
+    done = transfer_times(asked, workers=ALONE, progress=told)
     found = latest(TRANSFER_TIMES)
     assert done == Done(found.run_id)
     again = transfer_times(asked, resume=True)
     assert again == Done(found.run_id, earlier=True)
     assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,240")
     assert told.notes[0] == "T = 6, Δt = 120 s"
-    assert len(told.notes) == 4
+    assert len(told.notes) == 4 * 7 - 1, "two experts, baselines and networks, but for ff1 at T = 6"
     table = table_of(found)
     per = table.groupby(["planner", "reading"]).size()
     assert per["lstm1", "flown"] == per["lstm1", "predicted"] == per["expert", "plan"] == 4 * 2
@@ -74,7 +75,7 @@ def test_at_the_problem_of_the_training_networks_do_as_the_trained_ones_do(
     registered: None, trained: Trained, trained_lstm: Trained, solved: Path
 ) -> None:
     """What was trained predicts in memory; reading, flying and judging it is done anew here."""
-    transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2))
+    transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2), workers=ALONE)
     table = table_of(latest(TRANSFER_TIMES))
     scenarios = rows_to_test(solved)[:2]
     initial, goal = (np.stack([s[end] for s in scenarios]) for end in ("initial", "goal"))
@@ -156,4 +157,6 @@ def test_networks_of_another_problem_than_the_dataset_are_refused(
         replace(trained_lstm, model=elsewhere), recipe=recipe, seed=0, dataset=on_solved
     )
     with pytest.raises(InputError, match=r"time_step 120 and the network lstm1 .* with 90;"):
-        transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2))
+        transfer_times(
+            TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2), workers=ALONE
+        )

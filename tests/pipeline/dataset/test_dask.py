@@ -1,16 +1,22 @@
 """Real Dask schedulers and worker processes on loopback, killed and started again."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from clusters import Cluster, kill, until
 from contents import content
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import NameOID
 
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
@@ -31,76 +37,6 @@ pytestmark = pytest.mark.system
 
 SHARDS = 12
 PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
-
-
-def until(holds, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-class Cluster:
-    """A scheduler, and workers of one thread each."""
-
-    def __init__(self, folder):
-        self.folder, self.started = folder, []
-        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
-        self.log, self.workers = folder / "0.log", []
-        found = r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)"
-        until(lambda: re.search(found, self.log.read_text()))
-        self.address = re.search(found, self.log.read_text()).group(1)
-
-    def _start(self, module, *arguments):
-        k = len(self.started)
-        command = [sys.executable, "-m", f"distributed.cli.{module}", *arguments, "--no-dashboard"]
-        with (self.folder / f"{k}.log").open("w") as log:
-            self.started.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT))
-        return self.started[-1]
-
-    def start_workers(self, count=2):
-        for _ in range(count):
-            scratch = ["--local-directory", str(self.folder / f"scratch{len(self.started)}")]
-            options = ["--nthreads", "1", "--no-nanny", *scratch]
-            self.workers.append(self._start("dask_worker", self.address, *options))
-
-    def await_workers(self, count=2):
-        from distributed import Client
-
-        with Client(self.address, set_as_default=False) as client:
-            client.wait_for_workers(count, timeout=60)
-
-    def clients(self):
-        """How many have connected so far."""
-        return self.log.read_text().count("Receive client connection")
-
-    def kill_workers(self):
-        for worker in self.workers:
-            kill(worker)
-        self.workers = []
-
-    def start_scheduler_again(self):
-        host, port = self.address.removeprefix("tcp://").split(":")
-        self.scheduler = self._start("dask_scheduler", "--host", host, "--port", port)
-
-    def end(self):
-        for process in self.started:
-            kill(process)
-
-
-def kill(process):
-    process.kill()
-    process.wait()
-
-
-@pytest.fixture
-def cluster(tmp_path):
-    (tmp_path / "cluster").mkdir()
-    found = Cluster(tmp_path / "cluster")
-    try:
-        yield found
-    finally:
-        found.end()
 
 
 class After(Progress):
@@ -244,3 +180,59 @@ def test_trials_are_flown_by_a_cluster_that_loses_a_worker_to_the_same_bytes(clu
     fly_all(tmp_path / "there", of, loops, 60, workers=there, progress=progress)
     assert progress.shards == 24
     assert content(tmp_path / "there") == content(tmp_path / "here")
+
+
+def certificates(folder):
+    """A certificate authority and a certificate of this machine, as files; Dask's settings."""
+    now, day = datetime.now(UTC), timedelta(days=1)
+    keys = [ec.generate_private_key(ec.SECP256R1()) for _ in range(2)]
+    names = [x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, k)]) for k in ("ours", "machine")]
+    paths = [folder / "ca.pem", folder / "machine.pem"]
+    for k, path in enumerate(paths):
+        made = (
+            x509.CertificateBuilder(names[0], names[k], keys[k].public_key())
+            .serial_number(k + 1)
+            .not_valid_before(now - day)
+            .not_valid_after(now + day)
+            .add_extension(x509.BasicConstraints(ca=k == 0, path_length=None), critical=True)
+            .sign(keys[0], hashes.SHA256())
+        )
+        path.write_bytes(made.public_bytes(Encoding.PEM))
+    plain = Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()
+    (folder / "machine.key").write_bytes(keys[1].private_bytes(*plain))
+    comm = "DASK_DISTRIBUTED__COMM__"
+    files = {
+        f"{comm}TLS__{who}__{what.upper()}": str(folder / f"machine.{suffix}")
+        for who in ("SCHEDULER", "WORKER", "CLIENT")
+        for what, suffix in (("cert", "pem"), ("key", "key"))
+    }
+    return files | {f"{comm}TLS__CA_FILE": str(paths[0]), f"{comm}REQUIRE_ENCRYPTION": "true"}
+
+
+def test_a_cluster_with_certificates_works_and_refuses_who_has_none(
+    here_and_there, tmp_path, monkeypatch
+):
+    here, there = here_and_there
+    without = dict(os.environ)
+    for name, value in certificates(tmp_path).items():
+        monkeypatch.setenv(name, value)
+    cluster = Cluster(tmp_path / "secure", "tls")
+    try:
+        cluster.start_workers()
+        until(cluster.connected)
+        asked = [*PROGRAM, "solve", str(there), "--backend", "dask", "--scheduler"]
+        plain = cluster.address.replace("tls", "tcp")
+        for address, status, told in (
+            (cluster.address, 2, "Dask has no certificates for it; expected"),
+            (plain, 1, "no Dask scheduler answers"),
+        ):
+            refused = subprocess.run(
+                [*asked, address], env=without, capture_output=True, text=True, timeout=120
+            )
+            assert (refused.returncode, "Traceback" in refused.stderr) == (status, False)
+            assert told in refused.stderr
+        done = subprocess.run([*asked, cluster.address], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    finally:
+        cluster.end()
+    assert content(there) == content(here)

@@ -11,6 +11,7 @@ from pipeline.errors import InputError
 from pipeline.experiments.records import NODES, TIME_STEP
 from pipeline.experiments.trials import EvaluatedPlanner, run_transfer_times, variations
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 
@@ -27,7 +28,8 @@ def only_at_11_nodes(problem):
 
 @pytest.fixture(scope="module")
 def table():
-    return run_transfer_times(only_at_11_nodes, SCENARIOS, variations(PROBLEM, GRIDS))
+    varied = variations(PROBLEM, GRIDS)
+    return run_transfer_times(only_at_11_nodes, SCENARIOS, varied, workers=Workers(jobs=1))
 
 
 def test_either_way_has_the_same_transfer_times_unless_steps_are_given():

@@ -3,16 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 import pytest
 from judge import Case, least_fuel
 from judged import check_rows, document, judged
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.experiments.trials import EvaluatedPlanner, run_trials
+from pipeline.experiments.trials import Comparison, EvaluatedPlanner, run_trials
 from pipeline.experiments.warmstart import run_warmstarts
 from pipeline.expert import decoupled_optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
+from pipeline.parallel.workers import Workers
 from pipeline.plan import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
@@ -21,6 +23,7 @@ PROBLEM = Problem()
 SCENARIOS = [draw("rings", 4, 8, k, PROBLEM) for k in range(12)]
 NODES_ONLY = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
 PLANNERS = (Expert(), NODES_ONLY, *BASELINES)
+ALONE = Workers(jobs=1)
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ def trials():
         *(EvaluatedPlanner(planner) for planner in PLANNERS),
         EvaluatedPlanner(energy, recipe="hand-made", predictor=Shifted()),
     ]
-    return run_trials(entrants, SCENARIOS, timed=2)
+    (table,) = run_trials([Comparison(entrants, SCENARIOS)], timed=2, workers=ALONE)
+    return table
 
 
 def of(trials, planner, reading="plan"):
@@ -119,6 +123,18 @@ def test_the_bound_is_the_optimum_that_highs_finds_and_proves():
         assert found.proven.sum() * (1 - 1e-6) <= bound <= found.attained.sum() * (1 + 1e-9)
 
 
+def test_rows_are_the_same_for_any_number_of_workers_and_times_are_of_those_that_are_timed():
+    entrants = [EvaluatedPlanner(planner) for planner in PLANNERS]
+    few, more = SCENARIOS[:3], [draw("rings", 4, 5, k, PROBLEM) for k in range(3)]
+    sizes = [Comparison(entrants, more), Comparison(entrants[1:], few)]
+    alone, spread = (run_trials(sizes, timed=1, workers=Workers(jobs=k)) for k in (1, 2))
+    assert [len(table) for table in alone] == [15, 12]
+    for one, other in zip(alone, spread, strict=True):
+        assert (one.seconds.notna() == (one.trial == 0)).all()
+        assert (other.seconds.notna() == (other.trial == 0)).all()
+        pd.testing.assert_frame_equal(one.drop(columns="seconds"), other.drop(columns="seconds"))
+
+
 @dataclass
 class Watched:
     """The expert, and how many threads of linear algebra it had whenever it was asked."""
@@ -132,11 +148,11 @@ class Watched:
         return Expert().plan(scenarios)
 
 
-def test_planners_are_timed_on_one_thread_whatever_they_have_otherwise():
+def test_planners_plan_on_one_thread_whatever_they_have_otherwise():
     watched = Watched([])
     with threadpool_limits(2):
-        run_trials([EvaluatedPlanner(watched)], SCENARIOS[:2], timed=2)
-    assert watched.threads == [1, 1, 1, 2]  # warm-up, two timed, all at once
+        run_trials([Comparison([EvaluatedPlanner(watched)], SCENARIOS[:2])], timed=2)
+    assert watched.threads == [1, 1, 1, 1]  # warm-up, two timed, all at once
 
 
 def test_seeds_are_timed_on_one_thread():
@@ -148,6 +164,6 @@ def test_seeds_are_timed_on_one_thread():
             return fly(initial, minimum_energy(initial, goal, PROBLEM), PROBLEM)
 
     with threadpool_limits(2):
-        run_warmstarts({("seed", 0): Seed()}, SCENARIOS[:1])
+        run_warmstarts({("seed", 0): Seed()}, [SCENARIOS[:1]])
     assert len(threads) > 1
     assert set(threads) == {1}

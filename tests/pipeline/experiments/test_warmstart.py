@@ -27,12 +27,12 @@ class Oracle:
 
 @pytest.fixture(scope="module")
 def table():
-    return run_warmstarts({("oracle", 0): Oracle()}, SCENARIOS)
+    return run_warmstarts({("oracle", 0): Oracle()}, [SCENARIOS])
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return run_warmstarts({("oracle", 0): Oracle()}, SCENARIOS, "plain")
+    return run_warmstarts({("oracle", 0): Oracle()}, [SCENARIOS], "plain")
 
 
 def test_every_seed_and_rule_has_a_row_for_every_scenario(table):

@@ -21,7 +21,19 @@ SAMPLES = {
 DATA = ("--data", "data")
 FLY = ("fly", "plan.json", "--trials", "120", "--world", "linear", "--out", "flown", "--jobs", "1")
 TRAIN = ("train", "--arch", "ff1", *DATA, "--n", "3", "--epochs", "1", "--resume")
-EVALUATE = ("evaluate", *DATA, "--models", "ff1", "--n", "3", "--timed", "0", "--resume")
+EVALUATE = (
+    "evaluate",
+    *DATA,
+    "--models",
+    "ff1",
+    "--n",
+    "3",
+    "--timed",
+    "0",
+    "--jobs",
+    "1",
+    "--resume",
+)
 WARMSTART = ("warmstart", *DATA, "--models", "ff1", "--n", "3", "--trials", "2", "--resume")
 
 MADE_BY = (

@@ -1,0 +1,127 @@
+"""The parts of an experiment: tables made by workers, each for itself, and kept until all are."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, TypeVar, runtime_checkable
+
+import pandas as pd
+
+from pipeline.errors import InputError
+from pipeline.parallel.workers import Workers, check_worker
+from pipeline.progress import Progress
+from pipeline.provenance import DecidedBy, made_with
+from pipeline.storage.folder import Folder
+from pipeline.storage.ledger import Ledger, ShardList, open_ledger
+from pipeline.storage.tables import table_bytes, table_from
+
+SCHEMA = "prolearn.parts/1"
+OWNED = r"table=\w+/part-\d{5,}\.parquet"  # pattern of the names of shards
+
+NO_CODE: DecidedBy = ((), ())
+
+
+@runtime_checkable
+class Part(Protocol):
+    """A task for a worker: what a table is made of."""
+
+    @property
+    def n(self) -> int:
+        """Spacecraft of its swarms."""
+
+    @property
+    def note(self) -> str:
+        """What progress is told when it is done."""
+
+
+Task = TypeVar("Task", bound=Part)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Finished parts of one experiment in a folder, and what decides them beside its settings."""
+
+    ledger: Ledger[ShardList]
+    decided_by: DecidedBy  # workers must have the same versions of it
+
+    def read(self, name: str) -> pd.DataFrame | None:
+        """The table of a part; None where it is not there, or not as it was written."""
+        if not self.ledger.is_sound(name):
+            return None
+        try:
+            return table_from(self.ledger.folder.read(name))
+        except (OSError, InputError):
+            return None
+
+    def write(self, name: str, table: pd.DataFrame) -> None:
+        """Keep the table of a part."""
+        self.ledger.publish(name, table_bytes(table))
+        self.ledger.commit()  # now, since the next part may take an hour
+
+
+@contextmanager
+def kept_in(
+    folder: Folder, decided_by: DecidedBy, *, again: bool, progress: Progress
+) -> Iterator[Kept]:
+    """The parts in a folder of an experiment's own, which is held for the block.
+
+    Parts of an earlier run are used ``again``, or removed. InputError where another process holds
+    the folder.
+    """
+
+    def begin() -> ShardList:
+        if again:
+            return ShardList.of(folder, SCHEMA)
+        for name in folder.names():
+            if name.endswith(".parquet"):
+                folder.remove(name)
+        return ShardList(SCHEMA, {})
+
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
+        yield Kept(ledger, decided_by)
+
+
+def done_parts(
+    name: str,
+    make: Callable[[Task], pd.DataFrame],
+    parts: Sequence[Task],
+    *,
+    workers: Workers | None,
+    kept: Kept | None,
+    progress: Progress,
+) -> list[pd.DataFrame]:
+    """The table of each part, kept or made, by default on all cores of this machine.
+
+    The name tells them from other parts of the same experiment.
+    """
+    paths = [f"table={name}/part-{number:05d}.parquet" for number in range(len(parts))]
+    found = {k: kept.read(path) if kept else None for k, path in enumerate(paths)}
+    tables = {k: table for k, table in found.items() if table is not None}
+    # Large swarms take longest: begun last, one would keep a worker when the others are done.
+    left = sorted(found.keys() - tables.keys(), key=lambda k: (-parts[k].n, k))
+    progress.expect(len(parts))
+    if tables:
+        progress.done(len(tables), "kept")
+    decided_by = kept.decided_by if kept else NO_CODE
+    one = partial(_made, make, decided_by, made_with(*decided_by))
+    tasks = [(k, parts[k]) for k in left]
+    with closing((workers or Workers()).work(one, tasks, lambda _: b"", progress)) as made:
+        for (number, part), table in made:
+            if kept:
+                kept.write(paths[number], table)
+            tables[number] = table
+            progress.done(note=part.note)
+    return [tables[number] for number in range(len(parts))]
+
+
+def _made(
+    make: Callable[[Task], pd.DataFrame],
+    decided_by: DecidedBy,
+    expected: Mapping[str, str],
+    task: tuple[int, Task],
+    _: bytes,
+) -> pd.DataFrame:
+    """In a worker: the table of a part."""
+    check_worker(expected, decided_by)
+    return make(task[1])

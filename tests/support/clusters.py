@@ -1,0 +1,84 @@
+"""Real Dask schedulers and worker processes on loopback, which tests start and kill."""
+
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+Process = subprocess.Popen[bytes]
+
+
+def until(holds: Callable[[], object], seconds: float = 60.0) -> None:
+    """Wait until something holds."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+class Cluster:
+    """A scheduler, and workers of one thread each; the protocol is Dask's tcp or tls."""
+
+    def __init__(self, folder: Path, protocol: str = "tcp") -> None:
+        folder.mkdir()
+        self.folder, self.started = folder, list[Process]()
+        self.where = ["--host", f"{protocol}://127.0.0.1"]
+        self.scheduler = self._start("dask_scheduler", *self.where, "--port", "0")
+        self.log, self.workers = folder / "0.log", list[Process]()
+        found = re.compile(rf"Scheduler at:\s+({protocol}://127\.0\.0\.1:\d+)")
+        until(lambda: found.search(self.log.read_text()))
+        self.address = found.findall(self.log.read_text())[0]
+
+    def _start(self, module: str, *arguments: str) -> Process:
+        k = len(self.started)
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *arguments, "--no-dashboard"]
+        with (self.folder / f"{k}.log").open("w") as log:
+            self.started.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT))
+        return self.started[-1]
+
+    def start_workers(self, count: int = 2) -> None:
+        """Start some, which take their time to come."""
+        for _ in range(count):
+            scratch = ["--local-directory", str(self.folder / f"scratch{len(self.started)}")]
+            options = ["--nthreads", "1", "--no-nanny", *scratch]
+            self.workers.append(self._start("dask_worker", self.address, *options))
+
+    def await_workers(self, count: int = 2) -> None:
+        """Wait until so many are there."""
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=60)
+
+    def connected(self) -> bool:
+        """Whether all workers that were started have found their scheduler, by their logs."""
+        logs = [self.folder / f"{self.started.index(worker)}.log" for worker in self.workers]
+        return all("Starting established connection" in log.read_text() for log in logs)
+
+    def clients(self) -> int:
+        """How many have connected so far."""
+        return self.log.read_text().count("Receive client connection")
+
+    def kill_workers(self) -> None:
+        """Kill all, at once."""
+        for worker in self.workers:
+            kill(worker)
+        self.workers = []
+
+    def start_scheduler_again(self) -> None:
+        """Start another at the same address."""
+        port = self.address.rpartition(":")[2]
+        self.scheduler = self._start("dask_scheduler", *self.where, "--port", port)
+
+    def end(self) -> None:
+        """Kill whatever still runs."""
+        for process in self.started:
+            kill(process)
+
+
+def kill(process: Process) -> None:
+    """Kill a process (-9) and wait for its end."""
+    process.kill()
+    process.wait()
