@@ -2,16 +2,23 @@
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
 from contents import content
+from moto.server import ThreadedMotoServer
+from typer.testing import CliRunner
 
+from cli.main import app
+from pipeline.dataset import samples as presets
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
 from pipeline.dataset.solving import solve
@@ -26,6 +33,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.scenario import draw
+from pipeline.storage.folder import open_folder
 
 pytestmark = pytest.mark.system
 
@@ -45,15 +53,16 @@ class Cluster:
 
     def __init__(self, folder):
         self.folder, self.started = folder, []
-        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
+        self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0")
         self.log, self.workers = folder / "0.log", []
         found = r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)"
         until(lambda: re.search(found, self.log.read_text()))
         self.address = re.search(found, self.log.read_text()).group(1)
 
-    def _start(self, module, *arguments):
+    def start(self, kind, *arguments):
         k = len(self.started)
-        command = [sys.executable, "-m", f"distributed.cli.{module}", *arguments, "--no-dashboard"]
+        module = f"distributed.cli.dask_{kind}"
+        command = [sys.executable, "-m", module, *arguments, "--no-dashboard"]
         with (self.folder / f"{k}.log").open("w") as log:
             self.started.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT))
         return self.started[-1]
@@ -62,7 +71,7 @@ class Cluster:
         for _ in range(count):
             scratch = ["--local-directory", str(self.folder / f"scratch{len(self.started)}")]
             options = ["--nthreads", "1", "--no-nanny", *scratch]
-            self.workers.append(self._start("dask_worker", self.address, *options))
+            self.workers.append(self.start("worker", self.address, *options))
 
     def await_workers(self, count=2):
         from distributed import Client
@@ -81,7 +90,7 @@ class Cluster:
 
     def start_scheduler_again(self):
         host, port = self.address.removeprefix("tcp://").split(":")
-        self.scheduler = self._start("dask_scheduler", "--host", host, "--port", port)
+        self.scheduler = self.start("scheduler", "--host", host, "--port", port)
 
     def end(self):
         for process in self.started:
@@ -244,3 +253,48 @@ def test_trials_are_flown_by_a_cluster_that_loses_a_worker_to_the_same_bytes(clu
     fly_all(tmp_path / "there", of, loops, 60, workers=there, progress=progress)
     assert progress.shards == 24
     assert content(tmp_path / "there") == content(tmp_path / "here")
+
+
+@pytest.fixture
+def bucket(monkeypatch):
+    """An S3 server on this machine, where AWS's tools find it, and a bucket there."""
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    keys = {"ACCESS_KEY_ID": "key", "SECRET_ACCESS_KEY": "secret", "DEFAULT_REGION": "us-east-1"}
+    for name, value in {**keys, "ENDPOINT_URL": f"http://{host}:{port}"}.items():
+        monkeypatch.setenv(f"AWS_{name}", value)
+    urlopen(Request(f"http://{host}:{port}/data", method="PUT")).close()
+    yield "data"
+    server.stop()
+
+
+def test_the_commands_for_a_cluster_in_the_documentation_make_a_dataset_in_a_bucket(
+    cluster, bucket, tmp_path, monkeypatch
+):
+    page = (Path(__file__).parents[3] / "docs" / "dataset.md").read_text(encoding="utf-8")
+    block = page.partition("## On a cluster\n\n```\n")[2].partition("```")[0]
+    here = {"tcp://HOST:8786": cluster.address, "--nworkers -1": "--nworkers 2", "BUCKET": bucket}
+    for written, meant in here.items():
+        assert written in block
+        block = block.replace(written, meant)
+    scheduler, worker, make = (shlex.split(line, comments=True) for line in block.splitlines())
+    assert scheduler == ["dask", "scheduler"]  # as the one that runs
+    assert worker[:2] == ["dask", "worker"]
+    cluster.start(*worker[1:], "--local-directory", str(tmp_path / "scratch"))
+    cluster.await_workers(2)
+    tiny = {2: Sample(count=9, shard_rows=2), 3: Sample(count=2)}  # what `paper` means here
+    monkeypatch.setitem(presets.PRESETS, "paper", tiny)
+    done = CliRunner().invoke(app, make[1:])
+    assert (done.exit_code, done.stdout) == (
+        0,
+        f"s3://{bucket}/paper is solved (11 now, 0 without a plan).\n",
+    )
+    sample(tmp_path / "here", tiny, Problem(), workers=Workers(1))
+    solve(tmp_path / "here", Settings(), workers=Workers(1))
+    there = open_folder(f"s3://{bucket}/paper")
+    shards = [name for name in content(tmp_path / "here") if name.endswith(".parquet")]
+    assert len(shards) == 12
+    for name in shards:
+        assert there.read(name) == (tmp_path / "here" / name).read_bytes()
+    assert list(verify(there, workers=Workers(1))) == []
